@@ -1,0 +1,1 @@
+"""Captures: single pictures and where they come from. Knows no camera model."""

@@ -1,0 +1,1 @@
+"""The live UnrealCV server, over the official client: the only package that knows the wire."""

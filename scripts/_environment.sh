@@ -1,0 +1,19 @@
+# Sourced by the scripts: makes .venv from the lock when it is missing or stale, and steps into it.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+stamp=$(cksum < requirements.lock)
+if [ "$(cat .venv/omniscv-stamp 2>/dev/null)" != "$stamp" ]; then
+  python=${PYTHON:-python3}
+  "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
+    echo "omniscv needs Python 3.11 or later; '$python' is $("$python" --version). Set PYTHON to one." >&2
+    exit 1
+  }
+  echo "Making .venv from requirements.lock (once, about a minute) ..."
+  rm -rf .venv
+  "$python" -m venv .venv
+  .venv/bin/pip install --quiet --disable-pip-version-check --requirement requirements.lock
+  .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+  echo "$stamp" > .venv/omniscv-stamp
+fi
+export PATH="$PWD/.venv/bin:$PATH"

@@ -1,0 +1,117 @@
+"""Poses and frames: laws, and Unreal's own table of cube faces."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import omniscv
+from omniscv.geometry import R_LEVEL, cube_rotations
+
+angle = st.one_of(st.floats(-180, 180), st.sampled_from([-180.0, -90.0, 0.0, 90.0, 180.0]))
+pitch = st.one_of(
+    st.floats(-90, 90),
+    st.sampled_from([-90.0, 90.0]),
+    st.floats(0, 1e-3).map(lambda d: 90 - d),
+    st.floats(0, 1e-3).map(lambda d: d - 90),
+)
+coordinate = st.floats(-1e4, 1e4)
+position = st.tuples(coordinate, coordinate, coordinate)
+
+# Protocol reference, section 4: rotator, forward, image right, image up, in Unreal's axes.
+X, Y, Z = np.eye(3)
+FACES = {
+    "front": ((0, 0, 0), X, Y, Z),
+    "right": ((0, 90, 0), Y, -X, Z),
+    "back": ((0, 180, 0), -X, -Y, Z),
+    "left": ((0, -90, 0), -Y, X, Z),
+    "up": ((90, 0, 0), Z, Y, -X),
+    "down": ((-90, 0, 0), -Z, Y, X),
+}
+
+
+def mirrored(v):
+    return v * (1, -1, 1)
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_faces_look_where_unreal_says(face):
+    rotator, forward, right, up = FACES[face]
+    R_w_c = omniscv.Pose.from_unreal((0, 0, 0), rotator).R_w_c
+    np.testing.assert_array_equal(R_w_c @ (0, 0, 1), mirrored(forward))
+    np.testing.assert_array_equal(R_w_c @ (1, 0, 0), mirrored(right))
+    np.testing.assert_array_equal(R_w_c @ (0, -1, 0), mirrored(up))
+    np.testing.assert_array_equal(dict(cube_rotations())[face], R_w_c)
+
+
+@given(position, pitch, angle, angle)
+def test_unreal_and_back_is_the_same_pose(location, pitch_deg, yaw, roll):
+    pose = omniscv.Pose.from_unreal(location, (pitch_deg, yaw, roll))
+    again = omniscv.Pose.from_unreal(*pose.to_unreal())
+    # Matrices, not angles: yaw and roll are one turn at the poles. 1e-9 rad is 1e-6 px at f = 1000.
+    np.testing.assert_allclose(again.R_w_c, pose.R_w_c, atol=2e-9)
+    np.testing.assert_allclose(again.t_w_c, pose.t_w_c, rtol=1e-14, atol=1e-12)
+
+
+@given(position, pitch, angle, angle)
+def test_angles_and_back_is_the_same_pose(where, pitch_deg, yaw, roll):
+    pose = omniscv.Pose.from_angles(where, yaw_deg=yaw, pitch_deg=pitch_deg, roll_deg=roll)
+    yaw, pitch_deg, roll = pose.angles()
+    again = omniscv.Pose.from_angles(pose.position, yaw, pitch_deg, roll)
+    np.testing.assert_allclose(again.R_w_c, pose.R_w_c, atol=2e-9)
+
+
+@given(position, pitch, angle, angle, position)
+def test_up_right_in_unreal_is_up_right_here(location, pitch_deg, yaw, roll, target):
+    """A point's coordinates along Unreal's forward, right and up are ours along z, x and -y."""
+    p, y, r = np.radians((pitch_deg, yaw, roll))
+    (sp, sy, sr), (cp, cy, cr) = np.sin((p, y, r)), np.cos((p, y, r))
+    # Roll, then pitch, then yaw about fixed axes, written out as three turns (not the closed form).
+    turn_yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    turn_pitch = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    turn_roll = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
+    seen = (turn_yaw @ turn_pitch @ turn_roll).T @ (np.array(target) - location)  # forward, right, up, cm
+    pose = omniscv.Pose.from_unreal(location, (pitch_deg, yaw, roll))
+    p_c = pose.to_camera(mirrored(np.array(target)) / 100)
+    np.testing.assert_allclose(p_c, np.array([seen[1], -seen[2], seen[0]]) / 100, atol=1e-9)
+
+
+def test_level_pose():
+    np.testing.assert_array_equal(omniscv.Pose.from_angles((1, 2, 3)).R_w_c, R_LEVEL)
+    left = omniscv.Pose.from_angles((0, 0, 0), yaw_deg=90)
+    np.testing.assert_allclose(left.to_world((0, 0, 2)), (0, 2, 0), atol=1e-15)
+    up = omniscv.Pose.from_angles((0, 0, 0), pitch_deg=30)
+    assert up.to_world((0, 0, 1))[2] == pytest.approx(0.5)
+    rolled = omniscv.Pose.from_angles((0, 0, 0), roll_deg=90)
+    np.testing.assert_allclose(rolled.to_world((1, 0, 0)), (0, 0, -1), atol=1e-15)  # right side down
+
+
+def test_poses_compose_as_their_names_do():
+    T_w_b, T_b_c = (
+        omniscv.Pose.from_angles((1, 2, 3), 20, 30, 40),
+        omniscv.Pose.from_angles((4, 5, 6), -70, 10, 5),
+    )
+    p_c = np.array([0.3, -0.2, 5.0])
+    np.testing.assert_allclose((T_w_b @ T_b_c).to_world(p_c), T_w_b.to_world(T_b_c.to_world(p_c)))
+
+
+@pytest.mark.parametrize(
+    ("build", "named"),
+    [
+        (lambda: omniscv.Pose.from_angles((np.nan, 0, 0)), "position"),
+        (lambda: omniscv.Pose.from_angles((0, 0)), "position"),
+        (lambda: omniscv.Pose.from_unreal((0, 0, 0), (0, np.inf, 0)), "rotation_deg"),
+        (lambda: omniscv.Pose((0, 0, 0), np.diag([1, 1, -1])), "rotation"),
+        (lambda: omniscv.Pose((0, 0, 0), 2 * np.eye(3)), "rotation"),
+        (lambda: omniscv.Pose("here", np.eye(3)), "position"),
+    ],
+)
+def test_wrong_arguments_are_named(build, named):
+    with pytest.raises(ValueError, match=rf"^{named}: expected .*got "):
+        build()
+
+
+def test_a_pose_cannot_be_changed():
+    pose = omniscv.Pose.from_angles((0, 0, 0))
+    with pytest.raises(ValueError):
+        pose.position[0] = 1
