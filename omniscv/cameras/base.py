@@ -99,7 +99,7 @@ class Camera(ABC):
         uv = self.pixels() if pixels is None else _last_axis("pixels", pixels, 2)
         with np.errstate(all="ignore"):
             u, v = uv[..., 0], uv[..., 1]
-            inside = (u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height)
+            inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
             origins, directions, valid = self._unproject(np.where(inside[..., None], uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
         hidden = np.expand_dims(~valid, -1)
