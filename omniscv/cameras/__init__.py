@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from omniscv.cameras.base import Camera, Rays, Viewpoints
+from omniscv.cameras.noncentral import NoncentralPanorama
 from omniscv.cameras.panoramas import Equirectangular
 from omniscv.errors import ArgumentError
 
 __all__ = ["Camera", "Equirectangular", "Rays", "Viewpoints", "create", "from_dict", "model", "names"]
 
-_MODELS: tuple[type[Camera], ...] = (Equirectangular,)
+_MODELS: tuple[type[Camera], ...] = (Equirectangular, NoncentralPanorama)
 _BY_NAME = {cls.name: cls for cls in _MODELS}
 
 

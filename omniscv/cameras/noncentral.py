@@ -1,0 +1,75 @@
+"""The non-central panorama: a camera that turns on an arm while it scans column after column."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
+from omniscv.cameras.panoramas import Equirectangular
+from omniscv.errors import ArgumentError
+
+_ROUNDING = 8 * np.finfo(np.float64).eps
+
+
+class NoncentralPanorama(Camera):
+    """An equirectangular image whose columns look outward from a circle of optical centres.
+
+    ``theta = (2u/W - 1) pi`` and ``phi = (1/2 - v/H) pi`` as in ``equirectangular``; the ray starts at
+    ``R_c (sin theta, 0, cos theta)`` and points to ``(cos phi sin theta, -sin phi, cos phi cos theta)``.
+    Parameter: ``radius`` R_c >= 0, metres; 0 equals ``equirectangular`` to the bit.
+    Domain: every pixel. A point is seen in the column of its own azimuth, unless it lies within the
+    upright cylinder of the circle: rays look away from the axis and never come there. On the cylinder
+    itself it is seen in the first or last row; on the circle it has no direction.
+    Source: OmniSCV, eq. of the semi-toroid (Menem and Pajdla 2004). The paper's pitch is the pose.
+    """
+
+    name = "noncentral-panorama"
+    central = False
+
+    def __init__(self, width: int, height: int, radius: float, center: ArrayLike | None = None) -> None:
+        super().__init__(width, height, center)
+        self.radius = self._number("radius", radius, least=0)
+        self._angles = Equirectangular(width, height, center)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"radius": self.radius}
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
+        _, directions, valid = self._angles._unproject(pixels)
+        return self._origins(pixels[..., 0]), directions, valid
+
+    def _origins(self, u: Array) -> Array:
+        theta = (2 * u / self.width - 1) * np.pi
+        return self.radius * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        from_axis = np.hypot(x, z)
+        ahead = from_axis - self.radius
+        # The first and last row look straight up and down, along the cylinder: rounding must not lose them.
+        seen = ahead >= -_ROUNDING * self.radius
+        ahead = np.maximum(ahead, 0.0)
+        theta, phi = np.arctan2(x, z), np.arctan2(-y, ahead)
+        pixels = np.stack([(theta / np.pi + 1) * self.width / 2, (0.5 - phi / np.pi) * self.height], axis=-1)
+        return pixels, seen & ((ahead > 0) | (y != 0))
+
+    def viewpoints(self, count: int | None = None) -> Viewpoints:
+        """One centre per column, or at most ``count`` for equal steps of azimuth.
+
+        A shared centre is the mean of its columns' own centres (least squares; a single column's is
+        exact, and ``count=1`` is the axis). Columns of a step of ``2 pi / count`` are displaced by at
+        most about ``radius * pi / count`` from it. One centre suffices at radius 0.
+        """
+        if count is not None and count < 1:
+            raise ArgumentError(f"count: expected a whole number of viewpoints >= 1, got {count!r}")
+        groups = 1 if self.radius == 0 else min(count or self.width, self.width)
+        column = np.arange(self.width)
+        group = column * groups // self.width
+        origins = self._origins(column + 0.5)
+        first = np.searchsorted(group, np.arange(groups))
+        centers = np.add.reduceat(origins, first) / np.bincount(group)[:, None]
+        index = np.broadcast_to(group.astype(np.int32), (self.height, self.width)).copy()
+        return Viewpoints(centers, index)
