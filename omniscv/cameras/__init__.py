@@ -5,13 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from omniscv.cameras.base import Camera, Rays, Viewpoints
-from omniscv.cameras.noncentral import NoncentralPanorama
+from omniscv.cameras.noncentral_conical_mirror import NoncentralConicalMirror
+from omniscv.cameras.noncentral_panorama import NoncentralPanorama
+from omniscv.cameras.noncentral_spherical_mirror import NoncentralSphericalMirror
 from omniscv.cameras.panoramas import Equirectangular
 from omniscv.errors import ArgumentError
 
 __all__ = ["Camera", "Equirectangular", "Rays", "Viewpoints", "create", "from_dict", "model", "names"]
 
-_MODELS: tuple[type[Camera], ...] = (Equirectangular, NoncentralPanorama)
+_MODELS: tuple[type[Camera], ...] = (
+    Equirectangular,
+    NoncentralPanorama,
+    NoncentralConicalMirror,
+    NoncentralSphericalMirror,
+)
 _BY_NAME = {cls.name: cls for cls in _MODELS}
 
 

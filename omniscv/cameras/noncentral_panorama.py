@@ -68,7 +68,7 @@ class NoncentralPanorama(Camera):
         groups = 1 if self.radius == 0 else min(count or self.width, self.width)
         column = np.arange(self.width)
         group = column * groups // self.width
-        origins = self._origins(column + 0.5)
+        origins = self._origins(np.arange(0.5, self.width))
         first = np.searchsorted(group, np.arange(groups))
         centers = np.add.reduceat(origins, first) / np.bincount(group)[:, None]
         index = np.broadcast_to(group.astype(np.int32), (self.height, self.width)).copy()

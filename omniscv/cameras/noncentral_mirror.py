@@ -1,0 +1,122 @@
+"""What mirrors of revolution have in common when a perspective camera looks at them along the axis.
+
+The camera stands at the origin and looks along +z at the mirror. Everything happens in the plane
+through the axis that holds the pixel: a radius ``r`` (distance from the image's centre over the
+focal length) gives a ray that leaves the axis at height ``z_r`` and the angle ``phi`` from +z. A model
+says how radius and ray belong together; azimuth, image circle and viewpoints are the same for all.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, polar
+from omniscv.errors import ArgumentError
+
+_ROUNDING = 1e-12  # relative: what rounding may add to a radius, or take from a distance to the mirror
+
+
+class MeridianRays(NamedTuple):
+    """Rays in the half-plane of their azimuth: ``(0, z_r) + s (sin_phi, cos_phi)`` in (rho, z)."""
+
+    z_r: Array
+    sin_phi: Array
+    cos_phi: Array
+
+
+class NoncentralMirror(Camera):
+    """A mirror of revolution under a perspective camera.
+
+    Rays. ``origins`` are the optical centres of design 5.4, on the axis: inside the mirror, where the
+    ray's line meets it. The light that makes the pixel comes in along the part of the line that lies
+    outside the mirror; so ``project`` finds no pixel for points within the mirror.
+
+    Domain. ``0 <= r <= min(width, height) / 2`` px, and as far as the mirror reaches.
+    """
+
+    central = False
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        focal: float | None,
+        fov_deg: float | None,
+        center: ArrayLike | None,
+    ) -> None:
+        super().__init__(width, height, center)
+        circle = min(self.width, self.height) / 2
+        if focal is not None and fov_deg is not None:
+            raise ArgumentError(
+                f"focal: expected focal or fov_deg, got both ({focal!r} px and {fov_deg!r} deg)"
+            )
+        if fov_deg is not None:
+            self.focal = circle / self._radius_of_fov(fov_deg)
+        else:
+            self.focal = self._number("focal", self.width / 2 if focal is None else focal, above=0)
+        self._reach_px = min(circle, self.focal * self._edge())
+
+    # -- what a model says ----------------------------------------------------------------------
+
+    @abstractmethod
+    def _edge(self) -> float:
+        """The last radius that meets the mirror, normalised by the focal length."""
+
+    @abstractmethod
+    def _reflect(self, r: Array) -> MeridianRays:
+        """The rays of normalised radii 0 <= r <= edge; NaN where there is none."""
+
+    @abstractmethod
+    def _radius_seeing(self, rho: Array, z: Array) -> Array:
+        """The normalised radius whose ray comes from a point at rho >= 0; NaN where there is none."""
+
+    @abstractmethod
+    def _radius_of_fov(self, fov_deg: float) -> float:
+        """The normalised radius whose ray is ``fov_deg / 2`` off -z, checked."""
+
+    # -- common to all --------------------------------------------------------------------------
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
+        r_px, cos_a, sin_a = polar(pixels, self.center)
+        z_r, sin_phi, cos_phi = self._reflect(np.minimum(r_px / self.focal, self._edge()))
+        directions = np.stack([sin_phi * cos_a, sin_phi * sin_a, cos_phi], axis=-1)
+        origins = np.zeros_like(directions)
+        origins[..., 2] = z_r
+        return origins, directions, (r_px <= self._reach_px) & np.isfinite(cos_phi)
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        rho, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
+        r_px = self.focal * self._radius_seeing(rho, points[..., 2])
+        seen = r_px <= self._reach_px * (1 + _ROUNDING)
+        # A hair inside the edge, so that the pixel that comes out is one that has a ray.
+        r_px = np.minimum(r_px, self._reach_px * (1 - 0.1 * _ROUNDING))
+        return self.center + np.stack([r_px * cos_a, r_px * sin_a], axis=-1), seen
+
+    def viewpoints(self, count: int | None = None) -> Viewpoints:
+        """One centre per ring of a pixel's width, or at most ``count`` in equal steps of height.
+
+        Ring k holds the pixels with k <= r < k + 1; with ``count`` the rings are as wide as an equal
+        step of ``z_r``, so that no pixel is displaced by more than half a step, and steps that hold no
+        pixel are left out. A shared centre is midway between the lowest and the highest of its pixels.
+        """
+        if count is not None and count < 1:
+            raise ArgumentError(f"count: expected a whole number of viewpoints >= 1, got {count!r}")
+        rays = self.unproject()
+        height = rays.origins[rays.valid][:, 2]
+        ring = np.floor(polar(self.pixels()[rays.valid], self.center)[0])
+        if count is not None and count < len(np.unique(ring)):
+            step = max(np.ptp(height) / count, np.finfo(np.float64).tiny)
+            ring = np.minimum(np.floor((height - height.min()) / step), count - 1)
+        used, group = np.unique(ring, return_inverse=True)
+        lowest, highest = np.full(len(used), np.inf), np.full(len(used), -np.inf)
+        np.minimum.at(lowest, group, height)
+        np.maximum.at(highest, group, height)
+        centers = np.zeros((len(used), 3))
+        centers[:, 2] = (lowest + highest) / 2
+        index = np.full(rays.valid.shape, -1, dtype=np.int32)
+        index[rays.valid] = group
+        return Viewpoints(centers, index)
