@@ -62,8 +62,8 @@ class NoncentralConicalMirror(NoncentralMirror):
         return float(rim * self._sin / (self.distance * self._sin + rim * self._cos))
 
     def _reflect(self, r: Array) -> MeridianRays:
-        across = np.where(r > 0, self._sin2 - r * self._cos2, np.nan)
-        along = self._cos2 + r * self._sin2
+        r = np.where(r > 0, r, np.nan)
+        across, along = self._sin2 - r * self._cos2, self._cos2 + r * self._sin2
         length = np.hypot(1.0, r)  # of (across, along), too
         return MeridianRays(self.distance * (1 + r / across), across / length, along / length)
 

@@ -57,12 +57,12 @@ class NoncentralSphericalMirror(NoncentralMirror):
         cos_alpha = 1 / np.hypot(1.0, r)
         sin_alpha = r * cos_alpha
         cos_i = np.sqrt((1 - t) * (1 + t)) * cos_alpha
-        cos_2i = 2 * cos_i**2 - 1
-        stretch = 2 * ratio * cos_i * cos_alpha - cos_2i  # sin(2i - alpha) / sin(alpha)
+        # sin(2i - alpha) / sin(alpha) - 1, which is >= 0, without a difference of like numbers.
+        excess = 2 * cos_i / (self._edge() ** 2 * (ratio * cos_alpha + cos_i))
         return MeridianRays(
-            self._z_s * (1 - 1 / stretch),
-            sin_alpha * stretch,
-            -(cos_2i * cos_alpha + 2 * ratio * sin_alpha**2 * cos_i),
+            self._z_s * excess / (1 + excess),
+            sin_alpha * (1 + excess),
+            -((2 * cos_i**2 - 1) * cos_alpha + 2 * ratio * sin_alpha**2 * cos_i),
         )
 
     def _radius_seeing(self, rho: Array, z: Array) -> Array:

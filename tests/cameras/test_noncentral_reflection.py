@@ -1,0 +1,124 @@
+"""Conical and spherical mirror against rays that bounce off the real cone and the real ball."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from noncentral_truth import ball, cone, direction_error, distance_from_line, reflect
+
+from omniscv import cameras
+
+SIZE = 200
+FOCAL = 100.0
+metres = st.floats(-2, 2).map(lambda e: 10**e)  # 1 cm to 100 m
+place = st.tuples(st.floats(0, SIZE), st.floats(0, SIZE))
+
+
+def bounced(quadric, distance, pixel):
+    return reflect(quadric, distance, *((np.array(pixel) - SIZE / 2) / FOCAL))
+
+
+def check(camera, quadric, pixel, tolerance):
+    """Direction within ``tolerance`` rad; the origin on the line and on the axis."""
+    rays = camera.unproject(np.array(pixel))
+    if not rays.valid:
+        return False
+    hit, direction = bounced(quadric, camera.distance, pixel)
+    assert direction_error(rays.directions, direction) <= tolerance
+    reach = float(np.linalg.norm(np.array(hit, dtype=float)))
+    assert distance_from_line(rays.origins, hit, direction) <= tolerance * reach
+    assert (rays.origins[:2] == 0).all()
+    ahead = (np.array(hit, dtype=float) - rays.origins) @ rays.directions
+    assert ahead > 0  # the origin is behind the mirror, and the light comes in from outside
+    return True
+
+
+@given(metres, metres, place)
+def test_ball(radius, distance, pixel):
+    camera = cameras.create(
+        "noncentral-spherical-mirror",
+        width=SIZE,
+        height=SIZE,
+        mirror_radius=radius,
+        distance=distance,
+        focal=FOCAL,
+    )
+    r = np.hypot(*(np.array(pixel) - SIZE / 2)) / FOCAL
+    edge = radius / np.sqrt((radius + distance) ** 2 - radius**2)
+    # A few roundings of 1e-16. Towards grazing incidence i the ray turns by dr / cos i, and cos i falls
+    # as the root of what is left to the edge.
+    away = 1 - r / edge
+    assume(not 0 <= away < 1e-12)
+    tolerance = 2e-15 / np.sqrt(max(away, 1e-12))
+    served = check(camera, ball(radius, distance), pixel, tolerance)
+    assert served == (away > 0 and r <= 1)
+
+
+@given(st.floats(0.5, 89.5), metres, place)
+def test_cone(half_angle_deg, distance, pixel):
+    camera = cameras.create(
+        "noncentral-conical-mirror",
+        width=SIZE,
+        height=SIZE,
+        half_angle_deg=half_angle_deg,
+        distance=distance,
+        focal=FOCAL,
+    )
+    r = np.hypot(*(np.array(pixel) - SIZE / 2)) / FOCAL
+    edge = np.tan(np.radians(half_angle_deg))
+    assume(abs(r / edge - 1) > 1e-12)
+    # A few roundings of 1e-16, no more at 45 degrees or at the edge than anywhere else.
+    served = check(camera, cone(half_angle_deg, distance), pixel, 1e-15)
+    assert served == (0 < r < edge and r <= 1)
+
+
+def test_numbers_of_the_design():
+    sphere = cameras.create(
+        "noncentral-spherical-mirror", width=4, height=4, mirror_radius=0.5, distance=0.3, focal=2
+    )
+    tapered = cameras.create(
+        "noncentral-conical-mirror", width=4, height=4, half_angle_deg=60, distance=0.3, focal=2
+    )
+    for camera, r, z_r, cot_phi in (
+        (sphere, 0.5, 0.404630550590, -0.470347291294),
+        (tapered, 0.3, 0.388580462324, -0.236403910739),
+    ):
+        rays = camera.unproject(np.array([2 + 2 * r, 2]))
+        assert rays.origins[2] == pytest.approx(z_r, abs=1e-12)
+        assert rays.directions[2] / rays.directions[0] == pytest.approx(cot_phi, abs=1e-12)
+        assert rays.directions[1] == 0
+
+
+def test_mirrors_show_what_mirrors_show():
+    """A pixel right of the centre sees the right; the ball's centre pixel sees the camera (design 5.3)."""
+    sphere = cameras.create(
+        "noncentral-spherical-mirror", width=101, height=101, mirror_radius=0.5, distance=0.3
+    )
+    tapered = cameras.create(
+        "noncentral-conical-mirror", width=101, height=101, half_angle_deg=60, distance=0.3
+    )
+    for camera in (sphere, tapered):
+        directions = camera.unproject(np.array([[80.5, 50.5], [50.5, 80.5]])).directions
+        assert directions[0, 0] > 0
+        assert directions[1, 1] > 0
+    np.testing.assert_array_equal(sphere.unproject(np.array([50.5, 50.5])).directions, (0, 0, -1))
+
+
+def test_the_cone_ends_at_its_rim():
+    """The last ring that is served meets the mirror just inside its rim."""
+    camera = cameras.create(
+        "noncentral-conical-mirror",
+        width=SIZE,
+        height=SIZE,
+        half_angle_deg=60,
+        distance=0.3,
+        focal=FOCAL,
+        mirror_radius=0.2,
+    )
+    u = np.linspace(SIZE / 2, SIZE, 2001)[1:]
+    served = camera.valid(np.stack([u, np.full_like(u, SIZE / 2)], axis=-1))
+    for x, ok in zip(u, served, strict=True):
+        hit, _ = bounced(cone(60, 0.3), 0.3, (x, SIZE / 2))
+        assert ok == (hit[0] <= 0.2)
+    assert served.any()
+    assert not served.all()
