@@ -31,9 +31,10 @@ class MeridianRays(NamedTuple):
 class NoncentralMirror(Camera):
     """A mirror of revolution under a perspective camera.
 
-    Rays. ``origins`` are the optical centres of design 5.4, on the axis: inside the mirror, where the
-    ray's line meets it. The light that makes the pixel comes in along the part of the line that lies
-    outside the mirror; so ``project`` finds no pixel for points within the mirror.
+    Rays. ``origins`` are the optical centres, where the line of the ray meets the axis: within the
+    mirror, or before it for rays that nearly graze a ball. The light that makes the pixel comes in along
+    the line outside the mirror, up to its surface; so ``project`` finds no pixel for points within the
+    mirror, and for a point outside it exactly the pixel where the mirror shows it.
 
     Domain. ``0 <= r <= min(width, height) / 2`` px, and as far as the mirror reaches.
     """

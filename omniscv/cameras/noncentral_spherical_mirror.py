@@ -129,6 +129,6 @@ def _rising_root(quartic: Array, limit: Array) -> Array:
         step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
         moved = np.abs(step - t)
         t = step
-        if not (moved > 4e-16 * limit).any():
+        if not (moved > 4e-16 * t).any():
             break
     return t

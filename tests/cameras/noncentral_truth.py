@@ -46,18 +46,27 @@ def reflect(quadric, distance, x, y):
     return [hit[i] for i in range(3)], [d[i] - 2 * along * normal[i] for i in range(3)]
 
 
-@mp.workdps(DIGITS)
-def direction_error(direction, truth):
-    """The angle, radians, between a float64 unit direction and a 50-digit one."""
-    d = _unit([mp.mpf(v) for v in direction.tolist()])
-    return float(mp.norm(_cross(d, truth))) if mp.fdot(d, truth) > 0 else np.inf
+def bounce(camera, pixel):
+    """``reflect`` for a pixel of one of the mirror models."""
+    x, y = ((np.asarray(pixel, dtype=float) - camera.center) / camera.focal).tolist()
+    if camera.name == "noncentral-spherical-mirror":
+        return reflect(ball(camera.mirror_radius, camera.distance), camera.distance, x, y)
+    return reflect(cone(camera.half_angle_deg, camera.distance), camera.distance, x, y)
 
 
 @mp.workdps(DIGITS)
-def distance_from_line(point, on_line, direction):
-    """Metres between a float64 point and a 50-digit line."""
-    offset = [mp.mpf(v) - w for v, w in zip(point.tolist(), on_line, strict=True)]
-    return float(mp.norm(_cross(offset, direction)))
+def ray_errors(camera, pixel):
+    """(angle, offset) of a valid pixel's ray from the reflected one.
+
+    The angle between the directions, radians, and the distance of the origin from the true line over
+    that of the camera from where the mirror was hit.
+    """
+    rays = camera.unproject(np.asarray(pixel))
+    hit, truth = bounce(camera, pixel)
+    d = _unit([mp.mpf(v) for v in rays.directions.tolist()])
+    angle = mp.norm(_cross(d, truth)) if mp.fdot(d, truth) > 0 else mp.pi
+    offset = [mp.mpf(v) - w for v, w in zip(rays.origins.tolist(), hit, strict=True)]
+    return float(angle), float(mp.norm(_cross(offset, truth)) / mp.norm(mp.matrix(hit)))
 
 
 def _form(quadric, left, right):

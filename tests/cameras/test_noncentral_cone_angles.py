@@ -1,0 +1,99 @@
+"""The conical mirror at 45 degrees, as a needle (tau to 0) and as a plate (tau to 90 degrees).
+
+Story. The paper's formulas go through tan(2 tau), which is infinite at 45 degrees and 0 at both ends;
+cos(tau) in radians has lost its digits at 90 degrees. At 90 the cone is a plane mirror, which has one
+optical centre: the camera's image at 2 Z_m.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from noncentral_truth import ray_errors
+
+from omniscv import cameras
+
+SIZE = 512
+
+
+def create(half_angle_deg):
+    return cameras.create(
+        "noncentral-conical-mirror", width=SIZE, height=SIZE, half_angle_deg=half_angle_deg, distance=0.3
+    )
+
+
+def around(degrees):
+    """45 degrees, its neighbours in float64, and ever further away."""
+    steps = [0.0, *(sign * 10.0**-k for k in range(1, 15, 2) for sign in (-1, 1))]
+    near = [float(np.nextafter(degrees, np.inf)), float(np.nextafter(degrees, 0))]
+    return [degrees + step for step in steps] + near
+
+
+@pytest.mark.parametrize("half_angle_deg", around(45.0))
+@pytest.mark.parametrize("part", [0.001, 0.5, 0.999])
+def test_45_degrees_is_an_angle_like_any_other(half_angle_deg, part):
+    camera = create(half_angle_deg)
+    angle, offset = ray_errors(camera, camera.center + part * camera._reach_px * np.array([0.6, 0.8]))
+    assert angle <= 1e-15
+    assert offset <= 1e-15
+
+
+def test_45_degrees_looks_sideways():
+    """The tip's neighbours see the horizon: phi = 90 degrees exactly, less the camera ray's own angle."""
+    camera = create(45)
+    rays = camera.unproject(np.array([SIZE / 2 + 100, SIZE / 2]))
+    alpha = np.arctan(100 / camera.focal)
+    np.testing.assert_allclose(rays.directions, (np.cos(alpha), 0, np.sin(alpha)), rtol=0, atol=3e-16)
+
+
+@pytest.mark.parametrize("half_angle_deg", [10.0**-k for k in range(10)])
+def test_a_needle(half_angle_deg):
+    """The image shrinks to ``r < tan tau``; what is left of it is as exact as the pixel's own place."""
+    camera = create(half_angle_deg)
+    pixel = camera.center + 0.5 * camera._reach_px * np.array([0.6, 0.8])
+    angle, offset = ray_errors(camera, pixel)
+    assert angle <= 1e-15
+    # The origin is off the line by the angle's error over the needle's own angle, at the tip's distance.
+    assert offset <= 1e-15
+    again, seen = camera.project(camera.unproject(pixel).origins + 1e3 * camera.unproject(pixel).directions)
+    assert seen
+    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("short_of_90_deg", [10.0**-k for k in range(13)])
+def test_a_plate(short_of_90_deg):
+    camera = create(90 - short_of_90_deg)
+    pixel = camera.center + np.array([60.0, 80.0])
+    angle, offset = ray_errors(camera, pixel)
+    assert angle <= 1e-15
+    assert offset <= 1e-15
+    again, seen = camera.project(camera.unproject(pixel).origins + 1e3 * camera.unproject(pixel).directions)
+    assert seen
+    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
+
+
+def test_the_plate_is_a_plane_mirror():
+    """One optical centre, 2 Z_m, and rays that come straight back, to the 2e-11 rad left of the cone."""
+    camera = create(90 - 1e-9)
+    rays = camera.unproject(np.array([[SIZE / 2 + 100, SIZE / 2], [SIZE / 2, SIZE / 2 - 200]]))
+    np.testing.assert_allclose(rays.origins[:, 2], 0.6, rtol=0, atol=1e-9)
+    expected = np.array([[100, 0, -camera.focal], [0, -200, -camera.focal]])
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    np.testing.assert_allclose(rays.directions, expected, rtol=0, atol=4e-11)
+
+
+@given(st.one_of(st.floats(1e-6, 89.999999), st.sampled_from(around(45.0))), st.floats(0.001, 0.999))
+def test_the_pixel_comes_back(half_angle_deg, part):
+    camera = create(half_angle_deg)
+    pixel = camera.center + part * camera._reach_px * np.array([0.6, 0.8])
+    rays = camera.unproject(pixel)
+    reach = 1e3 * max(1, 1 / np.tan(np.radians(half_angle_deg)))  # beyond the needle's hit
+    again, seen = camera.project(rays.origins + reach * rays.directions)
+    assert seen
+    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("half_angle_deg", [0, 90, -1, 90.00001, np.nan, None, "wide"])
+def test_neither_a_line_nor_a_plane_is_a_cone(half_angle_deg):
+    with pytest.raises(ValueError, match=r"^half_angle_deg: expected a finite number > 0 and < 90, got"):
+        create(half_angle_deg)
