@@ -79,6 +79,6 @@ class NoncentralConicalMirror(NoncentralMirror):
 
     def _radius_of_fov(self, fov_deg: float) -> float:
         """From the tip's 360 - 4 tau to the 360 - 2 tau of rays along the cone's side."""
-        tau = self.half_angle_deg
-        fov_deg = self._number("fov_deg", fov_deg, above=360 - 4 * tau, below=360 - 2 * tau)
-        return float(np.tan(np.radians(fov_deg / 2 - 180 + 2 * tau)))
+        tip, side = 360 - 4 * self.half_angle_deg, 360 - 2 * self.half_angle_deg
+        fov_deg = self._number("fov_deg", fov_deg, above=tip, below=side)
+        return float(np.tan(np.radians((fov_deg - tip) / 2)))

@@ -103,6 +103,9 @@ class NoncentralMirror(Camera):
         Ring k holds the pixels with k <= r < k + 1; with ``count`` the rings are as wide as an equal
         step of ``z_r``, so that no pixel is displaced by more than half a step, and steps that hold no
         pixel are left out. A shared centre is midway between the lowest and the highest of its pixels.
+        Rings of a pixel's width are off by half of what ``z_r`` changes over a pixel: fractions of a
+        millimetre in most of the image, but centimetres in the last ring of a ball seen to its edge.
+        There ``z_r`` comes back down, so that a step may hold two rings.
         """
         if count is not None and count < 1:
             raise ArgumentError(f"count: expected a whole number of viewpoints >= 1, got {count!r}")

@@ -1,0 +1,126 @@
+"""Shared optical centres: one per column or ring, or fewer, and the error that makes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omniscv import cameras
+
+MODELS = {
+    "noncentral-panorama": {"radius": 1.0},
+    "noncentral-conical-mirror": {"half_angle_deg": 60, "distance": 0.3},
+    "noncentral-spherical-mirror": {"mirror_radius": 0.5, "distance": 0.3},
+}
+MIRRORS = [name for name in MODELS if name != "noncentral-panorama"]
+
+
+def create(name, width=64, height=64, **options):
+    return cameras.create(name, width=width, height=height, **{**MODELS[name], **options})
+
+
+def displaced(camera, count=None):
+    """(H, W) metres between each pixel's own optical centre and the shared one; NaN where invalid."""
+    rays, views = camera.unproject(), camera.viewpoints(count)
+    return np.linalg.norm(rays.origins - views.centers[views.index], axis=-1)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@given(count=st.one_of(st.none(), st.integers(1, 200)))
+def test_every_valid_pixel_has_a_viewpoint_and_every_viewpoint_a_pixel(name, count):
+    camera = create(name, 31, 20)
+    views, valid = camera.viewpoints(count), camera.valid()
+    assert views.centers.dtype == np.float64
+    assert views.index.dtype == np.int32
+    np.testing.assert_array_equal(views.index >= 0, valid)
+    np.testing.assert_array_equal(np.unique(views.index[valid]), np.arange(len(views.centers)))
+    assert len(views.centers) <= (count or 31)
+
+
+def test_panorama_by_default_a_column_has_its_own_centre():
+    camera = create("noncentral-panorama", 64, 8)
+    views = camera.viewpoints()
+    np.testing.assert_array_equal(views.index, np.tile(np.arange(64), (8, 1)))
+    np.testing.assert_array_equal(views.centers, camera.unproject().origins[0])
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 16, 63, 64, 1000])
+def test_panorama_in_equal_steps_of_azimuth(count):
+    """No column is further from its centre than the half step's chord, pi R / K at most."""
+    camera = create("noncentral-panorama", 64, 4)
+    views = camera.viewpoints(count)
+    assert len(views.centers) == min(count, 64)
+    sizes = np.bincount(views.index[0])
+    assert np.ptp(sizes) <= 1
+    assert displaced(camera, count).max() <= np.pi * sizes.max() / 64
+    assert np.hypot(views.centers[:, 0], views.centers[:, 2]).max() <= 1 + 1e-15
+
+
+def test_panorama_of_radius_0_needs_one_viewpoint():
+    views = create("noncentral-panorama", radius=0).viewpoints()
+    np.testing.assert_array_equal(views.centers, np.zeros((1, 3)))
+    assert (views.index == 0).all()
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_mirrors_by_default_a_ring_of_one_pixel(name):
+    camera = create(name)
+    views, valid = camera.viewpoints(), camera.valid()
+    r = np.linalg.norm(camera.pixels() - camera.center, axis=-1)
+    np.testing.assert_array_equal(views.index[valid], np.floor(r[valid]))
+    np.testing.assert_array_equal(views.centers[:, :2], 0)
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_a_ring_costs_half_of_what_z_r_changes_within_a_pixel(name):
+    """256 px, 30 cm from the mirror: a third of a millimetre in the middle of the image.
+
+    Not at the edge of the ball, where Z_r falls to 0 as the root of what is left: its last ring of one
+    pixel is 6 cm off, the price of the paper's rings. The same number of equal steps of Z_r are not.
+    """
+    camera = create(name, 256, 256)
+    rays, views = camera.unproject(), camera.viewpoints()
+    z, ring = rays.origins[rays.valid][:, 2], views.index[rays.valid]
+    spans = np.array([np.ptp(z[ring == k]) for k in range(len(views.centers))])
+    off = displaced(camera)[rays.valid]
+    assert (off <= spans[ring] / 2 + 1e-15).all()
+    assert np.median(off) < 0.5e-3
+    equal = np.nanmax(displaced(camera, len(views.centers) - 1))
+    assert equal < 2.5e-3
+    if name.endswith("spherical-mirror"):
+        assert off[ring == ring.max()].max() > 0.05
+    else:
+        assert off.max() < 1.5e-3
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+@pytest.mark.parametrize("count", [1, 2, 7, 20])
+def test_mirrors_in_equal_steps_of_height(name, count):
+    """No pixel is further off than half a step."""
+    camera = create(name, 128, 128)
+    rays, views = camera.unproject(), camera.viewpoints(count)
+    heights = rays.origins[rays.valid][:, 2]
+    assert len(views.centers) <= count
+    assert np.nanmax(displaced(camera, count)) <= np.ptp(heights) / count / 2 + 1e-15
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_more_viewpoints_than_rings_are_the_rings(name):
+    camera = create(name)
+    few, many = camera.viewpoints(), camera.viewpoints(10_000)
+    np.testing.assert_array_equal(few.centers, many.centers)
+    np.testing.assert_array_equal(few.index, many.index)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("count", [0, -1])
+def test_no_viewpoint_is_no_image(name, count):
+    with pytest.raises(ValueError, match=r"^count: expected a whole number of viewpoints >= 1, got"):
+        create(name).viewpoints(count)
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_a_mirror_out_of_the_image_has_no_viewpoint(name):
+    views = create(name, center=(1e4, 1e4)).viewpoints()
+    assert views.centers.shape == (0, 3)
+    assert (views.index == -1).all()
