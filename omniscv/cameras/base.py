@@ -78,10 +78,9 @@ class Camera(ABC):
     central: ClassVar[bool] = True
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
-        for key, value in (("width", width), ("height", height)):
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-                raise ArgumentError(f"{key}: expected a whole number of pixels >= 1, got {value!r}")
-        self.width, self.height = int(width), int(height)
+        self.width, self.height = (
+            self._whole_number(key, value, "pixels") for key, value in (("width", width), ("height", height))
+        )
         middle = np.array([self.width / 2, self.height / 2])
         self.center = middle if center is None else self._numbers("center", center, 2)
 
@@ -130,8 +129,8 @@ class Camera(ABC):
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """The optical centres. One for a central camera; ``count`` asks for fewer otherwise."""
-        if count is not None and count < 1:
-            raise ArgumentError(f"count: expected a whole number of viewpoints >= 1, got {count!r}")
+        if count is not None:
+            self._whole_number("count", count, "viewpoints")
         index = np.where(self.valid(), 0, -1).astype(np.int32)
         return Viewpoints(np.zeros((1, 3)), index)
 
@@ -175,6 +174,12 @@ class Camera(ABC):
         return hash(repr(self))
 
     # -- argument checks that models share ------------------------------------------------------
+
+    @staticmethod
+    def _whole_number(key: str, value: int, of_what: str) -> int:
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+            raise ArgumentError(f"{key}: expected a whole number of {of_what} >= 1, got {value!r}")
+        return int(value)
 
     @staticmethod
     def _numbers(key: str, value: ArrayLike, count: int) -> Array:

@@ -107,8 +107,8 @@ class NoncentralMirror(Camera):
         millimetre in most of the image, but centimetres in the last ring of a ball seen to its edge.
         There ``z_r`` comes back down, so that a step may hold two rings.
         """
-        if count is not None and count < 1:
-            raise ArgumentError(f"count: expected a whole number of viewpoints >= 1, got {count!r}")
+        if count is not None:
+            count = self._whole_number("count", count, "viewpoints")
         rays = self.unproject()
         height = rays.origins[rays.valid][:, 2]
         ring = np.floor(polar(self.pixels()[rays.valid], self.center)[0])

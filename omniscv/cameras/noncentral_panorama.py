@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
 from omniscv.cameras.panoramas import Equirectangular
-from omniscv.errors import ArgumentError
 
 _ROUNDING = 8 * np.finfo(np.float64).eps
 
@@ -63,8 +62,8 @@ class NoncentralPanorama(Camera):
         exact, and ``count=1`` is the axis). Columns of a step of ``2 pi / count`` are displaced by at
         most about ``radius * pi / count`` from it. One centre suffices at radius 0.
         """
-        if count is not None and count < 1:
-            raise ArgumentError(f"count: expected a whole number of viewpoints >= 1, got {count!r}")
+        if count is not None:
+            count = self._whole_number("count", count, "viewpoints")
         groups = 1 if self.radius == 0 else min(count or self.width, self.width)
         column = np.arange(self.width)
         group = column * groups // self.width

@@ -113,7 +113,7 @@ def test_more_viewpoints_than_rings_are_the_rings(name):
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("count", [0, -1])
+@pytest.mark.parametrize("count", [0, -1, 2.5, True, "all"])
 def test_no_viewpoint_is_no_image(name, count):
     with pytest.raises(ValueError, match=r"^count: expected a whole number of viewpoints >= 1, got"):
         create(name).viewpoints(count)
