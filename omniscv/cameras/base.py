@@ -116,7 +116,7 @@ class Camera(ABC):
         """
         xyz = _last_axis("points", points, 3)
         with np.errstate(all="ignore"):
-            finite = np.isfinite(xyz).all(axis=-1)
+            finite = np.asarray(np.isfinite(xyz).all(axis=-1))
             pixels, valid = self._project(np.where(finite[..., None], xyz, 1.0))
             u, v = pixels[..., 0], pixels[..., 1]
             inside = (u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height)
