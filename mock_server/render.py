@@ -1,0 +1,67 @@
+"""Perspective pictures of a scene: every pixel's ray, traced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mock_server.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewHits:
+    """A perspective picture in every mode.
+
+    Attributes:
+        color: (H, W, 3) uint8, ``round(255 c)``.
+        label: (H, W) uint16.
+        depth: (H, W) float64, planar metres, +inf for the sky.
+        distance: (H, W) float64, metres along the ray.
+        normal: (H, W, 3) float64, world frame, 0 for the sky.
+    """
+
+    color: NDArray[np.uint8]
+    label: NDArray[np.uint16]
+    depth: Array
+    distance: Array
+    normal: Array
+
+
+def pinhole_rays(R_w_c: Array, fov_deg: float, width: int, height: int) -> tuple[Array, Array]:
+    """(H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of planar depth."""
+    focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
+    x = (np.arange(width) + 0.5 - width / 2) / focal
+    y = (np.arange(height) + 0.5 - height / 2) / focal
+    length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
+    rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1] + R_w_c[:, 2]
+    return rays / length[..., None], length
+
+
+def render_view(
+    scene: Scene,
+    R_w_c: ArrayLike,
+    t_w_c: ArrayLike,
+    fov_deg: float,
+    width: int,
+    height: int,
+    hidden: Iterable[str] = frozenset(),
+) -> ViewHits:
+    """A picture by tracing the ray of each pixel's centre.
+
+    Args:
+        scene: what is there.
+        R_w_c: (3, 3) camera (x right, y down, z forward) to world.
+        t_w_c: (3,) optical centre, metres.
+        fov_deg: horizontal field of view.
+        width, height: px.
+        hidden: names of objects to leave out.
+    """
+    directions, length = pinhole_rays(np.asarray(R_w_c, dtype=np.float64), fov_deg, width, height)
+    hits = scene.trace(t_w_c, directions, hidden)
+    color = np.round(255 * np.clip(hits.color, 0, 1)).astype(np.uint8)
+    return ViewHits(color, hits.label, hits.distance / length, hits.distance, hits.normal)
