@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
-from omniscv.cameras.panoramas import Equirectangular
 
 _ROUNDING = 8 * np.finfo(np.float64).eps
 
@@ -31,18 +30,17 @@ class NoncentralPanorama(Camera):
     def __init__(self, width: int, height: int, radius: float, center: ArrayLike | None = None) -> None:
         super().__init__(width, height, center)
         self.radius = self._number("radius", radius, least=0)
-        self._angles = Equirectangular(width, height, center)
 
     def parameters(self) -> dict[str, Any]:
         return {"radius": self.radius}
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
-        _, directions, valid = self._angles._unproject(pixels)
-        return self._origins(pixels[..., 0]), directions, valid
-
-    def _origins(self, u: Array) -> Array:
-        theta = (2 * u / self.width - 1) * np.pi
-        return self.radius * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
+        theta = (2 * pixels[..., 0] / self.width - 1) * np.pi
+        phi = (0.5 - pixels[..., 1] / self.height) * np.pi
+        outward = _outward(theta)
+        directions = np.cos(phi)[..., None] * outward
+        directions[..., 1] = -np.sin(phi)
+        return self.radius * outward, directions, np.ones(pixels.shape[:-1], dtype=bool)
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
@@ -67,8 +65,16 @@ class NoncentralPanorama(Camera):
         groups = 1 if self.radius == 0 else min(count or self.width, self.width)
         column = np.arange(self.width)
         group = column * groups // self.width
-        origins = self._origins(np.arange(0.5, self.width))
+        theta = (2 * np.arange(0.5, self.width) / self.width - 1) * np.pi
+        origins = self.radius * _outward(theta)
         first = np.searchsorted(group, np.arange(groups))
         centers = np.add.reduceat(origins, first) / np.bincount(group)[:, None]
         index = np.broadcast_to(group.astype(np.int32), (self.height, self.width)).copy()
         return Viewpoints(centers, index)
+
+
+def _outward(theta: Array) -> Array:
+    """(..., 3) the level unit vector at an azimuth."""
+    outward = np.zeros((*theta.shape, 3))
+    outward[..., 0], outward[..., 2] = np.sin(theta), np.cos(theta)
+    return outward

@@ -67,12 +67,10 @@ class NoncentralSphericalMirror(NoncentralMirror):
 
     def _radius_seeing(self, rho: Array, z: Array) -> Array:
         from_ball = np.hypot(rho, self._z_s - z)
-        outside = from_ball >= self.mirror_radius * (1 - _ROUNDING)
-        from_ball = np.maximum(from_ball, self.mirror_radius)
         t = self._reflection_point(
             (self._z_s - z) / from_ball, rho / from_ball, self.mirror_radius / from_ball
         )
-        return np.where(outside, self._radius_of(t), np.nan)
+        return self._radius_of(t)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
         limit = 360 - 2 * float(np.degrees(np.arcsin(self.mirror_radius / self._z_s)))
@@ -97,38 +95,49 @@ class NoncentralSphericalMirror(NoncentralMirror):
         a quartic in t. It has one root between 0 and psi, where the angle to the camera grows while
         that to the point shrinks; the camera sees it up to the grazing ring.
         """
+        t = np.full(cos_psi.shape, np.nan)
+        every = t.reshape(-1), cos_psi.ravel(), sin_psi.ravel(), closeness.ravel()
         m = self.distance / self._z_s
-        p, q, k = np.broadcast_arrays(cos_psi, sin_psi, closeness)
         grazing = np.sqrt(m / (2 - m))
-        limit = np.where(p > 0, np.minimum(grazing, q / (1 + p)), grazing)
-        above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -_ROUNDING
-        quartic = np.stack([-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q])
-        t = np.empty(quartic[0].size)
-        quartic, limit = quartic.reshape(5, -1), limit.ravel()
         for start in range(0, t.size, _BLOCK):
-            block = slice(start, start + _BLOCK)
-            t[block] = _rising_root(quartic[:, block], limit[block])
-        return np.where(above_horizon, t.reshape(p.shape), np.nan)
+            found, p, q, k = (values[start : start + _BLOCK] for values in every)
+            limit = np.where(p > 0, np.minimum(grazing, q / (1 + p)), grazing)
+            above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -_ROUNDING
+            seen = above_horizon & (k <= 1 + _ROUNDING)
+            p, q, k = p[seen], q[seen], np.minimum(k[seen], 1.0)
+            quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
+            found[seen] = _rising_root(np.stack(quartic), limit[seen])
+        return t
 
 
 def _rising_root(quartic: Array, limit: Array) -> Array:
     """The root in [0, limit] of polynomials (5, N), lowest power first, that are negative before it.
 
-    Newton's steps within a bracket that shrinks; a step that leaves it becomes a bisection. Where the
-    polynomial stays negative, the limit.
+    Newton's steps within a bracket that shrinks; a step that leaves it becomes a bisection. Those that
+    are done are set aside when they are the greater part, so that a few slow ones cost little.
     """
-    c0, c1, c2, c3, c4 = quartic
-    low, high = np.zeros_like(limit), limit.copy()
-    t = 0.5 * limit
+    root = np.empty_like(limit)
+    left = np.arange(limit.size)
+    t, low, high = 0.5 * limit, np.zeros_like(limit), limit
     for _ in range(_MOST_STEPS):
+        c0, c1, c2, c3, c4 = quartic
         value = (((c4 * t + c3) * t + c2) * t + c1) * t + c0
         slope = ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
         below = value < 0
         low, high = np.where(below, t, low), np.where(below, high, t)
         step = t - value / slope
         step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-        moved = np.abs(step - t)
+        moving = np.abs(step - t) > 4e-16 * t
         t = step
-        if not (moved > 4e-16 * t).any():
+        root[left] = t
+        if 2 * np.count_nonzero(moving) <= left.size:
+            left, t, low, high, quartic = (
+                left[moving],
+                t[moving],
+                low[moving],
+                high[moving],
+                quartic[:, moving],
+            )
+        if not left.size:
             break
-    return t
+    return root
