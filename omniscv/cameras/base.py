@@ -99,10 +99,9 @@ class Camera(ABC):
         with np.errstate(all="ignore"):
             u, v = uv[..., 0], uv[..., 1]
             inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
-            origins, directions, valid = self._unproject(np.where(inside[..., None], uv, self.center))
+            origins, directions, valid = self._unproject(_where(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
-        hidden = np.expand_dims(~valid, -1)
-        return Rays(np.where(hidden, np.nan, origins), np.where(hidden, np.nan, directions), valid)
+        return Rays(_where(valid, origins, np.nan), _where(valid, directions, np.nan), valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, Mask]:
         """The pixels that see points.
@@ -117,11 +116,11 @@ class Camera(ABC):
         xyz = _last_axis("points", points, 3)
         with np.errstate(all="ignore"):
             finite = np.asarray(np.isfinite(xyz).all(axis=-1))
-            pixels, valid = self._project(np.where(finite[..., None], xyz, 1.0))
+            pixels, valid = self._project(_where(finite, xyz, 1.0))
             u, v = pixels[..., 0], pixels[..., 1]
             inside = (u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height)
         valid = np.asarray(valid & finite & inside)
-        return np.where(valid[..., None], pixels, np.nan), valid
+        return _where(valid, pixels, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
         """(...) bool: which pixels have a ray; (H, W) for the whole image if not given."""
@@ -229,6 +228,11 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
             f"{key}: expected numbers of shape (..., {size}), got {array.dtype} of shape {array.shape}"
         )
     return array.astype(np.float64, copy=False)
+
+
+def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:
+    """``vectors`` (..., n), and ``instead`` where ``keep`` (...) is False; no copy where all are kept."""
+    return vectors if keep.all() else np.where(keep[..., None], vectors, instead)
 
 
 def polar(pixels: Array, center: Array) -> tuple[Array, Array, Array]:
