@@ -1,0 +1,82 @@
+"""Sources by address."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from omniscv.captures.source import Source
+from omniscv.errors import ArgumentError
+
+_FORMS = "unreal://host:port, unreal+unix:///path, mock://scene, or a recorded file"
+
+
+def open_source(uri: str | Path, **options: Any) -> Source:
+    """Opens a source of captures.
+
+    Args:
+        uri: ``unreal://host:port`` or ``unreal+unix:///path`` for a live server; ``mock://four-wall`` for the
+            mock server, started for this source alone, with its options behind a question mark
+            (``mock://four-wall?latency_ms=5&depth=float32``); else the path of a recorded file.
+        options: for live sources: ``timeout_s``, ``retries``.
+
+    Raises:
+        ArgumentError: an address of another form, or an option that the source does not take.
+        SourceError: nobody answers there.
+        RecordError: the file is not there, or is no recording.
+    """
+    text = str(uri)
+    if "://" not in text:
+        from omniscv.captures.recording import RecordedSource
+
+        if options:
+            raise ArgumentError(f"options: expected none for a recorded file, got {', '.join(options)}")
+        return RecordedSource(text)
+    parts = urlsplit(text)
+    if parts.scheme == "mock":
+        return _open_mock(text, parts.netloc + parts.path, dict(parse_qsl(parts.query)), options)
+    if parts.scheme == "unreal+unix" and parts.path:
+        return _open_live(parts.path, options)
+    if parts.scheme == "unreal":
+        try:
+            host, port = parts.hostname, parts.port or 9000
+        except ValueError as cause:
+            raise ArgumentError(f"source: expected {_FORMS}; got {text!r}") from cause
+        if host:
+            return _open_live((host, port), options)
+    raise ArgumentError(f"source: expected {_FORMS}; got {text!r}")
+
+
+def _open_live(endpoint: tuple[str, int] | str, options: dict[str, Any]) -> Source:
+    from omniscv.captures.unreal.live import UnrealSource
+
+    try:
+        return UnrealSource(endpoint, **options)
+    except TypeError as cause:
+        raise ArgumentError(f"options: expected timeout_s, retries; got {', '.join(options)}") from cause
+
+
+def _open_mock(uri: str, scene: str, query: dict[str, str], options: dict[str, Any]) -> Source:
+    import mock_server
+
+    readers = {"dialect": str, "depth": str, "latency_ms": float}
+    if unknown := sorted(set(query) - set(readers)):
+        raise ArgumentError(f"source: expected options among {', '.join(readers)} in {uri!r}, got {unknown[0]!r}")
+    try:
+        server = mock_server.serve(scene, **{key: readers[key](value) for key, value in query.items()})
+    except ValueError as wrong:
+        raise ArgumentError(f"source: {uri!r}: {wrong}") from wrong
+    try:
+        source = _open_live((server.host, server.port), options)
+    except BaseException:
+        server.stop()
+        raise
+    leave = source.close
+
+    def close() -> None:
+        leave()
+        server.stop()
+
+    source.close = close  # type: ignore[method-assign]
+    return source

@@ -1,0 +1,150 @@
+"""Sources around a recorded file: one that replays it, one that fills it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from omniscv.captures.source import Capabilities, ObjectTable, Source
+from omniscv.captures.store import Store, key_of
+from omniscv.captures.view import Capture, Request, View
+from omniscv.errors import MissingCapture
+
+
+class RecordedSource(Source):
+    """Replays a recorded file; touches no network.
+
+    Raises:
+        RecordError: as :class:`omniscv.captures.store.Store`.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self._store = Store(path)
+        views = list(self._store.views())
+        self._views = tuple(dict.fromkeys(view for view, _ in views))
+        self._capabilities = Capabilities(modes=frozenset(mode for _, mode in views), dialect="record")
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return self._capabilities
+
+    def recorded_views(self) -> tuple[View, ...]:
+        return self._views
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for request in requests:
+            capture = self._store.get(request)
+            if capture is None:
+                raise MissingCapture(self._explain(request))
+            yield capture
+
+    def objects(self) -> ObjectTable:
+        return self._store.objects()
+
+    def close(self) -> None:
+        self._store.close()
+
+    def _explain(self, request: Request) -> str:
+        """Which recorded view is nearest, and how it differs."""
+        wanted = f"{self._store.path}: expected a {request.mode} capture of {_describe(request.view)}; "
+        views = [view for view, _ in self._store.views(request.mode)]
+        if not views:
+            modes = ", ".join(sorted(self._capabilities.modes)) or "nothing"
+            return wanted + f"the record holds no {request.mode}, only {modes}"
+        nearest = min(views, key=lambda view: sum(_differences(view, request.view).values()))
+        apart = [name for name, amount in _differences(nearest, request.view).items() if amount > 0]
+        return wanted + f"the nearest recorded is {_describe(nearest)}, which differs in {', '.join(apart)}"
+
+
+class Recording(Source):
+    """Serves what a file holds from the file, and captures and keeps the rest.
+
+    Args:
+        source: where new captures come from; closed with this.
+        path: the file; made if it is not there.
+    """
+
+    def __init__(self, source: Source, path: Path | str) -> None:
+        self._source = source
+        self._store = Store(path, write=True)
+        self._known = self._store.keys()
+        self._objects: ObjectTable | None = None
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return self._source.capabilities
+
+    def recorded_views(self) -> tuple[View, ...] | None:
+        return self._source.recorded_views()
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        waiting: list[Request] = []
+        for request in requests:
+            waiting.append(request)
+            if len(waiting) == _WINDOW:
+                yield from self._serve(waiting)
+                waiting = []
+        yield from self._serve(waiting)
+
+    def objects(self) -> ObjectTable:
+        if self._objects is None:
+            self._objects = self._source.objects()
+            self._store.set_objects(self._objects)
+        return self._objects
+
+    def close(self) -> None:
+        self._store.close()
+        self._source.close()
+
+    def _serve(self, requests: list[Request]) -> Iterator[Capture]:
+        """Captures of a window of requests: what is new is written before any is handed out."""
+        new = [request for request in dict.fromkeys(requests) if key_of(request) not in self._known]
+        fresh: dict[Request, Capture] = {}
+        for capture in self._source.capture(new):
+            self._store.add(capture)
+            self._known.add(key_of(capture.request))
+            fresh[capture.request] = capture
+        for request in requests:
+            stored = fresh.get(request) or self._store.get(request)
+            if stored is None:
+                raise MissingCapture(f"{self._store.path}: expected a capture that was just known; was it removed?")
+            yield stored
+
+
+_WINDOW = 24
+
+
+def record(source: Source, path: Path | str) -> Source:
+    """A source that records what it captures into a file, and takes from it what it already holds.
+
+    Args:
+        source: where new captures come from. It is closed with the recording.
+        path: the file; made if it is not there. Recording again goes on where it stopped.
+
+    Raises:
+        RecordError: the file is something else, newer, damaged, or cannot be written.
+    """
+    return Recording(source, path)
+
+
+def _describe(view: View) -> str:
+    x, y, z = view.pose.t_w_c
+    yaw, pitch, roll = view.pose.angles()
+    return (
+        f"{view.width} x {view.height}, fov {view.fov_deg:.4g} deg, at ({x:.4g}, {y:.4g}, {z:.4g}) m, "
+        f"yaw {yaw:.4g}, pitch {pitch:.4g}, roll {roll:.4g} deg"
+    )
+
+
+def _differences(a: View, b: View) -> dict[str, float]:
+    """How two views differ, in comparable amounts: metres, radians, ratios; 0 where they agree."""
+    turn = (np.trace(a.pose.R_w_c.T @ b.pose.R_w_c) - 1) / 2
+    amounts = {
+        "position": float(np.linalg.norm(a.pose.t_w_c - b.pose.t_w_c)),
+        "orientation": float(np.arccos(np.clip(turn, -1, 1))),
+        "field of view": abs(np.radians(a.fov_deg - b.fov_deg)),
+        "size": abs(np.log(a.width / b.width)) + abs(np.log(a.height / b.height)),
+    }
+    return {name: amount if amount > 1e-7 else 0.0 for name, amount in amounts.items()}

@@ -1,0 +1,211 @@
+"""The recorded file: one SQLite database, a capture a row.
+
+A capture appears whole or not at all, whatever kills the process: each is its own transaction in a
+write-ahead log, which is folded into the one file when the recording ends.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from omniscv.captures.decode import decode
+from omniscv.captures.source import ObjectTable
+from omniscv.captures.view import Capture, Request, View
+from omniscv.errors import DamagedRecord, NewerRecord, NotARecord, RecordNotWritable
+from omniscv.geometry import Pose
+
+SCHEMA_VERSION = 1
+_APPLICATION_ID = 0x6F6D6E69  # "omni"
+
+_SCHEMA = """
+CREATE TABLE capture (
+    key TEXT PRIMARY KEY,          -- mode and View.key() of what was asked
+    mode TEXT NOT NULL,
+    asked TEXT NOT NULL,           -- the view that was asked for, JSON
+    captured TEXT NOT NULL,        -- the view that came, JSON
+    encoding TEXT NOT NULL,        -- see omniscv.captures.decode
+    checksum INTEGER NOT NULL,     -- CRC-32 of the payload
+    provenance TEXT NOT NULL,      -- JSON
+    payload BLOB NOT NULL          -- the bytes as they came
+);
+CREATE TABLE object (name TEXT PRIMARY KEY, red INTEGER, green INTEGER, blue INTEGER);
+"""
+
+
+class Store:
+    """An open recorded file.
+
+    Args:
+        path: the file.
+        write: whether captures will be added; the file is then made if it is not there.
+
+    Raises:
+        NotARecord: the file is not there (to read), is something else, or is damaged.
+        NewerRecord: it was written by a later version.
+        RecordNotWritable: it cannot be written.
+    """
+
+    def __init__(self, path: Path | str, *, write: bool = False) -> None:
+        self.path = Path(path)
+        self._write = write
+        if not write and not self.path.is_file():
+            raise NotARecord(f"{self.path}: expected a recorded file, but there is none; record one first")
+        if write and not self.path.parent.is_dir():
+            self.path.parent.mkdir(parents=True)
+        mode = "rwc" if write else "ro"
+        try:
+            self._database = sqlite3.connect(
+                f"{self.path.absolute().as_uri()}?mode={mode}", uri=True, isolation_level=None, check_same_thread=False
+            )
+        except sqlite3.OperationalError as cause:
+            raise RecordNotWritable(f"{self.path}: expected a file that can be opened, got: {cause}") from cause
+        try:
+            self._open()
+        except BaseException:
+            self._database.close()
+            raise
+
+    def _open(self) -> None:
+        if self._write and self.path.stat().st_size == 0:
+            with self._writing():
+                self._database.execute("PRAGMA journal_mode = WAL")
+                self._database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                self._database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+                self._database.executescript(_SCHEMA)
+            return
+        try:
+            found = self._database.execute("PRAGMA application_id").fetchone()[0]
+            version = self._database.execute("PRAGMA user_version").fetchone()[0]
+        except sqlite3.DatabaseError as cause:
+            raise NotARecord(f"{self.path}: expected a recorded file, got something else: {cause}") from cause
+        if found != _APPLICATION_ID:
+            raise NotARecord(f"{self.path}: expected a recorded file, got another SQLite database")
+        if version > SCHEMA_VERSION:
+            raise NewerRecord(
+                f"{self.path}: expected schema version {SCHEMA_VERSION} or earlier, got {version}; update omniscv"
+            )
+        if self._write:
+            with self._writing():
+                self._database.execute("PRAGMA journal_mode = WAL")
+
+    def close(self) -> None:
+        """Folds the log into the file and closes it; closing twice is fine."""
+        if self._write:
+            self._write = False
+            try:
+                self._database.execute("PRAGMA journal_mode = DELETE")
+            except sqlite3.OperationalError:
+                pass  # another process has it open: it folds the log when it ends
+        self._database.close()
+
+    def keys(self) -> set[str]:
+        """The keys of all captures."""
+        return {row[0] for row in self._query("SELECT key FROM capture")}
+
+    def views(self, mode: str | None = None) -> Iterator[tuple[View, str]]:
+        """Every recorded (asked view, mode)."""
+        for asked, found in self._query("SELECT asked, mode FROM capture ORDER BY rowid"):
+            if mode in (None, found):
+                yield view_from_json(asked), found
+
+    def get(self, request: Request) -> Capture | None:
+        """The capture of a request; None if there is none.
+
+        Raises:
+            DamagedRecord: its bytes are not those that were recorded.
+        """
+        rows = self._query(
+            "SELECT captured, encoding, checksum, provenance, payload FROM capture WHERE key = ?", key_of(request)
+        )
+        for captured, encoding, checksum, provenance, payload in rows:
+            if zlib.crc32(payload) != checksum:
+                raise DamagedRecord(
+                    f"{self.path}: expected checksum {checksum:08x} for a {request.mode} capture, "
+                    f"got {zlib.crc32(payload):08x}; run 'omniscv captures verify'"
+                )
+            view = view_from_json(captured)
+            pixels = decode(payload, encoding, request.mode, view)
+            return Capture(request, view, pixels, payload, encoding, json.loads(provenance))
+        return None
+
+    def add(self, capture: Capture) -> None:
+        """Writes a capture, whole.
+
+        Raises:
+            RecordNotWritable: the disk is full, or the file cannot be written.
+        """
+        with self._writing():
+            self._database.execute(
+                "INSERT OR REPLACE INTO capture VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                (
+                    key_of(capture.request),
+                    capture.mode,
+                    view_to_json(capture.request.view),
+                    view_to_json(capture.view),
+                    capture.encoding,
+                    zlib.crc32(capture.payload),
+                    json.dumps(capture.provenance),
+                    capture.payload,
+                ),
+            )
+
+    def objects(self) -> ObjectTable:
+        """The recorded objects and their mask colours."""
+        rows = self._query("SELECT name, red, green, blue FROM object")
+        return ObjectTable({name: (r, g, b) for name, r, g, b in rows})
+
+    def set_objects(self, table: ObjectTable) -> None:
+        """Records the objects and their mask colours."""
+        with self._writing():
+            self._database.executemany(
+                "INSERT OR REPLACE INTO object VALUES (?, ?, ?, ?)",
+                [(name, *color) for name, color in table.colors.items()],
+            )
+
+    def _query(self, statement: str, *values: Any) -> Iterator[Any]:
+        try:
+            yield from self._database.execute(statement, values)
+        except sqlite3.DatabaseError as cause:
+            raise NotARecord(f"{self.path}: expected a recorded file, got a damaged one: {cause}") from cause
+
+    def _writing(self) -> _Writing:
+        return _Writing(self.path)
+
+
+class _Writing:
+    """Turns SQLite's errors of writing into one of ours."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, sqlite3.OperationalError):
+            raise RecordNotWritable(
+                f"{self._path}: expected to write a capture, got: {error}; what was recorded before is intact"
+            ) from error
+        if isinstance(error, sqlite3.DatabaseError):
+            raise NotARecord(f"{self._path}: expected a recorded file, got something else: {error}") from error
+
+
+def key_of(request: Request) -> str:
+    """What identifies a request in a file."""
+    return json.dumps([request.mode, *request.view.key()], separators=(",", ":"))
+
+
+def view_to_json(view: View) -> str:
+    """A view as JSON, exact."""
+    return json.dumps({**view.pose.to_dict(), "fov_deg": view.fov_deg, "width": view.width, "height": view.height})
+
+
+def view_from_json(text: str) -> View:
+    """The inverse of :func:`view_to_json`."""
+    data = json.loads(text)
+    return View(Pose.from_dict(data), data["fov_deg"], data["width"], data["height"])
