@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
-from omniscv.cameras.noncentral_mirror import _ROUNDING, MeridianRays, NoncentralMirror
+from omniscv.cameras.noncentral_mirror import ROUNDING, MeridianRays, NoncentralMirror
 
 
 class NoncentralConicalMirror(NoncentralMirror):
@@ -72,7 +72,7 @@ class NoncentralConicalMirror(NoncentralMirror):
         h = z - self.distance
         x_image = h * self._sin2 - rho * self._cos2
         z_image = h * self._cos2 + rho * self._sin2 + self.distance
-        outside = rho * self._cos - h * self._sin >= -_ROUNDING * (rho + np.abs(h))
+        outside = rho * self._cos - h * self._sin >= -ROUNDING * (rho + np.abs(h))
         seen = outside & (rho > 0) & (x_image > 0) & (z_image > 0)
         radius: Array = np.where(seen, x_image / z_image, np.nan)
         return radius

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
-from omniscv.cameras.noncentral_mirror import _ROUNDING, MeridianRays, NoncentralMirror
+from omniscv.cameras.noncentral_mirror import ROUNDING, MeridianRays, NoncentralMirror
 
 _BLOCK = 1 << 14  # points solved together: their arrays stay in the processor's cache
 _MOST_STEPS = 100  # bisection alone would need 60
@@ -102,8 +102,8 @@ class NoncentralSphericalMirror(NoncentralMirror):
         for start in range(0, t.size, _BLOCK):
             found, p, q, k = (values[start : start + _BLOCK] for values in every)
             limit = np.where(p > 0, np.minimum(grazing, q / (1 + p)), grazing)
-            above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -_ROUNDING
-            seen = above_horizon & (k <= 1 + _ROUNDING)
+            above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -ROUNDING
+            seen = above_horizon & (k <= 1 + ROUNDING)
             p, q, k = p[seen], q[seen], np.minimum(k[seen], 1.0)
             quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
             found[seen] = _rising_root(np.stack(quartic), limit[seen])
