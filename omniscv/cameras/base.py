@@ -204,10 +204,10 @@ class Camera(ABC):
         limits = [
             text
             for text, bound in (
-                (f"> {above:g}", above),
-                (f">= {least:g}", least),
-                (f"< {below:g}", below),
-                (f"<= {most:g}", most),
+                (f"> {above:.15g}", above),
+                (f">= {least:.15g}", least),
+                (f"< {below:.15g}", below),
+                (f"<= {most:.15g}", most),
             )
             if np.isfinite(bound)
         ]
