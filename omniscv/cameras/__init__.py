@@ -5,19 +5,40 @@ from __future__ import annotations
 from typing import Any
 
 from omniscv.cameras.base import Camera, Rays, Viewpoints
+from omniscv.cameras.fisheyes import (
+    FisheyeEquidistant,
+    FisheyeEquisolid,
+    FisheyeOrthographic,
+    FisheyeStereographic,
+)
+from omniscv.cameras.kannala_brandt import KannalaBrandt
+from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.noncentral_conical_mirror import NoncentralConicalMirror
 from omniscv.cameras.noncentral_panorama import NoncentralPanorama
 from omniscv.cameras.noncentral_spherical_mirror import NoncentralSphericalMirror
-from omniscv.cameras.panoramas import Equirectangular
+from omniscv.cameras.panoramas import Cylindrical, Equirectangular
+from omniscv.cameras.pinhole import Pinhole
+from omniscv.cameras.scaramuzza import Scaramuzza
 from omniscv.errors import ArgumentError
 
-__all__ = ["Camera", "Equirectangular", "Rays", "Viewpoints", "create", "from_dict", "model", "names"]
+__all__ = ["Camera", "Rays", "Viewpoints", "create", "from_dict", "model", "names"]
 
 _MODELS: tuple[type[Camera], ...] = (
     Equirectangular,
+    Cylindrical,
+    FisheyeEquidistant,
+    FisheyeStereographic,
+    FisheyeOrthographic,
+    FisheyeEquisolid,
+    CatadioptricParabolic,
+    CatadioptricHyperbolic,
+    CatadioptricPlanar,
+    Scaramuzza,
+    KannalaBrandt,
     NoncentralPanorama,
-    NoncentralConicalMirror,
     NoncentralSphericalMirror,
+    NoncentralConicalMirror,
+    Pinhole,
 )
 _BY_NAME = {cls.name: cls for cls in _MODELS}
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array, Camera, Mask
+from omniscv.errors import ArgumentError
+
+_ROUNDING = 1e-12  # relative: what rounding may add to an angle
 
 
 class Equirectangular(Camera):
@@ -32,3 +38,58 @@ class Equirectangular(Camera):
         phi = np.arctan2(-y, np.hypot(x, z))
         pixels = np.stack([(theta / np.pi + 1) * self.width / 2, (0.5 - phi / np.pi) * self.height], axis=-1)
         return pixels, (points != 0).any(axis=-1)
+
+
+class Cylindrical(Camera):
+    """A band around the horizon: ``theta = (2u/W - 1) fov_h / 2`` to the right, and up, by ``profile``:
+
+    ``angular``: ``phi = (1 - 2v/H) fov_v / 2``, the paper's, a cropped equirectangular image;
+    ``perspective``: ``tan phi = (1 - 2v/H) tan(fov_v / 2)``, rows equally spaced on the cylinder's wall.
+    Parameters: ``fov_h_deg`` <= 360 (default 360), ``fov_v_deg`` <= 180 (perspective: < 180; default 90).
+    Domain: every pixel; directions within the field of view. Source: OmniSCV, eq. 2.
+    """
+
+    name = "cylindrical"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fov_h_deg: float = 360.0,
+        fov_v_deg: float = 90.0,
+        profile: str = "angular",
+        center: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(width, height, center)
+        if profile not in ("angular", "perspective"):
+            raise ArgumentError(f"profile: expected 'angular' or 'perspective', got {profile!r}")
+        self.profile = profile
+        self.fov_h_deg = self._number("fov_h_deg", fov_h_deg, above=0, most=360)
+        limit = {"most" if profile == "angular" else "below": 180.0}
+        self.fov_v_deg = self._number("fov_v_deg", fov_v_deg, above=0, **limit)
+        self._half = np.radians([self.fov_h_deg / 2, self.fov_v_deg / 2])
+
+    def parameters(self) -> dict[str, Any]:
+        return {"fov_h_deg": self.fov_h_deg, "fov_v_deg": self.fov_v_deg, "profile": self.profile}
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
+        theta = (2 * pixels[..., 0] / self.width - 1) * self._half[0]
+        row = 1 - 2 * pixels[..., 1] / self.height
+        phi = row * self._half[1] if self.profile == "angular" else np.arctan(row * np.tan(self._half[1]))
+        directions = np.stack(
+            [np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)], axis=-1
+        )
+        return np.zeros_like(directions), directions, np.ones(pixels.shape[:-1], dtype=bool)
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        from_axis = np.hypot(x, z)
+        if self.profile == "angular":
+            row = np.arctan2(-y, from_axis) / self._half[1]
+        else:
+            row = -y / from_axis / np.tan(self._half[1])
+        column = np.arctan2(x, z) / self._half[0]
+        seen = (np.abs(row) <= 1 + _ROUNDING) & (np.abs(column) <= 1 + _ROUNDING)
+        row, column = np.clip(row, -1, 1), np.clip(column, -1, 1)
+        pixels = np.stack([(column + 1) * self.width / 2, (1 - row) * self.height / 2], axis=-1)
+        return pixels, seen & (points != 0).any(axis=-1)

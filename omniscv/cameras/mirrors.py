@@ -1,0 +1,175 @@
+"""Central mirrors: the sphere model, and where the real mirror ends.
+
+The camera looks along +z at the mirror; the image's centre looks back at it, along -z, so angles of
+these models count from -z. With ``x_bar = (u - u_0) / (-eta f)`` and ``rho`` its length,
+``lambda = (xi + sqrt(1 + (1 - xi^2) rho^2)) / (rho^2 + 1)``, the ray is
+``(lambda x_bar, lambda y_bar, -(lambda - xi))``. Source: OmniSCV, eq. of the back-projection (Puig et al.
+2012), and its table of xi and eta.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.cameras.base import Array
+from omniscv.cameras.radial import Meridian, RadialCamera
+
+
+class SphereModel(RadialCamera):
+    """The unified sphere model with mirror parameters xi and eta, and the mirror's edge."""
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        xi: float,
+        eta: float,
+        focal: float | None,
+        fov_deg: float | None,
+        center: ArrayLike | None,
+    ) -> None:
+        self.xi, self.eta = xi, eta
+        super().__init__(width, height, focal, fov_deg, center)
+
+    def _default_focal(self) -> float:
+        return self.width / 2
+
+    def _one_less_xi_squared(self) -> float:
+        """1 - xi^2, without subtracting like numbers where a model knows better."""
+        return 1 - self.xi**2
+
+    def _direction(self, t: Array) -> Meridian:
+        rho = t / -self.eta
+        root = np.sqrt(1 + self._one_less_xi_squared() * rho * rho)
+        scale = 1 / (rho * rho + 1)
+        return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
+
+    def _radius(self, across: Array, along: Array, length: Array) -> Array:
+        below = self.xi * length - along
+        return np.where(below > 0, -self.eta * across / below, np.nan)
+
+    def _radius_of_fov(self, fov_deg: float) -> float:
+        limit = self._fov_limit_deg()
+        half = np.radians(self._number("fov_deg", fov_deg, above=0, below=limit) / 2)
+        return float(-self.eta * np.sin(half) / (self.xi + np.cos(half)))
+
+    def _fov_limit_deg(self) -> float:
+        """The field of view that the model reaches but does not hold."""
+        edge = self._edge()
+        if np.isinf(edge):
+            return 360.0 if self.xi == 1 else 2 * float(np.degrees(np.arccos(-self.xi)))
+        across, along = self._direction(np.array(edge))
+        return 2 * float(np.degrees(np.arctan2(across, -along)))
+
+
+class CatadioptricParabolic(SphereModel):
+    """A paraboloid under a telecentric camera: ``xi = 1``, ``eta = -2p``.
+
+    Parameters: ``semi_latus_rectum`` 2p > 0, metres; ``focal``, the camera's scale in px per metre
+    (default width / 2), or ``fov_deg``, the full angle around -z of the image circle.
+    Domain: every direction but straight ahead, +z; fov_deg < 360. The mirror has no edge of its own.
+    Source: OmniSCV, sphere model; the ray is what a real paraboloid reflects, focus at the origin.
+    """
+
+    name = "catadioptric-parabolic"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        semi_latus_rectum: float = 1.0,
+        focal: float | None = None,
+        fov_deg: float | None = None,
+        center: ArrayLike | None = None,
+    ) -> None:
+        self.semi_latus_rectum = self._number("semi_latus_rectum", semi_latus_rectum, above=0)
+        super().__init__(width, height, 1.0, -self.semi_latus_rectum, focal, fov_deg, center)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"semi_latus_rectum": self.semi_latus_rectum, "focal": self.focal}
+
+    def _edge(self) -> float:
+        return np.inf
+
+    def _radius(self, across: Array, along: Array, length: Array) -> Array:
+        # tan of half the angle two ways: neither subtracts like numbers on its side.
+        back, front = across / (length - along), (length + along) / across
+        return -self.eta * np.where(along <= 0, back, front)
+
+
+class CatadioptricHyperbolic(SphereModel):
+    """A hyperboloid with the camera at its outer focus: ``xi = d / D``, ``eta = -2p / D``,
+    ``D = sqrt(d^2 + 4 p^2)``.
+
+    Parameters: ``distance`` d > 0 between the foci and ``semi_latus_rectum`` 2p > 0, metres; ``focal``
+    px (default width / 2), or ``fov_deg``, the full angle around -z of the image circle.
+    Domain: the formula goes on where the mirror does not: with ``2a = D - 2p`` a ray of the camera at
+    ``t = r / f`` meets it only while ``sqrt(1 + t^2) < d / 2a``.
+    Source: OmniSCV, sphere model; the ray is what a real hyperboloid reflects, inner focus at the origin.
+    """
+
+    name = "catadioptric-hyperbolic"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        distance: float = 1.0,
+        semi_latus_rectum: float = 0.5,
+        focal: float | None = None,
+        fov_deg: float | None = None,
+        center: ArrayLike | None = None,
+    ) -> None:
+        self.distance = self._number("distance", distance, above=0)
+        self.semi_latus_rectum = self._number("semi_latus_rectum", semi_latus_rectum, above=0)
+        root = float(np.hypot(self.distance, self.semi_latus_rectum))
+        super().__init__(
+            width, height, self.distance / root, -self.semi_latus_rectum / root, focal, fov_deg, center
+        )
+
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "distance": self.distance,
+            "semi_latus_rectum": self.semi_latus_rectum,
+            "focal": self.focal,
+        }
+
+    def _one_less_xi_squared(self) -> float:
+        return self.eta**2
+
+    def _edge(self) -> float:
+        d, latus = self.distance, self.semi_latus_rectum
+        root = float(np.hypot(d, latus))
+        # d / 2a = (D + 2p) / d, because D^2 - (2p)^2 = d^2; t^2 = (d / 2a)^2 - 1.
+        edge = np.sqrt(2 * latus * (root + latus)) / d
+        return float(np.nextafter(edge, 0))
+
+
+class CatadioptricPlanar(SphereModel):
+    """A flat mirror: ``xi = 0``, ``eta = -1``; a pinhole that looks back along -z, mirrored as mirrors do.
+
+    Parameters: ``focal`` px (default width / 2), or ``fov_deg``, the full angle around -z of the image
+    circle. Domain: directions with z < 0; fov_deg < 180.
+    Source: OmniSCV, sphere model.
+    """
+
+    name = "catadioptric-planar"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        focal: float | None = None,
+        fov_deg: float | None = None,
+        center: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(width, height, 0.0, -1.0, focal, fov_deg, center)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"focal": self.focal}
+
+    def _edge(self) -> float:
+        return np.inf

@@ -1,0 +1,83 @@
+"""Polynomials on the branch where they increase, and their inverse there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from omniscv.cameras.base import Array
+
+_TABLE = 2048
+_NEWTON_STEPS = 3
+_BISECTIONS = 60
+_BLOCK = 1 << 14  # values solved together: their arrays stay in the processor's cache
+
+
+def first_positive_root(coefficients: Array) -> float:
+    """The least x > 0 where ``c_0 + c_1 x + c_2 x^2 + ...`` crosses zero; infinite if it never does.
+
+    A root that the polynomial only touches is no crossing: the branch goes on.
+    """
+    trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
+    if trimmed.size < 2:
+        return np.inf
+    roots = np.roots(trimmed[::-1])
+    real = np.sort(roots.real[(np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots.real))) & (roots.real > 0)])
+    slope = np.polynomial.polynomial.polyder(trimmed)
+    for root in real:
+        step = 1e-6 * root
+        before, after = np.polynomial.polynomial.polyval([root - step, root + step], trimmed)
+        if before * after < 0 or np.polynomial.polynomial.polyval(root, slope) == 0 < before < after:
+            return float(root)
+    return np.inf
+
+
+def invert(
+    function: Callable[[Array], Array], slope: Callable[[Array], Array], end: float, values: Array
+) -> Array:
+    """x in [0, end] with ``function(x) = value``, for a function that increases there.
+
+    A table gives the start, Newton's steps the digits; where the slope vanishes, at the end of the
+    branch, the interval of the table is halved instead. Values outside the range give its ends.
+
+    Args:
+        function, slope: vectorised.
+        end: finite.
+        values: (...).
+    """
+    x_table = np.linspace(0.0, end, _TABLE)
+    y_table = np.maximum.accumulate(function(x_table))
+    flat = values.ravel()
+    result = np.empty(flat.shape)
+    for start in range(0, flat.size, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        result[part] = _invert_block(function, slope, x_table, y_table, flat[part])
+    return result.reshape(values.shape)
+
+
+def _invert_block(
+    function: Callable[[Array], Array],
+    slope: Callable[[Array], Array],
+    x_table: Array,
+    y_table: Array,
+    values: Array,
+) -> Array:
+    cell = np.clip(np.searchsorted(y_table, values) - 1, 0, len(x_table) - 2)
+    low, high = x_table[cell], x_table[cell + 1]
+    x = np.clip(np.interp(values, y_table, x_table), low, high)
+    for _ in range(_NEWTON_STEPS):
+        gradient = slope(x)
+        step = (function(x) - values) / np.where(gradient > 0, gradient, np.inf)
+        x = np.clip(x - step, low, high)
+    gradient = slope(x)
+    residual = np.abs(function(x) - values)
+    bad = np.flatnonzero(~(residual <= 4e-16 * (np.abs(values) + gradient * np.abs(x))))
+    if bad.size:
+        a, b, wanted = low[bad], high[bad], values[bad]
+        for _ in range(_BISECTIONS):
+            middle = (a + b) / 2
+            below = function(middle) < wanted
+            a, b = np.where(below, middle, a), np.where(below, b, middle)
+        x[bad] = (a + b) / 2
+    return x

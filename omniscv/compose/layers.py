@@ -1,0 +1,43 @@
+"""What composition makes: the layers of an image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.captures.source import ObjectTable
+from omniscv.geometry import Array
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """The layers of an image; those that were not asked for are None.
+
+    Attributes:
+        valid: (H, W) bool, the pixel is inside the field of view.
+        centers_w: (H, W, 3) or (3,), where depth is measured from, world frame, metres.
+        lit: (H, W, 3), as captured: uint8 RGB from servers.
+        object_mask: (H, W, 3) uint8 RGB, only colours that were captured.
+        labels: (H, W) uint16, 0 where nothing is known.
+        depth: (H, W) float32 metres along the ray; +inf no surface, 0 outside the field of view.
+        normals: (H, W, 3) float32 unit vectors, camera frame; 0 where unknown.
+        unknown_colors: mask colours that no object has, and on how many pixels.
+        objects: names and mask colours.
+        provenance: where the captures came from.
+    """
+
+    valid: Mask
+    centers_w: Array
+    lit: NDArray[Any] | None = None
+    object_mask: NDArray[np.uint8] | None = None
+    labels: NDArray[np.uint16] | None = None
+    depth: NDArray[np.float32] | None = None
+    normals: NDArray[np.float32] | None = None
+    unknown_colors: dict[tuple[int, int, int], int] = field(default_factory=dict)
+    objects: ObjectTable | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)

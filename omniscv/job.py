@@ -1,0 +1,208 @@
+"""A job: the images that somebody wants, as data. Read from YAML, or made from options.
+
+::
+
+    source: mock://four-wall            # or unreal://host:port, or a recorded file
+    record: kitchen.sqlite              # optional: captures are kept here, and taken from here
+    cameras:                            # stem of the files: model and parameters
+      fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
+    poses:                              # metres and degrees; yaw to the left +, nose up +
+      - {position: [0, 0, 1.5], yaw_deg: 90}
+    modes: [lit, object_mask, depth]
+    out: images                         # folder, relative to this file
+    strategy: auto                      # and viewpoints, face_size, filter, max_error_px: as omniscv.render
+    image_format: png                   # or jxl, jpg
+
+``poses`` may also name a trajectory file: see ``omniscv.output.trajectories``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from omniscv import cameras
+from omniscv.captures import open_source, record
+from omniscv.captures.source import Source
+from omniscv.captures.view import Request
+from omniscv.compose import Composer
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.output.trajectories import read_trajectory
+from omniscv.plan import Plan, make_plan
+from omniscv.render import render
+
+_POSE_KEYS = {"position", "yaw_deg", "pitch_deg", "roll_deg"}
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to render; see the module's text for the fields."""
+
+    source: str
+    cameras: dict[str, cameras.Camera]
+    poses: tuple[Pose, ...]
+    out: Path
+    modes: tuple[str, ...] = ("lit",)
+    record: Path | None = None
+    strategy: str = "auto"
+    viewpoints: int | None = None
+    face_size: int | str = "auto"
+    filter: str = "auto"
+    max_error_px: float | None = None
+    image_format: str = "png"
+    source_options: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.cameras) * len(self.poses)
+
+    def open(self) -> Source:
+        """The job's source, recorded where the job says so. The caller closes it."""
+        source = open_source(self.source, **self.source_options)
+        if self.record is None:
+            return source
+        try:
+            return record(source, self.record)
+        except BaseException:
+            source.close()
+            raise
+
+    def items(self) -> Iterator[tuple[str, cameras.Camera, Pose]]:
+        """Stem, camera and pose of every image, pose by pose."""
+        digits = len(str(max(0, len(self.poses) - 1)))
+        for i, pose in enumerate(self.poses):
+            for name, camera in self.cameras.items():
+                yield (f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name), camera, pose
+
+    def plans(self, source: Source) -> Iterator[Plan]:
+        """The plan of every image."""
+        for _, camera, pose in self.items():
+            yield make_plan(
+                camera,
+                pose,
+                source.capabilities,
+                strategy=self.strategy,
+                viewpoints=self.viewpoints,
+                face_size=self.face_size,
+                recorded=source.recorded_views(),
+            )
+
+
+def run(job: Job, progress: Callable[[int, int], None] | None = None) -> list[Path]:
+    """Renders a job's images and writes them.
+
+    Args:
+        job: what to render.
+        progress: called with (images done, images in all).
+
+    Returns:
+        The files written.
+
+    Raises:
+        OmniscvError: as :func:`omniscv.render`; the images before are on disk, whole.
+    """
+    written: list[Path] = []
+    composer = Composer()
+    with job.open() as source:
+        for done, (stem, camera, pose) in enumerate(job.items()):
+            if progress:
+                progress(done, len(job))
+            image = render(
+                camera,
+                pose,
+                source,
+                job.modes,
+                strategy=job.strategy,
+                viewpoints=job.viewpoints,
+                face_size=job.face_size,
+                filter=job.filter,
+                max_error_px=job.max_error_px,
+                composer=composer,
+            )
+            written += image.save(job.out, stem=stem, image_format=job.image_format)
+    if progress:
+        progress(len(job), len(job))
+    return written
+
+
+def capture(job: Job, source: Source, progress: Callable[[int, int], None] | None = None) -> int:
+    """Captures all that a job's images need, without composing them: for a recording source.
+
+    Returns:
+        The number of captures.
+    """
+    requests = dict.fromkeys(
+        Request(view, mode) for plan in job.plans(source) for view in plan.views() for mode in job.modes
+    )
+    for done, _ in enumerate(source.capture(requests), start=1):
+        if progress:
+            progress(done, len(requests))
+    return len(requests)
+
+
+def load(path: Path) -> Job:
+    """The job in a YAML file; its paths are relative to the file.
+
+    Raises:
+        ArgumentError: the file cannot be read, or a field is unknown, missing or wrong.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as cause:
+        raise ArgumentError(f"{path}: expected a job in YAML, got {type(cause).__name__}: {cause}") from cause
+    if not isinstance(data, dict):
+        raise ArgumentError(
+            f"{path}: expected a job in YAML with 'source', 'cameras' and 'poses'; got {data!r}"
+        )
+    known = {f.name for f in fields(Job)}
+    if unknown := sorted(set(data) - known):
+        raise ArgumentError(f"{path}: expected fields among {', '.join(sorted(known))}; got {unknown[0]!r}")
+    if missing := [key for key in ("source", "cameras", "poses") if key not in data]:
+        raise ArgumentError(f"{path}: expected a field {missing[0]!r}, which is missing")
+    folder = path.parent
+    record_path = data.get("record")
+    return Job(
+        **{
+            **data,
+            "source": _source(data["source"], folder),
+            "cameras": _cameras(data["cameras"]),
+            "poses": _poses(data["poses"], folder),
+            "modes": tuple(data.get("modes", ("lit",))),
+            "out": folder / data.get("out", "out"),
+            "record": None if record_path is None else folder / record_path,
+        }
+    )
+
+
+def _source(value: Any, folder: Path) -> str:
+    if not isinstance(value, str):
+        raise ArgumentError(f"source: expected an address or a recorded file, got {value!r}")
+    return value if "://" in value else str(folder / value)
+
+
+def _cameras(value: Any) -> dict[str, cameras.Camera]:
+    if not isinstance(value, dict) or not value:
+        raise ArgumentError(
+            f"cameras: expected a mapping from file stem to model and parameters, got {value!r}"
+        )
+    for stem in value:
+        if not isinstance(stem, str) or stem != Path(stem).name or stem.startswith("."):
+            raise ArgumentError(f"cameras: expected names that can be file names, got {stem!r}")
+    return {stem: cameras.from_dict(description) for stem, description in value.items()}
+
+
+def _poses(value: Any, folder: Path) -> tuple[Pose, ...]:
+    if isinstance(value, str):
+        return read_trajectory(folder / value)
+    if not isinstance(value, list) or not value:
+        raise ArgumentError(
+            f"poses: expected a list of poses or the name of a trajectory file, got {value!r}"
+        )
+    for pose in value:
+        if not isinstance(pose, dict) or "position" not in pose or not set(pose) <= _POSE_KEYS:
+            raise ArgumentError(f"poses: expected mappings of {', '.join(sorted(_POSE_KEYS))}; got {pose!r}")
+    return tuple(Pose.from_angles(**pose) for pose in value)
