@@ -5,4 +5,14 @@ from omniscv.captures.recording import record
 from omniscv.captures.source import Capabilities, ObjectTable, Source
 from omniscv.captures.view import MODES, Capture, Request, View
 
-__all__ = ["MODES", "Capabilities", "Capture", "ObjectTable", "Request", "Source", "View", "open_source", "record"]
+__all__ = [
+    "MODES",
+    "Capabilities",
+    "Capture",
+    "ObjectTable",
+    "Request",
+    "Source",
+    "View",
+    "open_source",
+    "record",
+]

@@ -113,7 +113,9 @@ def _read_npy(payload: bytes, view: View) -> NDArray[Any]:
     stream = io.BytesIO(payload)
     try:
         version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        read = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        )
         shape, fortran, dtype = read(stream)
     except ValueError as cause:
         raise BadReply(f"expected NPY, got a header that does not parse: {cause}") from cause
@@ -121,7 +123,9 @@ def _read_npy(payload: bytes, view: View) -> NDArray[Any]:
         raise BadReply(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
     count = int(np.prod(shape))
     if len(payload) - stream.tell() != count * dtype.itemsize:
-        raise BadReply(f"expected {count * dtype.itemsize} bytes of pixels, got {len(payload) - stream.tell()}")
+        raise BadReply(
+            f"expected {count * dtype.itemsize} bytes of pixels, got {len(payload) - stream.tell()}"
+        )
     return np.frombuffer(payload, dtype=dtype, offset=stream.tell()).reshape(shape).copy()
 
 

@@ -62,7 +62,9 @@ def _open_mock(uri: str, scene: str, query: dict[str, str], options: dict[str, A
 
     readers = {"dialect": str, "depth": str, "latency_ms": float}
     if unknown := sorted(set(query) - set(readers)):
-        raise ArgumentError(f"source: expected options among {', '.join(readers)} in {uri!r}, got {unknown[0]!r}")
+        raise ArgumentError(
+            f"source: expected options among {', '.join(readers)} in {uri!r}, got {unknown[0]!r}"
+        )
     try:
         server = mock_server.serve(scene, **{key: readers[key](value) for key, value in query.items()})
     except ValueError as wrong:

@@ -109,7 +109,9 @@ class Recording(Source):
         for request in requests:
             stored = fresh.get(request) or self._store.get(request)
             if stored is None:
-                raise MissingCapture(f"{self._store.path}: expected a capture that was just known; was it removed?")
+                raise MissingCapture(
+                    f"{self._store.path}: expected a capture that was just known; was it removed?"
+                )
             yield stored
 
 

@@ -60,10 +60,15 @@ class Store:
         mode = "rwc" if write else "ro"
         try:
             self._database = sqlite3.connect(
-                f"{self.path.absolute().as_uri()}?mode={mode}", uri=True, isolation_level=None, check_same_thread=False
+                f"{self.path.absolute().as_uri()}?mode={mode}",
+                uri=True,
+                isolation_level=None,
+                check_same_thread=False,
             )
         except sqlite3.OperationalError as cause:
-            raise RecordNotWritable(f"{self.path}: expected a file that can be opened, got: {cause}") from cause
+            raise RecordNotWritable(
+                f"{self.path}: expected a file that can be opened, got: {cause}"
+            ) from cause
         try:
             self._open()
         except BaseException:
@@ -120,7 +125,8 @@ class Store:
             DamagedRecord: its bytes are not those that were recorded.
         """
         rows = self._query(
-            "SELECT captured, encoding, checksum, provenance, payload FROM capture WHERE key = ?", key_of(request)
+            "SELECT captured, encoding, checksum, provenance, payload FROM capture WHERE key = ?",
+            key_of(request),
         )
         for captured, encoding, checksum, provenance, payload in rows:
             if zlib.crc32(payload) != checksum:
@@ -192,7 +198,9 @@ class _Writing:
                 f"{self._path}: expected to write a capture, got: {error}; what was recorded before is intact"
             ) from error
         if isinstance(error, sqlite3.DatabaseError):
-            raise NotARecord(f"{self._path}: expected a recorded file, got something else: {error}") from error
+            raise NotARecord(
+                f"{self._path}: expected a recorded file, got something else: {error}"
+            ) from error
 
 
 def key_of(request: Request) -> str:
@@ -202,7 +210,9 @@ def key_of(request: Request) -> str:
 
 def view_to_json(view: View) -> str:
     """A view as JSON, exact."""
-    return json.dumps({**view.pose.to_dict(), "fov_deg": view.fov_deg, "width": view.width, "height": view.height})
+    return json.dumps(
+        {**view.pose.to_dict(), "fov_deg": view.fov_deg, "width": view.width, "height": view.height}
+    )
 
 
 def view_from_json(text: str) -> View:

@@ -37,9 +37,7 @@ class UnrealSource(Source):
         ConnectionFailed: nobody answers, or not as an UnrealCV server does.
     """
 
-    def __init__(
-        self, endpoint: tuple[str, int] | str, *, timeout_s: float = 30.0, retries: int = 3
-    ) -> None:
+    def __init__(self, endpoint: tuple[str, int] | str, *, timeout_s: float = 30.0, retries: int = 3) -> None:
         self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
         self._session = Session(endpoint, timeout_s)
         try:
@@ -134,7 +132,9 @@ class UnrealSource(Source):
     def _checked(self, request: Request, command: str, reply: Reply) -> Capture:
         """A capture, if the reply is what was asked for."""
         if isinstance(reply, str):
-            raise BadReply(f"{self._session.address}: expected a picture from {command!r}, got {reply[:200]!r}")
+            raise BadReply(
+                f"{self._session.address}: expected a picture from {command!r}, got {reply[:200]!r}"
+            )
         encoding = _IMAGE[request.mode][1]
         pixels = decode(reply, encoding, request.mode, request.view)
         provenance: dict[str, Any] = {

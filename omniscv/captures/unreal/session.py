@@ -67,21 +67,27 @@ class Session:
             DeadlineExceeded, BadReply, ConnectionFailed: the session is broken from now on.
         """
         if self.broken:
-            raise ConnectionFailed(f"{self.address}: expected a working connection, but an earlier request broke it")
+            raise ConnectionFailed(
+                f"{self.address}: expected a working connection, but an earlier request broke it"
+            )
         limit = self.timeout_s * len(commands)
         what = f"an answer to {commands[0]!r}"
         try:
             replies = self._guarded(lambda: self._client.request(list(commands)), limit, what)
         except (ConnectionError, TimeoutError, OSError) as cause:
             self.close()
-            raise ConnectionFailed(f"{self.address}: expected {what}, but the connection broke: {cause}") from cause
+            raise ConnectionFailed(
+                f"{self.address}: expected {what}, but the connection broke: {cause}"
+            ) from cause
         except SourceError:
             self.close()
             raise
         for command, reply in zip(commands, replies, strict=True):
             if reply is None:
                 self.close()
-                raise BadReply(f"{self.address}: expected an answer to {command!r}, got a message without an id")
+                raise BadReply(
+                    f"{self.address}: expected an answer to {command!r}, got a message without an id"
+                )
         return list(replies)
 
     def text(self, command: str) -> str:
