@@ -38,7 +38,8 @@ class Fisheye(RadialCamera):
         half = np.radians(self._number("fov_deg", fov_deg, above=0, **limit) / 2)
         if half == np.pi / 2:  # sine and cosine of the double nearest to a right angle are not 1 and 0
             return float(self._radius(np.array(1.0), np.array(0.0), np.array(1.0)))
-        return float(self._radius(np.sin(half), np.cos(half), np.array(1.0)))
+        with np.errstate(divide="ignore"):  # on the branch that is not taken
+            return float(self._radius(np.sin(half), np.cos(half), np.array(1.0)))
 
 
 class FisheyeEquidistant(Fisheye):

@@ -48,7 +48,9 @@ class SphereModel(RadialCamera):
         return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
 
     def _radius(self, across: Array, along: Array, length: Array) -> Array:
-        below = self.xi * length - along
+        # xi length - along, without subtracting like numbers where the ray looks far ahead and xi is near 1.
+        ahead = across * across / (length + along) - self._one_less_xi_squared() / (1 + self.xi) * length
+        below = np.where(along <= 0, self.xi * length - along, ahead)
         return np.where(below > 0, -self.eta * across / below, np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
@@ -93,11 +95,6 @@ class CatadioptricParabolic(SphereModel):
 
     def _edge(self) -> float:
         return np.inf
-
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
-        # tan of half the angle two ways: neither subtracts like numbers on its side.
-        back, front = across / (length - along), (length + along) / across
-        return -self.eta * np.where(along <= 0, back, front)
 
 
 class CatadioptricHyperbolic(SphereModel):

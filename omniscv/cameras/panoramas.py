@@ -75,10 +75,13 @@ class Cylindrical(Camera):
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
         theta = (2 * pixels[..., 0] / self.width - 1) * self._half[0]
         row = 1 - 2 * pixels[..., 1] / self.height
-        phi = row * self._half[1] if self.profile == "angular" else np.arctan(row * np.tan(self._half[1]))
-        directions = np.stack(
-            [np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)], axis=-1
-        )
+        if self.profile == "angular":
+            level, up = np.cos(row * self._half[1]), np.sin(row * self._half[1])
+        else:  # not by way of phi, which has lost the wall's height when it is nearly straight up
+            height = row * np.tan(self._half[1])
+            level = 1 / np.hypot(1.0, height)
+            up = height * level
+        directions = np.stack([level * np.sin(theta), -up, level * np.cos(theta)], axis=-1)
         return np.zeros_like(directions), directions, np.ones(pixels.shape[:-1], dtype=bool)
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
