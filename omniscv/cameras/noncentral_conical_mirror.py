@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
-from omniscv.cameras.noncentral_mirror import ROUNDING, MeridianRays, NoncentralMirror
+from omniscv.cameras.noncentral_mirror import MeridianRays, NoncentralMirror
+from omniscv.cameras.radial import ROUNDING
 
 
 class NoncentralConicalMirror(NoncentralMirror):

@@ -12,12 +12,9 @@ from abc import abstractmethod
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, polar
-from omniscv.errors import ArgumentError
-
-ROUNDING = 1e-12  # relative: what rounding may add to a radius, or take from a distance to the mirror
+from omniscv.cameras.base import Array, Mask, Viewpoints, polar
+from omniscv.cameras.radial import CircleCamera
 
 
 class MeridianRays(NamedTuple):
@@ -28,44 +25,21 @@ class MeridianRays(NamedTuple):
     cos_phi: Array
 
 
-class NoncentralMirror(Camera):
+class NoncentralMirror(CircleCamera):
     """A mirror of revolution under a perspective camera.
 
     Rays. ``origins`` are the optical centres, where the line of the ray meets the axis: within the
     mirror, or before it for rays that nearly graze a ball. The light that makes the pixel comes in along
     the line outside the mirror, up to its surface; so ``project`` finds no pixel for points within the
     mirror, and for a point outside it exactly the pixel where the mirror shows it.
-
-    Domain. ``0 <= r <= min(width, height) / 2`` px, and as far as the mirror reaches.
     """
 
     central = False
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        focal: float | None,
-        fov_deg: float | None,
-        center: ArrayLike | None,
-    ) -> None:
-        super().__init__(width, height, center)
-        circle = min(self.width, self.height) / 2
-        if focal is not None and fov_deg is not None:
-            raise ArgumentError(
-                f"focal: expected focal or fov_deg, got both ({focal!r} px and {fov_deg!r} deg)"
-            )
-        if fov_deg is not None:
-            self.focal = circle / self._radius_of_fov(fov_deg)
-        else:
-            self.focal = self._number("focal", self.width / 2 if focal is None else focal, above=0)
-        self._reach_px = min(circle, self.focal * self._edge())
+    def _default_focal(self) -> float:
+        return self.width / 2
 
     # -- what a model says ----------------------------------------------------------------------
-
-    @abstractmethod
-    def _edge(self) -> float:
-        """The last radius that meets the mirror, normalised by the focal length."""
 
     @abstractmethod
     def _reflect(self, r: Array) -> MeridianRays:
@@ -74,10 +48,6 @@ class NoncentralMirror(Camera):
     @abstractmethod
     def _radius_seeing(self, rho: Array, z: Array) -> Array:
         """The normalised radius whose ray comes from a point at rho >= 0; NaN where there is none."""
-
-    @abstractmethod
-    def _radius_of_fov(self, fov_deg: float) -> float:
-        """The normalised radius whose ray is ``fov_deg / 2`` off -z, checked."""
 
     # -- common to all --------------------------------------------------------------------------
 
@@ -91,11 +61,7 @@ class NoncentralMirror(Camera):
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         rho, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
-        r_px = self.focal * self._radius_seeing(rho, points[..., 2])
-        seen = r_px <= self._reach_px * (1 + ROUNDING)
-        # A hair inside the edge, so that the pixel that comes out is one that has a ray.
-        r_px = np.minimum(r_px, self._reach_px * (1 - 0.1 * ROUNDING))
-        return self.center + np.stack([r_px * cos_a, r_px * sin_a], axis=-1), seen
+        return self._place(self._radius_seeing(rho, points[..., 2]), cos_a, sin_a)
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """One centre per ring of a pixel's width, or at most ``count`` in equal steps of height.

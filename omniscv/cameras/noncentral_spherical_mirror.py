@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
-from omniscv.cameras.noncentral_mirror import ROUNDING, MeridianRays, NoncentralMirror
+from omniscv.cameras.noncentral_mirror import MeridianRays, NoncentralMirror
+from omniscv.cameras.radial import ROUNDING
 
 _BLOCK = 1 << 14  # points solved together: their arrays stay in the processor's cache
 _MOST_STEPS = 100  # bisection alone would need 60

@@ -1,4 +1,4 @@
-"""What lenses and central mirrors have in common: everything turns about the axis.
+"""What lenses and mirrors have in common: everything turns about the axis, within an image circle.
 
 A model says how the distance from the image's centre, over the focal length, and the ray's angle from
 its axis belong together; the image circle and the two ways to give the focal length are the same for all.
@@ -25,8 +25,8 @@ class Meridian(NamedTuple):
     along: Array
 
 
-class RadialCamera(Camera):
-    """A central camera of revolution about z, with an image circle.
+class CircleCamera(Camera):
+    """A camera of revolution about z, with a focal length and an image circle.
 
     Domain. ``0 <= r <= min(width, height) / 2`` px, and as far as the model reaches.
     """
@@ -46,11 +46,6 @@ class RadialCamera(Camera):
             self.focal = self._default_focal() if focal is None else self._number("focal", focal, above=0)
         self._reach_px = min(circle, self.focal * self._edge())
 
-    def parameters(self) -> dict[str, Any]:
-        return {"focal": self.focal}
-
-    # -- what a model says ----------------------------------------------------------------------
-
     @abstractmethod
     def _default_focal(self) -> float:
         """The focal length, px, where neither it nor the field of view is given."""
@@ -60,16 +55,33 @@ class RadialCamera(Camera):
         """The last normalised radius of the model; infinite where it has none."""
 
     @abstractmethod
+    def _radius_of_fov(self, fov_deg: float) -> float:
+        """The normalised radius of the ray ``fov_deg / 2`` off the axis, checked."""
+
+    def _place(self, radius: Array, cos_a: Array, sin_a: Array) -> tuple[Array, Mask]:
+        """The pixels at normalised radii and azimuths, and which are within reach (NaN is not)."""
+        r_px = self.focal * radius
+        seen = r_px <= self._reach_px * (1 + ROUNDING)
+        # A hair inside the edge, so that the pixel that comes out is one that has a ray.
+        r_px = np.minimum(r_px, self._reach_px * (1 - 0.1 * ROUNDING))
+        return self.center + np.stack([r_px * cos_a, r_px * sin_a], axis=-1), seen
+
+
+class RadialCamera(CircleCamera):
+    """A central camera of revolution."""
+
+    def parameters(self) -> dict[str, Any]:
+        return {"focal": self.focal}
+
+    # -- what a model says ----------------------------------------------------------------------
+
+    @abstractmethod
     def _direction(self, t: Array) -> Meridian:
         """The unit direction of normalised radii 0 <= t <= edge."""
 
     @abstractmethod
     def _radius(self, across: Array, along: Array, length: Array) -> Array:
         """The normalised radius that sees a direction of ``length``; NaN where there is none."""
-
-    @abstractmethod
-    def _radius_of_fov(self, fov_deg: float) -> float:
-        """The normalised radius of the ray ``fov_deg / 2`` off the axis, checked."""
 
     # -- common to all --------------------------------------------------------------------------
 
@@ -82,8 +94,6 @@ class RadialCamera(Camera):
     def _project(self, points: Array) -> tuple[Array, Mask]:
         across, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
         length = np.hypot(across, points[..., 2])
-        r_px = self.focal * self._radius(across, points[..., 2], length)
-        seen = (r_px <= self._reach_px * (1 + ROUNDING)) & (length > 0)
-        # A hair inside the edge, so that the pixel that comes out is one that has a ray.
-        r_px = np.minimum(r_px, self._reach_px * (1 - 0.1 * ROUNDING))
-        return self.center + np.stack([r_px * cos_a, r_px * sin_a], axis=-1), seen
+        radius = self._radius(across, points[..., 2], length)
+        pixels, seen = self._place(radius, cos_a, sin_a)
+        return pixels, seen & (length > 0)
