@@ -3,7 +3,7 @@
 ::
 
     sky: [0.5, 0.7, 1.0]
-    room: {floor: [[-3, -2.5], [3, -2.5], [3, 2.5], [-3, 2.5]], height: 2.8, walls: TEXTURE, floor_texture: ..}
+    room: {floor: [[-3, -2.5], [3, -2.5], [3, 2.5], [-3, 2.5]], height: 2.8, walls: [TEXTURE]}
     objects:
       Table: {solids: [{box: [2, 1, 0.75], at: [1, 0, 0.4], turn_deg: 20}], texture: TEXTURE}
 
@@ -12,6 +12,7 @@ A TEXTURE is ``{kind: checker, colors: [[r, g, b], [r, g, b]], scale: 0.5, angle
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -74,7 +75,7 @@ def read_texture(data: Any, where: str) -> Texture:
 
 
 def read_pattern(data: Any, where: str) -> Callable[[Array], Array] | None:
-    """The sky as a function of direction: ``{kind: direction}`` or ``{kind: waves, period_px_at_512: 20}``."""
+    """The sky as a function of direction: ``{kind: direction}``, ``{kind: waves, period_rad: 0.04}``."""
     if data is None:
         return None
     _only(data, {"kind", "period_rad"}, f"{where}: pattern")
@@ -131,7 +132,7 @@ def _rectangles(corners: Array) -> list[tuple[Array, Array]]:
     """A right-angled polygon cut into rectangles between its x values."""
     xs = np.unique(corners[:, 0])
     result = []
-    for x0, x1 in zip(xs[:-1], xs[1:], strict=True):
+    for x0, x1 in itertools.pairwise(xs):
         middle = (x0 + x1) / 2
         edges = zip(corners, np.roll(corners, -1, axis=0), strict=True)
         crossed = sorted(a[1] for a, b in edges if (a[0] - middle) * (b[0] - middle) < 0)

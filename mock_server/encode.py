@@ -23,11 +23,11 @@ def bmp(rgb: NDArray[np.uint8]) -> bytes:
     count = 4 * width * height
     header = struct.pack("<2sIHHI", b"BM", 54 + count, 0, 0, 54)
     info = struct.pack("<IiiHHIIiiII", 40, width, -height, 1, 32, 0, 0, 1024, 1024, 0, 0)
-    return header + info + struct.pack("<i", count) + cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA).tobytes()
+    return header + info + struct.pack("<i", count) + bytes(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA).tobytes())
 
 
 def npy(array: NDArray[np.generic]) -> bytes:
-    """NPY 1.0 as the plugin's cnpy writes it: header a multiple of 16, one block more when it fits exactly."""
+    """NPY 1.0 as the plugin writes it: header a multiple of 16, one block more when it fits exactly."""
     shape = ", ".join(map(str, array.shape))
     text = f"{{'descr': '{array.dtype.str}', 'fortran_order': False, 'shape': ({shape}), }}"
     padding = 16 - (10 + len(text)) % 16

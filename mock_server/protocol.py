@@ -56,7 +56,7 @@ def _read_exactly(connection: socket.socket, size: int) -> bytes | None:
     return bytes(data)
 
 
-_PLACEHOLDERS = {
+_PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
     "[uint]": (r"(\d*)", lambda text: int(text or 0)),
     "[float]": (r"([-+]?\d*\.?\d+)", float),

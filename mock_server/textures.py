@@ -43,17 +43,17 @@ def blend_weight(kind: int, scale: float, angle: float, points: Array, normals: 
     p = points - _NUDGE * normals
     name = KINDS[kind]
     if name == "checker":
-        return np.floor(p / scale).sum(axis=-1) % 2
+        return np.asarray(np.floor(p / scale).sum(axis=-1) % 2)
     if name == "stripes":
         across = p[:, 0] * np.cos(angle) + p[:, 1] * np.sin(angle) + 0.31 * p[:, 2]
-        return np.floor(across / scale) % 2
+        return np.asarray(np.floor(across / scale) % 2)
     if name == "tiles":
         flat = np.abs(normals) < 0.5  # the two axes along the surface
         phase = np.abs((p / scale) % 1.0 - 0.5)
         return ((phase > 0.5 - _LINE) & flat).any(axis=-1).astype(np.float64)
     if name == "wood":
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
-        return 0.5 + 0.5 * np.sin(2 * np.pi * ring)
+        return np.asarray(0.5 + 0.5 * np.sin(2 * np.pi * ring))
     if name == "gradient":
         return np.clip(p[:, 2] / scale, 0.0, 1.0)
     return np.zeros(len(points))
@@ -61,7 +61,7 @@ def blend_weight(kind: int, scale: float, angle: float, points: Array, normals: 
 
 def shade(normals: Array) -> Array:
     """(N,) brightness 0.7..1 by the outward normal alone: no viewpoint in it."""
-    return 0.85 + 0.15 * (normals @ _LIGHT)
+    return np.asarray(0.85 + 0.15 * (normals @ _LIGHT))
 
 
 def paint(texture: Texture, points: Array, normals: Array) -> Array:

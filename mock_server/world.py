@@ -120,5 +120,4 @@ def palette() -> Iterator[Color]:
     for m, value in enumerate(_CHANNEL):
         for fixed in _FIXED:
             choices = [(value,) if is_fixed else _CHANNEL[:m] for is_fixed in fixed]
-            for r, g, b in itertools.product(*choices):
-                yield r, g, b
+            yield from itertools.product(*choices)

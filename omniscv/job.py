@@ -25,7 +25,7 @@ from typing import Any
 
 import yaml
 
-from omniscv import cameras
+from omniscv.cameras import Camera, from_dict
 from omniscv.captures import open_source, record
 from omniscv.captures.source import Source
 from omniscv.captures.view import Request
@@ -44,7 +44,7 @@ class Job:
     """What to render; see the module's text for the fields."""
 
     source: str
-    cameras: dict[str, cameras.Camera]
+    cameras: dict[str, Camera]
     poses: tuple[Pose, ...]
     out: Path
     modes: tuple[str, ...] = ("lit",)
@@ -71,7 +71,7 @@ class Job:
             source.close()
             raise
 
-    def items(self) -> Iterator[tuple[str, cameras.Camera, Pose]]:
+    def items(self) -> Iterator[tuple[str, Camera, Pose]]:
         """Stem, camera and pose of every image, pose by pose."""
         digits = len(str(max(0, len(self.poses) - 1)))
         for i, pose in enumerate(self.poses):
@@ -184,7 +184,7 @@ def _source(value: Any, folder: Path) -> str:
     return value if "://" in value else str(folder / value)
 
 
-def _cameras(value: Any) -> dict[str, cameras.Camera]:
+def _cameras(value: Any) -> dict[str, Camera]:
     if not isinstance(value, dict) or not value:
         raise ArgumentError(
             f"cameras: expected a mapping from file stem to model and parameters, got {value!r}"
@@ -192,7 +192,7 @@ def _cameras(value: Any) -> dict[str, cameras.Camera]:
     for stem in value:
         if not isinstance(stem, str) or stem != Path(stem).name or stem.startswith("."):
             raise ArgumentError(f"cameras: expected names that can be file names, got {stem!r}")
-    return {stem: cameras.from_dict(description) for stem, description in value.items()}
+    return {stem: from_dict(description) for stem, description in value.items()}
 
 
 def _poses(value: Any, folder: Path) -> tuple[Pose, ...]:

@@ -102,7 +102,7 @@ def test_images_are_not_mirrored(room):
     """What is to the right of the camera is in the right half of the picture, and up is up."""
     camera = omniscv.cameras.create("equirectangular", width=64, height=32)
     right = POSE.to_world((5.0, 0.0, 5.0))
-    u, v = camera.project(POSE.to_camera(right))[0]
+    u, _ = camera.project(POSE.to_camera(right))[0]
     assert u > 32
     up = camera.project(np.array([0.0, -1.0, 1.0]))[0]
     assert up[1] < 16

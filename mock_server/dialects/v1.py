@@ -78,8 +78,8 @@ class Commands:
             ("vget /object/[str]/color", "", obj(lambda o: "(R={},G={},B={},A=255)".format(*o.color))),
             ("vset /object/[str]/color [uint] [uint] [uint]", "", obj(self._paint)),
             ("vget /object/[str]/mobility", "", obj(lambda o: "Static")),
-            ("vset /object/[str]/show", "", obj(lambda o: setattr(o, "hidden", False) or "ok")),
-            ("vset /object/[str]/hide", "", obj(lambda o: setattr(o, "hidden", True) or "ok")),
+            ("vset /object/[str]/show", "", obj(lambda o: self._hide(o, False))),
+            ("vset /object/[str]/hide", "", obj(lambda o: self._hide(o, True))),
             ("vget /object/[str]/uclass_name", "", obj(lambda o: "Actor")),
             ("vget /unrealcv/status", "Get the status", self._status),
             ("vget /unrealcv/help", "List all commands", self._help),
@@ -102,8 +102,8 @@ class Commands:
             ("vget /camera/[uint]/lit [str]", "", camera(lambda c, f: self._picture(c, "lit", f))),
             ("vget /camera/[uint]/depth [str]", "", camera(self._depth)),
             ("vget /camera/[uint]/normal [str]", "", camera(lambda c, f: self._picture(c, "normal", f))),
-            ("vget /camera/[uint]/object_mask [str]", "", camera(lambda c, f: self._picture(c, "object_mask", f))),
-            ("vget /camera/[uint]/seg [str]", "", camera(lambda c, f: self._picture(c, "object_mask", f))),
+            ("vget /camera/[uint]/object_mask [str]", "", camera(self._mask)),
+            ("vget /camera/[uint]/seg [str]", "", camera(self._mask)),
             ("vset /viewmode [str]", "", self._set_viewmode),
             ("vget /viewmode", "", lambda: self.world.viewmode),
             ("vget /camera/[uint]/fov", "", camera(lambda c: f"{c.fov:f}", BAD_ARGUMENT)),
@@ -131,7 +131,8 @@ class Commands:
     def _status(self) -> str:
         return (
             f"Is Listening\nClient Connected\n{self.port}\nConfiguration\nConfig file: /unrealcv.ini\n"
-            f"Port: {self.port}\nWidth: 640\nHeight: 480\nFOV: 90.000000\nEnableInput: true\nEnableRightEye: false\n"
+            f"Port: {self.port}\nWidth: 640\nHeight: 480\nFOV: 90.000000\nEnableInput: true\n"
+            "EnableRightEye: false\n"
         )
 
     def _help(self) -> str:
@@ -145,6 +146,11 @@ class Commands:
         if mode.lower() not in _VIEWMODES:
             return f"error Can not set ViewMode to {mode.lower()}"
         self.world.viewmode = mode.lower()
+        return "ok"
+
+    @staticmethod
+    def _hide(o: SceneObject, hidden: bool) -> str:
+        o.hidden = hidden
         return "ok"
 
     @staticmethod
@@ -171,6 +177,9 @@ class Commands:
     def _set_size(camera: Camera, width: int, height: int) -> str:
         camera.size = (width, height)
         return "ok"
+
+    def _mask(self, camera: Camera, form: str) -> Reply:
+        return self._picture(camera, "object_mask", form)
 
     def _picture(self, camera: Camera, mode: str, form: str) -> Reply:
         encoder = {"png": encode.png, "bmp": encode.bmp}.get(form.lower())

@@ -50,11 +50,12 @@ class KannalaBrandt(Camera):
         self.fov_deg = None if fov_deg is None else self._number("fov_deg", fov_deg, above=0, most=360)
         self._d = np.zeros(10)
         self._d[1], self._d[3::2] = 1.0, self.k
+        self._slope = polyder(self._d)
         # d' is even: its first root is the square root of one in theta^2.
-        turning = np.sqrt(first_positive_root(polyder(self._d)[::2]))
+        turning = np.sqrt(first_positive_root(self._slope[::2]))
         limit = np.pi if self.fov_deg is None else np.radians(self.fov_deg) / 2
         self._theta_end = float(min(np.pi, turning, limit))
-        self._d_end = float(polyval(self._theta_end, self._d))
+        self._d_end = float(self._d_of(np.array(self._theta_end)))
 
     def parameters(self) -> dict[str, Any]:
         given = {"fx": self.fx, "fy": self.fy, "cx": self.center[0].item(), "cy": self.center[1].item()}
@@ -64,12 +65,16 @@ class KannalaBrandt(Camera):
     def to_dict(self) -> dict[str, Any]:
         return {key: value for key, value in super().to_dict().items() if key != "center"}
 
+    def _d_of(self, theta: Array) -> Array:
+        return np.asarray(polyval(theta, self._d), dtype=np.float64)
+
+    def _slope_of(self, theta: Array) -> Array:
+        return np.asarray(polyval(theta, self._slope), dtype=np.float64)
+
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
         focal = np.array([self.fx, self.fy])
         d, cos_a, sin_a = polar((pixels - self.center) / focal, np.zeros(2))
-        theta = invert(
-            lambda x: polyval(x, self._d), lambda x: polyval(x, polyder(self._d)), self._theta_end, d
-        )
+        theta = invert(self._d_of, self._slope_of, self._theta_end, d)
         across = np.sin(theta)
         directions = np.stack([across * cos_a, across * sin_a, np.cos(theta)], axis=-1)
         return np.zeros_like(directions), directions, d <= self._d_end

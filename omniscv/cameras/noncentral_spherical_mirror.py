@@ -126,9 +126,10 @@ def _rising_root(quartic: Array, limit: Array) -> Array:
         slope = ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
         below = value < 0
         low, high = np.where(below, t, low), np.where(below, high, t)
-        step = t - value / slope
+        # t - value / slope, written so that a root far below t is not lost in the difference.
+        step = (((3 * c4 * t + 2 * c3) * t + c2) * t * t - c0) / slope
         step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-        moving = np.abs(step - t) > 4e-16 * t
+        moving = np.abs(step - t) > 1e-11 * step  # Newton's next step would be the square of that
         t = step
         root[left] = t
         if 2 * np.count_nonzero(moving) <= left.size:

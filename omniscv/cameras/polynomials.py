@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
 
@@ -14,7 +15,7 @@ _BISECTIONS = 60
 _BLOCK = 1 << 14  # values solved together: their arrays stay in the processor's cache
 
 
-def first_positive_root(coefficients: Array) -> float:
+def first_positive_root(coefficients: ArrayLike) -> float:
     """The least x > 0 where ``c_0 + c_1 x + c_2 x^2 + ...`` crosses zero; infinite if it never does.
 
     A root that the polynomial only touches is no crossing: the branch goes on.

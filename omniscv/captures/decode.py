@@ -83,7 +83,7 @@ def _normals(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     n[..., 1] *= -1  # Unreal's Y points right
     length = np.linalg.norm(n, axis=-1, keepdims=True)
     known = np.abs(length - 1) < _UNIT_TOLERANCE
-    return np.divide(n, length, out=np.zeros_like(n), where=known)
+    return np.asarray(np.divide(n, length, out=np.zeros_like(n), where=known))
 
 
 def _npy(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:

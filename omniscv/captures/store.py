@@ -6,6 +6,7 @@ write-ahead log, which is folded into the one file when the recording ends.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sqlite3
 import zlib
@@ -92,7 +93,8 @@ class Store:
             raise NotARecord(f"{self.path}: expected a recorded file, got another SQLite database")
         if version > SCHEMA_VERSION:
             raise NewerRecord(
-                f"{self.path}: expected schema version {SCHEMA_VERSION} or earlier, got {version}; update omniscv"
+                f"{self.path}: expected schema version {SCHEMA_VERSION} or earlier, got {version}; "
+                f"it takes an omniscv that knows version {version}"
             )
         if self._write:
             with self._writing():
@@ -102,10 +104,9 @@ class Store:
         """Folds the log into the file and closes it; closing twice is fine."""
         if self._write:
             self._write = False
-            try:
+            # Refused while another process has it open: that one folds the log when it ends.
+            with contextlib.suppress(sqlite3.OperationalError):
                 self._database.execute("PRAGMA journal_mode = DELETE")
-            except sqlite3.OperationalError:
-                pass  # another process has it open: it folds the log when it ends
         self._database.close()
 
     def keys(self) -> set[str]:

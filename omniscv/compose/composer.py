@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.cameras import Camera, Rays
 from omniscv.captures.source import Source
 from omniscv.captures.view import Capture, Request, View
-from omniscv.cameras import Camera, Rays
 from omniscv.compose.depth import sample_depth
 from omniscv.compose.labels import labels_of
 from omniscv.compose.layers import Layers
@@ -108,7 +108,8 @@ class Composer:
         centers_w: NDArray[np.float64] | None,
         provenance: dict[str, Any],
     ) -> Layers:
-        labels, unknown, objects = None, {}, None
+        labels, objects = None, None
+        unknown: dict[tuple[int, int, int], int] = {}
         if (mask := images.get("object_mask")) is not None:
             objects = source.objects()
             labels, unknown = labels_of(mask, objects)

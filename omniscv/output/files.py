@@ -96,22 +96,22 @@ def _picture(path: Path, pixels: NDArray[Any]) -> Path:
 
 
 def _openimageio(path: Path, pixels: NDArray[Any]) -> None:
-    import OpenImageIO as oiio
+    import OpenImageIO
 
     planes = pixels if pixels.ndim == 3 else pixels[..., None]
     height, width, channels = planes.shape
-    spec = oiio.ImageSpec(width, height, channels, str(planes.dtype))
+    spec = OpenImageIO.ImageSpec(width, height, channels, str(planes.dtype))
     if channels == 1:
         spec.channelnames = ("Z",)
     spec.attribute("compression", {".exr": "zip", ".jxl": "lossless", ".jpg": "jpeg:95"}[path.suffix])
     if path.suffix == ".jxl":
         spec.attribute("jpegxl:effort", 1)
         spec.attribute("jpegxl:distance", 0.0)
-    output = oiio.ImageOutput.create(str(path))
-    ok = output is not None and output.open(str(path), spec)
-    if not (ok and output.write_image(np.ascontiguousarray(planes)) and output.close()):
-        reason = output.geterror() if output is not None else oiio.geterror()
-        raise OmniscvError(f"{path.name}: expected to write it, got: {reason}")
+    output = OpenImageIO.ImageOutput.create(str(path))
+    if output is None or not output.open(str(path), spec):
+        raise OmniscvError(f"{path.name}: expected to write it, got: {OpenImageIO.geterror()}")
+    if not (output.write_image(np.ascontiguousarray(planes)) and output.close()):
+        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
 
 
 def _text(path: Path, text: str) -> Path:

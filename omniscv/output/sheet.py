@@ -132,7 +132,7 @@ def _draw_legend(figure: Figure, images: Any, objects: ObjectTable, height_in: f
 
     seen = {tuple(color) for image in images for color in np.unique(_layers(image)[1].reshape(-1, 3), axis=0)}
     patches = [
-        Patch(facecolor=tuple(c / 255 for c in objects.colors[name]), edgecolor="#9aa3b0", label=name)
+        Patch(facecolor="#{:02x}{:02x}{:02x}".format(*objects.colors[name]), edgecolor="#9aa3b0", label=name)
         for name in objects.names()
         if tuple(objects.colors[name]) in seen
     ]

@@ -1,25 +1,74 @@
-"""Cube maps: six faces aligned with the world at every optical centre, or only those that rays hit."""
+"""Cube maps: faces aligned with the world at every optical centre, all six or those that rays hit.
+
+World-aligned, so that one set of captures serves every orientation of a camera at that place.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.captures.source import Capabilities
 from omniscv.captures.view import View
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
 
 
-def cube_views(center_w: Array, face_size: int, border_px: int) -> tuple[View, ...]:
-    """The six faces at a centre, each ``border_px`` wider than 90 degrees on every side.
+@dataclass(frozen=True)
+class Face:
+    """The size and field of view of a plan's faces, and how far they reach beyond 90 degrees."""
 
-    The focal length stays that of the 90 degree face. World-aligned, so that one set of captures
-    serves every orientation of a camera at that place.
-    """
-    width = face_size + 2 * border_px
-    fov_deg = 90.0 if border_px == 0 else float(np.degrees(2 * np.arctan(width / face_size)))
-    return tuple(View(Pose(center_w, R_w_c), fov_deg, width, width) for _, R_w_c in cube_rotations())
+    width: int
+    height: int
+    fov_deg: float
+    border_px: int
+
+    @classmethod
+    def of(cls, edge: int, border_px: int) -> Face:
+        """A face of ``edge`` px for 90 degrees, ``border_px`` wider on every side at the same focal length."""
+        width = edge + 2 * border_px
+        fov_deg = 90.0 if border_px == 0 else float(np.degrees(2 * np.arctan(width / edge)))
+        return cls(width, width, fov_deg, border_px)
+
+    @classmethod
+    def on(cls, capabilities: Capabilities, edge: int, border_px: int) -> Face:
+        """The face that a source can capture, as near as it can to the one that is wanted.
+
+        Raises:
+            ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them.
+        """
+        if capabilities.can_set_size and capabilities.can_set_fov:
+            return cls.of(max(edge, capabilities.min_size), border_px)
+        if capabilities.can_set_size:
+            width = height = max(edge, capabilities.min_size)
+        elif capabilities.image_size is not None:
+            width, height = capabilities.image_size
+        else:
+            raise ArgumentError("capabilities: expected the image_size of a source that cannot set it, got None")
+        if capabilities.can_set_fov and height > 2 * border_px:
+            # The shorter side must see 90 degrees and the border.
+            tangent = height / (height - 2 * border_px) * width / height
+            return cls(width, height, float(np.degrees(2 * np.arctan(tangent))), border_px)
+        fov_deg = 90.0 if capabilities.fov_deg is None else capabilities.fov_deg
+        focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
+        border = int(np.floor(height / 2 - focal + 1e-6))
+        if border < 0:
+            raise ArgumentError(
+                f"faces: expected pictures of at least 90 degrees both ways, got {width} x {height} of "
+                f"{fov_deg:g} degrees across; set the server to a square size and a field of view of 90"
+            )
+        return cls(width, height, fov_deg, border)
+
+    def views(self, center_w: Array) -> tuple[View, ...]:
+        """The six views at a centre."""
+        return tuple(
+            View(Pose(center_w, R_w_c), self.fov_deg, self.width, self.height) for _, R_w_c in cube_rotations()
+        )
 
 
-def faces_hit(directions_w: Array) -> Array:
-    """(6,) bool: the faces that rays hit, in the order of :func:`cube_views`."""
+def faces_hit(directions_w: Array) -> NDArray[np.bool_]:
+    """(6,) the faces that rays hit, in the order of :meth:`Face.views`."""
     seen = [(directions_w @ R_w_c).T for _, R_w_c in cube_rotations()]
-    return np.array([(z * (1 + 1e-9) >= np.maximum(abs(x), abs(y))).any() for x, y, z in seen])
+    return np.array([bool((z * (1 + 1e-9) >= np.maximum(abs(x), abs(y))).any()) for x, y, z in seen])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
 from omniscv.captures.source import Capabilities
@@ -13,13 +15,26 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.plan import sampling
 from omniscv.plan.base import Plan, Station
-from omniscv.plan.cube import cube_views, faces_hit
+from omniscv.plan.cube import Face, faces_hit
 from omniscv.plan.recorded import RecordedFaces
+from omniscv.plan.strips import strip_size, strip_views
 
-STRATEGIES = ("auto", "cube", "faces")
+STRATEGIES = ("auto", "cube", "faces", "strips")
 
-BORDER_PX = 4
-"""What the widest filter reaches beyond a ray's place, and one for good measure."""
+FACE_BORDER_PX = 4
+"""What the widest filter reaches beyond a ray's place, and two for good measure."""
+
+STRIP_BORDER_PX = 2
+"""What the widest filter reaches beyond a ray's place: a strip's rays run through its middle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The pixels that share an optical centre: flat indices, and their rays."""
+
+    center_w: Array
+    pixels: NDArray[np.int64]
+    rays_w: Array
 
 
 def make_plan(
@@ -39,53 +54,82 @@ def make_plan(
         camera, pose: what is rendered.
         capabilities: what the source can do.
         strategy: ``cube``: six faces at every optical centre, as in the paper; ``faces``: only those
-            that rays hit; ``auto``: the cheapest that the source can do.
+            that rays hit; ``strips``: views turned and narrowed to the rays of each centre; ``auto``: the
+            cheapest that the source can do, ``strips`` for non-central cameras and ``faces`` for others.
         viewpoints: optical centres of a non-central camera; one per column or ring if not given.
         face_size: edge of a 90 degree face in px; ``auto``: see :mod:`omniscv.plan.sampling`.
-        border_px: how much wider faces are captured on every side; chosen if not given.
-        recorded: the views that a recorded source holds: their face size and border are used.
+        border_px: how much wider views are captured on every side; chosen if not given.
+        recorded: the views that a recorded source holds; faces of other sizes than the wanted ones are
+            taken from it.
 
     Raises:
-        ArgumentError: an unknown strategy, or a face size or border out of range.
+        ArgumentError: an unknown strategy, one that the source cannot do, or a size out of range.
     """
     if strategy not in STRATEGIES:
         raise ArgumentError(f"strategy: expected one of {', '.join(STRATEGIES)}; got {strategy!r}")
     edge = sampling.face_size(camera) if face_size == "auto" else face_size
     if not isinstance(edge, int) or not 1 <= edge <= sampling.LARGEST:
         raise ArgumentError(f"face_size: expected 'auto' or 1 to {sampling.LARGEST} px, got {face_size!r}")
-    wide = capabilities.can_set_fov and capabilities.can_set_size
-    border = (BORDER_PX if wide else 0) if border_px is None else border_px
-    held = RecordedFaces(recorded) if recorded is not None else None
+    if border_px is not None and border_px < 0:
+        raise ArgumentError(f"border_px: expected a whole number of pixels >= 0, got {border_px!r}")
+    free = capabilities.can_set_size and capabilities.can_set_fov
+    if strategy == "strips" and not free:
+        raise ArgumentError("strategy: strips need a source that can set size and field of view; use 'faces'")
+    groups = _groups(camera, pose, viewpoints)
+    if strategy == "strips" or (strategy == "auto" and free and not camera.central):
+        border = STRIP_BORDER_PX if border_px is None else border_px
+        plan = Plan(camera, pose, "strips", _strips(groups, edge, border, capabilities.min_size), border)
+        if strategy == "strips" or recorded is None or set(plan.views()) <= set(recorded):
+            return plan
+    face = Face.on(capabilities, edge, FACE_BORDER_PX if border_px is None else border_px)
+    stations = _faces(groups, _views(face, recorded), every=strategy == "cube")
+    return Plan(camera, pose, "cube" if strategy == "cube" else "faces", stations, face.border_px)
 
-    def views(center_w: Array) -> tuple[View, ...]:
-        if held is not None:
-            return held.views(center_w, edge, border)
-        return cube_views(center_w, edge, border)
 
-    return Plan(camera, pose, strategy, _stations(camera, pose, viewpoints, strategy, views), border)
-
-
-def _stations(
-    camera: Camera,
-    pose: Pose,
-    viewpoints: int | None,
-    strategy: str,
-    views: Callable[[Array], tuple[View, ...]],
-) -> tuple[Station, ...]:
-    grouped = camera.viewpoints(viewpoints)
-    order = np.argsort(grouped.index, axis=None, kind="stable")
-    index = grouped.index.ravel()[order]
-    starts = np.searchsorted(index, np.arange(len(grouped.centers) + 1))
+def _groups(camera: Camera, pose: Pose, viewpoints: int | None) -> list[Group]:
+    """The valid pixels by optical centre; centres that serve none are left out."""
+    shared = camera.viewpoints(viewpoints)
+    order = np.argsort(shared.index, axis=None, kind="stable")
+    starts = np.searchsorted(shared.index.ravel()[order], np.arange(len(shared.centers) + 1))
     directions = camera.unproject().directions.reshape(-1, 3)
+    groups = []
+    for center_c, start, end in zip(shared.centers, starts[:-1], starts[1:], strict=True):
+        if end > start:
+            pixels = order[start:end]
+            groups.append(Group(pose.to_world(center_c), pixels, directions[pixels] @ pose.R_w_c.T))
+    return groups
+
+
+def _views(face: Face, recorded: Sequence[View] | None) -> Callable[[Array], tuple[View, ...]]:
+    if recorded is None:
+        return face.views
+    held = RecordedFaces(recorded)
+    return lambda center_w: held.views(center_w, face)
+
+
+def _faces(
+    groups: Sequence[Group], views: Callable[[Array], tuple[View, ...]], every: bool
+) -> tuple[Station, ...]:
     stations = []
-    for k, center_c in enumerate(grouped.centers):
-        pixels = np.sort(order[starts[k] : starts[k + 1]])
-        if pixels.size == 0:
-            continue
-        center_w = pose.to_world(center_c)
-        chosen = views(center_w)
-        if strategy != "cube":
-            hit = faces_hit(directions[pixels] @ pose.R_w_c.T)
-            chosen = tuple(view for view, wanted in zip(chosen, hit, strict=True) if wanted)
-        stations.append(Station(center_w, chosen, pixels))
+    for group in groups:
+        wanted = np.ones(6, dtype=bool) if every else faces_hit(group.rays_w)
+        chosen = tuple(view for view, hit in zip(views(group.center_w), wanted, strict=True) if hit)
+        stations.append(Station(group.center_w, chosen, group.pixels))
+    return tuple(stations)
+
+
+def _strips(groups: Sequence[Group], edge: int, border_px: int, min_size: int) -> tuple[Station, ...]:
+    """Strips at every centre; where rays fit none, as those of a whole sphere do, faces."""
+    if not groups:
+        return ()
+    focal_px = edge / 2
+    size = strip_size([group.rays_w for group in groups], focal_px, border_px, min_size)
+    face = Face.of(edge, border_px)
+    stations = []
+    for group in groups:
+        views = strip_views(group.center_w, group.rays_w, focal_px, border_px, size)
+        if views is None:
+            hit = faces_hit(group.rays_w)
+            views = tuple(view for view, wanted in zip(face.views(group.center_w), hit, strict=True) if wanted)
+        stations.append(Station(group.center_w, views, group.pixels))
     return tuple(stations)

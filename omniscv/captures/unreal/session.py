@@ -7,6 +7,7 @@ first fault the session is broken for good: its owner opens another.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import socket
 import threading
@@ -44,13 +45,13 @@ class Session:
         if not connected:
             self.close()
             raise ConnectionFailed(
-                f"{self.address}: expected an UnrealCV server, but nobody answers as one; is the game running?"
+                f"{self.address}: expected an UnrealCV server, but none answers; is the game running?"
             )
 
     @property
     def address(self) -> str:
         """The endpoint as a person writes it."""
-        return self.endpoint if isinstance(self.endpoint, str) else f"{self.endpoint[0]}:{self.endpoint[1]}"
+        return self.endpoint if isinstance(self.endpoint, str) else "{}:{}".format(*self.endpoint)
 
     def ask(self, command: str) -> Reply:
         """The reply to one command, whatever it says.
@@ -109,10 +110,8 @@ class Session:
         self.broken = True
         connection = self._client.sock
         if connection is not None:
-            try:
+            with contextlib.suppress(OSError):  # the server may have left first
                 connection.shutdown(socket.SHUT_RDWR)  # wakes the client's receive thread
-            except OSError:
-                pass  # the server left first
         self._client.disconnect()
 
     def _guarded(self, call: Callable[[], T], limit_s: float, what: str) -> T:
