@@ -25,6 +25,8 @@ from mock_server.textures import KINDS, Texture, Waves, direction_pattern
 
 Array = NDArray[np.float64]
 
+_BOUND = 1 + 1e-9  # what rounding may take from a bounding sphere
+
 
 @dataclass
 class Parts:
@@ -39,6 +41,7 @@ class Parts:
         row = np.zeros(COLUMNS)
         row[0] = kind
         row[2:5], row[5:14], row[14:17] = center, np.asarray(axes).ravel(), half
+        row[17] = _BOUND * np.hypot(np.hypot(row[14], row[15] if kind != CYLINDER else 0.0), row[16])
         self.rows.append(row)
         self.names.append(name)
         self.textures.append(texture)

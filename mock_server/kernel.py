@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 RECTANGLE, BOX, SPHERE, CYLINDER = range(4)
 COLUMNS = 20
-"""kind, object, then 18 numbers: centre (3), axes as rows (9), half sizes (3), texture, unused (2).
+"""kind, object, then 18 numbers: centre (3), axes as rows (9), half sizes (3), radius of the bounding sphere,
+unused (2).
 
 RECTANGLE spans its first two axes and faces along the third; BOX fills all three half sizes; SPHERE has
 its radius in the first half size; CYLINDER stands on its third axis, radius first, half height third.
@@ -112,6 +113,11 @@ def nearest_hits(
             row = solids[s]
             x, y, z = origins[i, 0] - row[2], origins[i, 1] - row[3], origins[i, 2] - row[4]
             a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
+            # Passed over unless the ray enters the solid's bounding sphere before the nearest hit so far.
+            toward = -(a * x + b * y + c * z)
+            beside = x * x + y * y + z * z - toward * toward
+            if toward < -row[17] or toward - row[17] > best or beside > row[17] * row[17]:
+                continue
             # The ray in the solid's own frame.
             px = row[5] * x + row[6] * y + row[7] * z
             py = row[8] * x + row[9] * y + row[10] * z

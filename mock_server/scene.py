@@ -20,7 +20,7 @@ from mock_server.kernel import COLUMNS, nearest_hits
 Array = NDArray[np.float64]
 
 _SCENES = Path(__file__).parent / "scenes"
-_CHUNK = 1 << 15
+_CHUNK = 1 << 13
 _THREADS = ThreadPoolExecutor(max_workers=2, thread_name_prefix="trace")
 
 
