@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mock_server import build, textures
-from mock_server.kernel import COLUMNS, nearest_hits
+from mock_server.kernel import COLUMNS, CYLINDER, SPHERE, nearest_hits
 
 Array = NDArray[np.float64]
 
@@ -67,6 +67,23 @@ class Scene:
     def label(self, name: str) -> int:
         """An object's label: 1 + its rank in ``objects``."""
         return 1 + self.objects.index(name)
+
+    def bounds(self, name: str) -> tuple[Array, Array]:
+        """The least and the greatest corner of an object's box, (3,) metres, world frame.
+
+        Raises:
+            ValueError: no object has that name.
+        """
+        rows = self._solids[self._owner == name]
+        if not len(rows):
+            raise ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
+        kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3), rows[:, 14:17]
+        reach = np.abs(axes * half[:, :, None]).sum(axis=1)
+        # Round things reach less far than the boxes around them.
+        disc = half[:, :1] * np.hypot(axes[:, 0], axes[:, 1]) + np.abs(axes[:, 2]) * half[:, 2:]
+        reach[kind == CYLINDER] = disc[kind == CYLINDER]
+        reach[kind == SPHERE] = half[kind == SPHERE, :1]
+        return (rows[:, 2:5] - reach).min(axis=0), (rows[:, 2:5] + reach).max(axis=0)
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
         """What rays meet first, exact to float64 rounding.
