@@ -119,17 +119,18 @@ def _rising_root(quartic: Array, limit: Array) -> Array:
     """
     root = np.empty_like(limit)
     left = np.arange(limit.size)
-    t, low, high = 0.5 * limit, np.zeros_like(limit), limit
+    # Not far above the root of a camera that nearly touches the ball: t - value / slope would lose it.
+    t = np.where(quartic[1] > 0, np.minimum(-quartic[0] / quartic[1], 0.5 * limit), 0.5 * limit)
+    low, high = np.zeros_like(limit), limit
     for _ in range(_MOST_STEPS):
         c0, c1, c2, c3, c4 = quartic
         value = (((c4 * t + c3) * t + c2) * t + c1) * t + c0
         slope = ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
         below = value < 0
         low, high = np.where(below, t, low), np.where(below, high, t)
-        # t - value / slope, written so that a root far below t is not lost in the difference.
-        step = (((3 * c4 * t + 2 * c3) * t + c2) * t * t - c0) / slope
+        step = t - value / slope
         step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-        moving = np.abs(step - t) > 1e-11 * step  # Newton's next step would be the square of that
+        moving = np.abs(step - t) > 4e-16 * t
         t = step
         root[left] = t
         if 2 * np.count_nonzero(moving) <= left.size:
