@@ -55,7 +55,7 @@ def blend_weight(kind: int, scale: float, angle: float, points: Array, normals: 
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
         return np.asarray(0.5 + 0.5 * np.sin(2 * np.pi * ring))
     if name == "gradient":
-        return np.clip(p[:, 2] / scale, 0.0, 1.0)
+        return np.asarray(np.clip(p[:, 2] / scale, 0.0, 1.0))
     return np.zeros(len(points))
 
 

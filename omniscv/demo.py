@@ -26,6 +26,7 @@ POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
 
 _WIDE = {"width": 512, "height": 256}
 _ROUND = {"width": 384, "height": 384}
+_RINGS = {"width": 256, "height": 256}  # their captures grow with the rings
 _EVERY_MODEL: dict[str, dict[str, Any]] = {
     "equirectangular": _WIDE,
     "cylindrical": {**_WIDE, "fov_h_deg": 360, "fov_v_deg": 120},
@@ -42,8 +43,8 @@ _EVERY_MODEL: dict[str, dict[str, Any]] = {
     "catadioptric-parabolic": {**_ROUND, "semi_latus_rectum": 1.0, "focal": 150.0},
     "catadioptric-hyperbolic": {**_ROUND, "distance": 1.0, "semi_latus_rectum": 0.4},
     "catadioptric-planar": {**_ROUND, "fov_deg": 100},
-    "noncentral-conical-mirror": {**_ROUND, "half_angle_deg": 55.0, "distance": 0.3},
-    "noncentral-spherical-mirror": {**_ROUND, "mirror_radius": 0.3, "distance": 0.3},
+    "noncentral-conical-mirror": {**_RINGS, "half_angle_deg": 55.0, "distance": 0.3},
+    "noncentral-spherical-mirror": {**_RINGS, "mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280},
     "pinhole": {**_ROUND, "fov_deg": 90},
 }  # fmt: skip
 

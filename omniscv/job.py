@@ -19,7 +19,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,8 @@ from omniscv.compose import Composer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.output.trajectories import read_trajectory
-from omniscv.plan import Plan, make_plan
+from omniscv.plan import STRATEGIES, Plan, make_plan
+from omniscv.plan.cost import Cost, cost, measure_latency
 from omniscv.render import render
 
 _POSE_KEYS = {"position", "yaw_deg", "pitch_deg", "roll_deg"}
@@ -129,19 +130,35 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> list[Pa
     return written
 
 
-def capture(job: Job, source: Source, progress: Callable[[int, int], None] | None = None) -> int:
-    """Captures all that a job's images need, without composing them: for a recording source.
+def capture(job: Job, path: Path, progress: Callable[[int, int], None] | None = None) -> int:
+    """Captures all that a job's images need into a file, without composing them.
 
     Returns:
-        The number of captures.
+        The number of captures that the job needs.
     """
-    requests = dict.fromkeys(
-        Request(view, mode) for plan in job.plans(source) for view in plan.views() for mode in job.modes
-    )
-    for done, _ in enumerate(source.capture(requests), start=1):
-        if progress:
-            progress(done, len(requests))
+    with replace(job, record=path).open() as source:
+        source.objects()
+        requests = dict.fromkeys(
+            Request(view, mode) for plan in job.plans(source) for view in plan.views() for mode in job.modes
+        )
+        for done, _ in enumerate(source.capture(requests), start=1):
+            if progress:
+                progress(done, len(requests))
     return len(requests)
+
+
+def costs(job: Job) -> list[Cost]:
+    """What every strategy would ask of the job's source, side by side, without capturing anything."""
+    found = []
+    with open_source(job.source, **job.source_options) as source:
+        latency_s = measure_latency(source)
+        for strategy in STRATEGIES:
+            try:
+                plans = list(replace(job, strategy=strategy).plans(source))
+            except ArgumentError:
+                continue  # the source cannot do it
+            found.append(cost(strategy, plans, job.modes, latency_s))
+    return found
 
 
 def load(path: Path) -> Job:

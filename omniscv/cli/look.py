@@ -1,4 +1,4 @@
-"""Commands that look at something: cameras, plan, captures, doctor, chart."""
+"""Commands that look at something: cameras, plan, captures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import typer
 from rich.table import Table
 
 from omniscv.cli.progress import out as console
-from omniscv.cli.progress import progress_bar
 
 RecordFile = Annotated[Path, typer.Argument(metavar="FILE", help="A recorded file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON, for programs.")]
@@ -19,8 +18,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="As JSON, for programs.")]
 def add_to(app: typer.Typer) -> None:
     """Adds the commands."""
     app.command(epilog="Example: omniscv cameras fisheye-equisolid")(cameras)
-    app.command(epilog="Example: omniscv plan job.yaml --latency-ms 30")(plan)
-    app.command(epilog="Example: omniscv doctor unreal://localhost:9000 --json")(doctor)
+    app.command(epilog="Example: omniscv plan job.yaml")(plan)
     records = typer.Typer(
         help="Look into a recorded file, check it, turn it into folders and back.", no_args_is_help=True
     )
@@ -29,10 +27,6 @@ def add_to(app: typer.Typer) -> None:
     records.command(epilog="Example: omniscv captures export captures/four-wall.sqlite faces/")(export)
     records.command("import", epilog="Example: omniscv captures import faces/ mine.sqlite")(import_)
     app.add_typer(records, name="captures")
-    charts = typer.Typer(help="Measure speed and accuracy, and draw them.", no_args_is_help=True)
-    charts.command(epilog="Example: omniscv chart central --out docs/")(central)
-    charts.command(epilog="Example: omniscv chart noncentral --out docs/")(noncentral)
-    app.add_typer(charts, name="chart")
 
 
 def cameras(name: Annotated[str | None, typer.Argument(help="A model; all if not given.")] = None) -> None:
@@ -52,41 +46,21 @@ def cameras(name: Annotated[str | None, typer.Argument(help="A model; all if not
     console.print(table)
 
 
-def plan(
-    job: Annotated[Path, typer.Argument(metavar="JOB.yaml", help="A job.")],
-    latency_ms: Annotated[
-        float | None, typer.Option(help="Time of one request; measured on the source if not given.")
-    ] = None,
-) -> None:
+def plan(job: Annotated[Path, typer.Argument(metavar="JOB.yaml", help="A job.")]) -> None:
     """What a job would capture, for every strategy side by side, before it is run."""
     from omniscv.job import costs, load
 
-    table = Table(
-        "strategy", "views", "requests", "megapixels", "megabytes", "seconds", box=None, header_style="bold"
-    )
-    for row in costs(load(job), latency_ms):
-        table.add_row(*row)
-    console.print(table)
-
-
-def doctor(
-    uri: Annotated[str, typer.Argument(help="unreal://host:port or mock://room.")], as_json: AsJson = False
-) -> None:
-    """What a server is, and what would spoil captures there. Exit code 1 if something would."""
-    from omniscv.captures.unreal.doctor import doctor as examine
-
-    report = examine(uri)
-    if as_json:
-        console.print(json.dumps(report.to_dict(), indent=2), markup=False)
-    else:
-        table = Table(
-            "check", "found", "verdict", "cure", box=None, header_style="bold", padding=(0, 2, 0, 0)
+    table = Table("strategy", "views", "requests", "megapixels", "megabytes", "seconds", box=None)
+    for row in costs(load(job)):
+        table.add_row(
+            row.strategy,
+            str(row.views),
+            str(row.requests),
+            f"{row.pixels / 1e6:.2f}",
+            f"{row.bytes / 1e6:.1f}",
+            f"{row.seconds:.1f}",
         )
-        for row in report.rows:
-            color = {"ok": "green", "warn": "yellow"}.get(row.verdict, "red")
-            table.add_row(row.name, row.value, f"[{color}]{row.verdict}[/{color}]", row.cure)
-        console.print(table)
-    raise typer.Exit(0 if report.ok else 1)
+    console.print(table)
 
 
 def info(file: RecordFile, as_json: AsJson = False) -> None:
@@ -130,26 +104,3 @@ def import_(
     from omniscv.captures.transfer import import_folder
 
     console.print(f"{file}: {import_folder(folder, file)} captures", markup=False)
-
-
-Out = Annotated[Path, typer.Option("--out", help="Folder for the figure and its numbers.")]
-
-
-def central(out: Out = Path("out/chart")) -> None:
-    """Central cameras: time and error for filters, face sizes and models."""
-    from omniscv.chart.central import chart
-
-    with progress_bar("measurements") as progress:
-        files = chart(out, progress)
-    for path in files:
-        console.print(str(path), markup=False)
-
-
-def noncentral(out: Out = Path("out/chart")) -> None:
-    """Non-central cameras: requests, seconds and error for strategies and viewpoints."""
-    from omniscv.chart.noncentral import chart
-
-    with progress_bar("measurements") as progress:
-        files = chart(out, progress)
-    for path in files:
-        console.print(str(path), markup=False)

@@ -151,77 +151,60 @@ def render(
 
 def record(
     job: JobFile = None,
-    source: Annotated[
-        list[str] | None, typer.Option("--source", help="Where to capture; several share the work.")
-    ] = None,
+    source: SourceUri = "mock://four-wall",
     position: Annotated[
         list[str] | None, typer.Option("--position", help="X,Y,Z in metres; repeatable.")
     ] = None,
     face_size: FaceSize = "1024",
     modes: Modes = "lit,object_mask,depth",
     out: Annotated[Path, typer.Option("--out", help="The file to record into.")] = Path("capture.sqlite"),
-    launch: Annotated[
-        Path | None, typer.Option("--launch", help="A packaged game: started, captured from, and stopped.")
-    ] = None,
-    fix_exposure: Annotated[
-        bool, typer.Option("--fix-exposure", help="Switch off vignette, eye adaptation and the like first.")
-    ] = False,
-    overscan: Annotated[
-        float,
-        typer.Option("--overscan", help="Capture this much wider than 90 degrees and crop; 0.1 is 10 %."),
-    ] = 0.0,
 ) -> None:
     """Capture cube maps at positions (or all that a job needs) into a file; goes on where it stopped."""
-    from omniscv import captures
     from omniscv.job import capture, load
 
-    if launch is not None and source:
-        raise ArgumentError(f"--launch: expected no --source beside it, got {source[0]!r}")
     if job is not None:
         wanted = load(job)
     else:
-        where = [options.numbers("--position", text, 3) for text in position or ["0,0,1.5"]]
         edge = options.face_size(face_size)
-        size = f"{4 * edge}x{2 * edge}" if isinstance(edge, int) else "4096x2048"
+        width = 2 * edge if isinstance(edge, int) else 2048
         wanted = Job(
-            source=(source or ["mock://four-wall"])[0],
-            cameras={"cube": options.camera("equirectangular", size, None, [])},
-            poses=tuple(Pose.from_angles(xyz) for xyz in where),
+            source=source,
+            cameras={"cube": options.camera("equirectangular", f"{width}x{width // 2}", None, [])},
+            poses=tuple(
+                Pose.from_angles(options.numbers("--position", text, 3)) for text in position or ["0,0,1.5"]
+            ),
             out=out.parent,
             modes=options.modes(modes),
+            record=out,
             strategy="cube",
             face_size=edge,
         )
-    with captures.open_sources(
-        source or [wanted.source], launch=launch, fix_exposure=fix_exposure, overscan=overscan
-    ) as live:
-        recorder = captures.record(live, wanted.record or out)
-        with recorder, progress_bar("captures") as progress:
-            done = capture(wanted, recorder, progress)
+    with progress_bar("captures") as progress:
+        done = capture(wanted, wanted.record or out, progress)
     console.print(f"{wanted.record or out}: {done} captures", markup=False)
 
 
 def serve(
     scene: Annotated[str, typer.Argument(help="A room's name or a YAML file.")] = "four-wall",
     port: Annotated[int, typer.Option(help="0 takes any free port.")] = 9000,
-    dialect: Annotated[str, typer.Option(help="0.3.10, 1.x, M, N1 or N2.")] = "1.x",
+    dialect: Annotated[str, typer.Option(help="What the server speaks.")] = "1.x",
     latency_ms: Annotated[float, typer.Option(help="Added to every reply, as a live engine has.")] = 0.0,
     depth: Annotated[str, typer.Option(help="half, as real servers send it, or float32.")] = "half",
-    fault: Annotated[list[str] | None, typer.Option(help="A fault to inject; repeatable.")] = None,
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
 ) -> None:
     """The mock server: a room behind the UnrealCV protocol, for any client. Ctrl-C stops it."""
+    import threading
+
     import mock_server
 
     try:
-        mock_server.run(
-            scene,
-            port=port,
-            dialect=dialect,
-            latency_ms=latency_ms,
-            depth=depth,
-            faults=tuple(fault or ()),
-            host=host,
+        server = mock_server.serve(
+            scene, port=port, dialect=dialect, latency_ms=latency_ms, depth=depth, host=host
         )
     except ValueError as wrong:
         raise ArgumentError(str(wrong)) from wrong
+    with server:
+        console.print(
+            f"{server.scene.name} at {server.uri}, dialect {dialect}; Ctrl-C stops it", markup=False
+        )
+        threading.Event().wait()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from omniscv.output.image import OmniImage
 
 IMAGE_FORMATS = ("png", "jxl", "jpg")
+_NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 2]
 
 
@@ -104,6 +105,7 @@ def _openimageio(path: Path, pixels: NDArray[Any]) -> None:
     if channels == 1:
         spec.channelnames = ("Z",)
     spec.attribute("compression", {".exr": "zip", ".jxl": "lossless", ".jpg": "jpeg:95"}[path.suffix])
+    spec.attribute("DateTime", _NO_CLOCK)
     if path.suffix == ".jxl":
         spec.attribute("jpegxl:effort", 1)
         spec.attribute("jpegxl:distance", 0.0)

@@ -27,7 +27,7 @@ class Face:
 
     @classmethod
     def of(cls, edge: int, border_px: int) -> Face:
-        """A face of ``edge`` px for 90 degrees, ``border_px`` wider on every side at the same focal length."""
+        """A face of ``edge`` px for 90 degrees, ``border_px`` wider on every side, same focal length."""
         width = edge + 2 * border_px
         fov_deg = 90.0 if border_px == 0 else float(np.degrees(2 * np.arctan(width / edge)))
         return cls(width, width, fov_deg, border_px)
@@ -46,7 +46,9 @@ class Face:
         elif capabilities.image_size is not None:
             width, height = capabilities.image_size
         else:
-            raise ArgumentError("capabilities: expected the image_size of a source that cannot set it, got None")
+            raise ArgumentError(
+                "capabilities: expected the image_size of a source that cannot set it, got None"
+            )
         if capabilities.can_set_fov and height > 2 * border_px:
             # The shorter side must see 90 degrees and the border.
             tangent = height / (height - 2 * border_px) * width / height
@@ -64,7 +66,8 @@ class Face:
     def views(self, center_w: Array) -> tuple[View, ...]:
         """The six views at a centre."""
         return tuple(
-            View(Pose(center_w, R_w_c), self.fov_deg, self.width, self.height) for _, R_w_c in cube_rotations()
+            View(Pose(center_w, R_w_c), self.fov_deg, self.width, self.height)
+            for _, R_w_c in cube_rotations()
         )
 
 

@@ -112,10 +112,13 @@ def _faces(
 ) -> tuple[Station, ...]:
     stations = []
     for group in groups:
-        wanted = np.ones(6, dtype=bool) if every else faces_hit(group.rays_w)
-        chosen = tuple(view for view, hit in zip(views(group.center_w), wanted, strict=True) if hit)
-        stations.append(Station(group.center_w, chosen, group.pixels))
+        six = views(group.center_w)
+        stations.append(Station(group.center_w, six if every else _hit(six, group.rays_w), group.pixels))
     return tuple(stations)
+
+
+def _hit(six: tuple[View, ...], rays_w: Array) -> tuple[View, ...]:
+    return tuple(view for view, hit in zip(six, faces_hit(rays_w), strict=True) if hit)
 
 
 def _strips(groups: Sequence[Group], edge: int, border_px: int, min_size: int) -> tuple[Station, ...]:
@@ -130,6 +133,8 @@ def _strips(groups: Sequence[Group], edge: int, border_px: int, min_size: int) -
         views = strip_views(group.center_w, group.rays_w, focal_px, border_px, size)
         if views is None:
             hit = faces_hit(group.rays_w)
-            views = tuple(view for view, wanted in zip(face.views(group.center_w), hit, strict=True) if wanted)
+            views = tuple(
+                view for view, wanted in zip(face.views(group.center_w), hit, strict=True) if wanted
+            )
         stations.append(Station(group.center_w, views, group.pixels))
     return tuple(stations)

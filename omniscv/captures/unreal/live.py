@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 import time
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -18,6 +20,9 @@ _IMAGE = {
     "depth": ("depth npy", "npy planar cm"),
     "normal": ("normal png", "png normal"),
 }
+_BACKGROUND = (0, 0, 0)
+_EXACT = (135, 151, 167, 183, 199, 215, 231)
+
 _BATCH = 24
 """Requests under way at once: enough to hide latency, few enough that a fault repeats little."""
 
@@ -62,12 +67,28 @@ class UnrealSource(Source):
             yield from self._repeated(group)
 
     def objects(self) -> ObjectTable:
-        names = self._session.text("vget /objects").split()
-        replies = self._session.ask_all([f"vget /object/{name}/color" for name in names]) if names else []
-        return ObjectTable({name: _color(reply) for name, reply in zip(names, replies, strict=True)})
+        return ObjectTable(self._colors())
 
     def close(self) -> None:
         self._session.close()
+
+    def _separate_colors(self) -> None:
+        """Repaints objects whose mask colour is black, the background's, or another object's.
+
+        Every server gives one object black (protocol reference, section 5.1).
+        """
+        taken = {_BACKGROUND}
+        free = iter(_spare_colors())
+        for name, color in self._colors().items():
+            if color in taken:
+                color = next(spare for spare in free if spare not in taken)
+                self._session.text("vset /object/{}/color {} {} {}".format(name, *color))
+            taken.add(color)
+
+    def _colors(self) -> dict[str, tuple[int, int, int]]:
+        names = self._session.text("vget /objects").split()
+        replies = self._session.ask_all([f"vget /object/{name}/color" for name in names]) if names else []
+        return {name: _color(reply) for name, reply in zip(names, replies, strict=True)}
 
     def _start(self) -> None:
         """Finds out who answers, and spawns the camera."""
@@ -82,6 +103,7 @@ class UnrealSource(Source):
         self._session.text("vset /cameras/spawn")
         self._camera = before
         self._posed: View | None = None
+        self._separate_colors()
 
     def _repeated(self, group: list[Request]) -> list[Capture]:
         for attempt in range(self._retries + 1):
@@ -148,10 +170,13 @@ class UnrealSource(Source):
         return Capture(request, request.view, pixels, reply, encoding, provenance)
 
 
+def _spare_colors() -> Iterator[tuple[int, int, int]]:
+    """Colours far from each other, of channel values that every dialect shows exactly."""
+    return itertools.product(_EXACT, repeat=3)
+
+
 def _color(reply: Reply) -> tuple[int, int, int]:
     """``(R=127,G=63,B=255,A=255)`` as three numbers."""
-    import re
-
     found = re.fullmatch(r"\(R=(\d+),G=(\d+),B=(\d+),A=\d+\)", reply) if isinstance(reply, str) else None
     if found is None:
         raise BadReply(f"expected a colour such as (R=127,G=63,B=255,A=255), got {reply!r}")

@@ -39,7 +39,7 @@ class Session:
             connected = self._guarded(self._client.connect, timeout_s, "a greeting")
         except DeadlineExceeded as late:
             raise ConnectionFailed(
-                f"{self.address}: expected an UnrealCV server's greeting within {timeout_s:g} s, got silence; "
+                f"{self.address}: expected a greeting within {timeout_s:g} s, got silence; "
                 "is another client connected?"
             ) from late
         if not connected:
