@@ -50,7 +50,7 @@ def blend_weight(kind: int, scale: float, angle: float, points: Array, normals: 
     if name == "tiles":
         flat = np.abs(normals) < 0.5  # the two axes along the surface
         phase = np.abs((p / scale) % 1.0 - 0.5)
-        return ((phase > 0.5 - _LINE) & flat).any(axis=-1).astype(np.float64)
+        return np.asarray(((phase > 0.5 - _LINE) & flat).any(axis=-1), dtype=np.float64)
     if name == "wood":
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
         return np.asarray(0.5 + 0.5 * np.sin(2 * np.pi * ring))

@@ -8,9 +8,8 @@ import pytest
 from omniscv.cli import run
 
 COMMANDS = [
-    ["demo"], ["render"], ["record"], ["serve"], ["cameras"], ["plan"], ["doctor"],
+    ["demo"], ["render"], ["record"], ["serve"], ["cameras"], ["plan"],
     ["captures", "info"], ["captures", "verify"], ["captures", "export"], ["captures", "import"],
-    ["chart", "central"], ["chart", "noncentral"],
 ]  # fmt: skip
 
 
@@ -168,5 +167,5 @@ def test_a_job_renders_every_camera_at_every_pose(capsys, tmp_path):
     assert {f"{stem}-{i}.json" for stem in ("pano", "fish") for i in (0, 1)} <= names
     assert (tmp_path / "room.sqlite").exists()
     capsys.readouterr()
-    assert run(["plan", str(tmp_path / "job.yaml"), "--latency-ms", "5"]) == 0
+    assert run(["plan", str(tmp_path / "job.yaml")]) == 0
     assert "cube" in capsys.readouterr().out

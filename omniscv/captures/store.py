@@ -12,7 +12,7 @@ import sqlite3
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from omniscv.captures.decode import decode
 from omniscv.captures.source import ObjectTable
@@ -36,6 +36,19 @@ CREATE TABLE capture (
 );
 CREATE TABLE object (name TEXT PRIMARY KEY, red INTEGER, green INTEGER, blue INTEGER);
 """
+
+
+class Row(NamedTuple):
+    """A capture as it is stored: views and provenance as JSON, see the schema."""
+
+    key: str
+    mode: str
+    asked: str
+    captured: str
+    encoding: str
+    checksum: int
+    provenance: str
+    payload: bytes
 
 
 class Store:
@@ -118,6 +131,20 @@ class Store:
         for asked, found in self._query("SELECT asked, mode FROM capture ORDER BY rowid"):
             if mode in (None, found):
                 yield view_from_json(asked), found
+
+    def entries(self) -> Iterator[tuple[View, str, dict[str, Any]]]:
+        """Every (view that came, mode, provenance), without pixels."""
+        for captured, mode, provenance in self._query("SELECT captured, mode, provenance FROM capture"):
+            yield view_from_json(captured), mode, json.loads(provenance)
+
+    def rows(self) -> Iterator[Row]:
+        """Every capture as it is stored, unchecked, in the order of recording."""
+        for row in self._query(f"SELECT {', '.join(Row._fields)} FROM capture ORDER BY rowid"):
+            yield Row(*row)
+
+    def structural_faults(self) -> list[str]:
+        """What SQLite finds wrong with the file's own structure; nothing if it is sound."""
+        return [row[0] for row in self._query("PRAGMA integrity_check") if row[0] != "ok"]
 
     def get(self, request: Request) -> Capture | None:
         """The capture of a request; None if there is none.

@@ -65,7 +65,7 @@ def plan(job: Annotated[Path, typer.Argument(metavar="JOB.yaml", help="A job.")]
 
 def info(file: RecordFile, as_json: AsJson = False) -> None:
     """What a recorded file holds and where it came from."""
-    from omniscv.captures.store import info as look_into
+    from omniscv.captures.inspection import info as look_into
 
     summary = look_into(file).to_dict()
     if as_json:
@@ -81,7 +81,7 @@ def info(file: RecordFile, as_json: AsJson = False) -> None:
 
 def verify(file: RecordFile) -> None:
     """Check every capture in a recorded file against its checksum. Exit code 1 if one is damaged."""
-    from omniscv.captures.store import verify as check
+    from omniscv.captures.inspection import verify as check
 
     report = check(file)
     for line in report.lines():

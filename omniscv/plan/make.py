@@ -55,7 +55,7 @@ def make_plan(
         capabilities: what the source can do.
         strategy: ``cube``: six faces at every optical centre, as in the paper; ``faces``: only those
             that rays hit; ``strips``: views turned and narrowed to the rays of each centre; ``auto``: the
-            cheapest that the source can do, ``strips`` for non-central cameras and ``faces`` for others.
+            cheapest that the source can do, ``strips`` where there are several centres, ``faces`` at one.
         viewpoints: optical centres of a non-central camera; one per column or ring if not given.
         face_size: edge of a 90 degree face in px; ``auto``: see :mod:`omniscv.plan.sampling`.
         border_px: how much wider views are captured on every side; chosen if not given.
@@ -76,7 +76,7 @@ def make_plan(
     if strategy == "strips" and not free:
         raise ArgumentError("strategy: strips need a source that can set size and field of view; use 'faces'")
     groups = _groups(camera, pose, viewpoints)
-    if strategy == "strips" or (strategy == "auto" and free and not camera.central):
+    if strategy == "strips" or (strategy == "auto" and free and len(groups) > 1):
         border = STRIP_BORDER_PX if border_px is None else border_px
         plan = Plan(camera, pose, "strips", _strips(groups, edge, border, capabilities.min_size), border)
         if strategy == "strips" or recorded is None or set(plan.views()) <= set(recorded):

@@ -172,7 +172,7 @@ class UnrealSource(Source):
 
 def _spare_colors() -> Iterator[tuple[int, int, int]]:
     """Colours far from each other, of channel values that every dialect shows exactly."""
-    return itertools.product(_EXACT, repeat=3)
+    yield from itertools.product(_EXACT, _EXACT, _EXACT)
 
 
 def _color(reply: Reply) -> tuple[int, int, int]:
