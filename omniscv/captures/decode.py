@@ -18,10 +18,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.captures.view import View
+from omniscv.captures.view import MODES, View
 from omniscv.errors import BadReply
 
-ENCODINGS = ("png", "png normal", "npy planar cm", "npy ray m", "npy")
+_MODES = {
+    "png": ("lit", "object_mask"),
+    "png normal": ("normal",),
+    "npy planar cm": ("depth",),
+    "npy ray m": ("depth",),
+    "npy": MODES,
+}
+ENCODINGS = tuple(_MODES)
 
 SKY = 65504.0
 """The largest half float: what servers send where no surface is, in their unit."""
@@ -47,14 +54,15 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
     Raises:
         BadReply: the bytes are not what the encoding and the view say.
     """
+    if mode not in _MODES.get(encoding, ()):
+        known = ", ".join(name for name, modes in _MODES.items() if mode in modes)
+        raise BadReply(f"encoding of {mode}: expected one of {known}; got {encoding!r}")
     if encoding in ("png", "png normal"):
         pixels: NDArray[Any] = _png(payload, view)
         if encoding == "png normal":
             pixels = _normals(pixels)
-    elif encoding in ENCODINGS:
-        pixels = _npy(payload, encoding, mode, view)
     else:
-        raise BadReply(f"encoding: expected one of {', '.join(ENCODINGS)}; got {encoding!r}")
+        pixels = _npy(payload, encoding, mode, view)
     pixels.flags.writeable = False
     return pixels
 

@@ -6,28 +6,20 @@ from collections.abc import Callable, Sequence
 from itertools import islice
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras import Camera, Rays
+from omniscv.cameras import Camera
 from omniscv.captures.source import Source
 from omniscv.captures.view import Capture, Request, View
-from omniscv.compose.depth import sample_depth
+from omniscv.compose.grid import Grid, averaged
 from omniscv.compose.labels import labels_of
 from omniscv.compose.layers import Layers
-from omniscv.errors import ArgumentError, MissingCapture
+from omniscv.compose.maps import Maps
+from omniscv.errors import ArgumentError, BadReply, MissingCapture
 from omniscv.plan import Plan, Station
-from omniscv.plan.places import Places, locate
 
-FILTERS = ("auto", "nearest", "bilinear", "bicubic")
-_INTERPOLATION = {
-    "nearest": cv2.INTER_NEAREST,
-    "bilinear": cv2.INTER_LINEAR,
-    "bicubic": cv2.INTER_CUBIC,
-}
-_ROW = 1 << 14
-"""Pixels a row when a station's pixels are sampled as a list: remap wants both sides below 32767."""
+FILTERS = ("auto", "nearest", "bilinear", "bicubic", "area")
 
 Progress = Callable[[int, int], None]
 
@@ -37,7 +29,9 @@ class Composer:
 
     def __init__(self) -> None:
         self._camera: Camera | None = None
-        self._rays: Rays | None = None
+        self._grid: Grid | None = None
+        self._finer: Grid | None = None
+        self._maps: tuple[NDArray[np.float64], Maps] | None = None
 
     def compose(
         self,
@@ -54,56 +48,79 @@ class Composer:
             plan: the views and the pixels that they serve.
             source: where captures come from.
             modes: which layers; object_mask brings labels.
-            filter: one of ``FILTERS``, for lit and depth; masks are never blended.
+            filter: for lit, one of ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a pixel
+                spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
+                Masks are never blended; depth is interpolated on surfaces unless ``nearest``.
             progress: called with (captures done, captures in all).
 
         Raises:
             ArgumentError: an unknown filter.
+            BadReply: the captures of one centre differ in size or type.
             MissingCapture: a view that came does not see the rays it should.
             SourceError, RecordError: a capture could not be had.
         """
         if filter not in FILTERS:
             raise ArgumentError(f"filter: expected one of {', '.join(FILTERS)}; got {filter!r}")
-        rays = self._rays_of(plan.camera)
-        shape = rays.valid.shape
-        flat: dict[str, NDArray[Any]] = {}
-        centers_w = np.zeros((shape[0] * shape[1], 3)) if len(plan.stations) > 1 else None
-        directions = rays.directions.reshape(-1, 3)
+        grid = self._grid_of(plan.camera)
+        whole = len(plan.stations) == 1
+        canvas = _Canvas(grid, self._finer_grid, whole)
         captures = source.capture(
             Request(view, mode) for station in plan.stations for mode in modes for view in station.views
         )
         done, provenance = 0, {}
         for station in plan.stations:
-            if centers_w is not None:
-                centers_w[station.pixels] = station.center_w
-            directions_w = directions[station.pixels] @ plan.pose.R_w_c.T
-            kept: tuple[tuple[View, ...], Places] | None = None
+            maps: Maps | None = None
             for mode in modes:
                 faces = list(islice(captures, len(station.views)))
+                _same_kind(faces)
                 views = tuple(capture.view for capture in faces)
-                if kept is None or kept[0] != views:
-                    kept = views, _located(directions_w, views, station)
-                values = _sampled(mode, faces, kept[1], filter)
-                if mode not in flat:
-                    flat[mode] = np.zeros((shape[0] * shape[1], *values.shape[1:]), values.dtype)
-                flat[mode][station.pixels] = values
+                if maps is None or maps.views != views:
+                    maps = self._maps_of(plan, station, views, whole)
+                canvas.add(mode, station, maps, faces, filter)
                 provenance = faces[0].provenance
                 done += len(faces)
                 if progress:
                     progress(done, len(plan) * len(modes))
-        images = {mode: values.reshape(*shape, *values.shape[1:]) for mode, values in flat.items()}
-        return self._layers(plan, source, rays, images, centers_w, provenance)
+        return self._layers(plan, source, grid, canvas.images(), canvas.centers_w, provenance)
 
-    def _rays_of(self, camera: Camera) -> Rays:
-        if self._rays is None or self._camera != camera:
-            self._camera, self._rays = camera, camera.unproject()
-        return self._rays
+    def _grid_of(self, camera: Camera) -> Grid:
+        if self._grid is None or self._camera != camera:
+            self._camera, self._grid, self._finer, self._maps = camera, Grid.of(camera), None, None
+        return self._grid
+
+    def _finer_grid(self) -> Grid:
+        assert self._camera is not None
+        assert self._grid is not None
+        if self._finer is None:
+            self._finer = Grid.finer(self._camera, self._grid)
+        return self._finer
+
+    def _maps_of(self, plan: Plan, station: Station, views: tuple[View, ...], whole: bool) -> Maps:
+        """The maps of a station, kept from the image before where it has one and nothing changed.
+
+        Positions do not count: the same orientation and views around another centre have the same map.
+        """
+        assert self._grid is not None
+        kept = self._maps if whole else None
+        if kept is not None and np.array_equal(kept[0], plan.pose.R_w_c) and _alike(kept[1].views, views):
+            maps = kept[1]
+        else:
+            pixels = None if whole else station.pixels
+            maps = Maps(self._grid, self._finer_grid, plan.pose.R_w_c, views, pixels)
+            self._maps = (plan.pose.R_w_c, maps) if whole else None
+        wanted = station.pixels if whole else slice(None)
+        if (unseen := int(np.count_nonzero(maps.places.view[wanted] < 0))) > 0:
+            raise MissingCapture(
+                f"expected {len(views)} views at {station.center_w.round(4).tolist()} m to see all "
+                f"{len(station.pixels)} rays, but {unseen} are seen by none; capture with strategy 'cube'"
+            )
+        return maps
 
     @staticmethod
     def _layers(
         plan: Plan,
         source: Source,
-        rays: Rays,
+        grid: Grid,
         images: dict[str, NDArray[Any]],
         centers_w: NDArray[np.float64] | None,
         provenance: dict[str, Any],
@@ -113,14 +130,14 @@ class Composer:
         if (mask := images.get("object_mask")) is not None:
             objects = source.objects()
             labels, unknown = labels_of(mask, objects)
-            labels[~rays.valid] = 0
+            labels[~grid.valid] = 0
         normals = images.get("normal")
         if normals is not None:
             normals = (normals @ plan.pose.R_w_c).astype(np.float32)
-        shape = rays.valid.shape
+        shape = grid.valid.shape
         centers = plan.stations[0].center_w if plan.stations else plan.pose.t_w_c
         return Layers(
-            valid=rays.valid,
+            valid=grid.valid,
             centers_w=centers if centers_w is None else centers_w.reshape(*shape, 3),
             lit=images.get("lit"),
             object_mask=mask,
@@ -133,53 +150,78 @@ class Composer:
         )
 
 
-def _located(directions_w: NDArray[np.float64], views: Sequence[View], station: Station) -> Places:
-    places = locate(directions_w, views)
-    if (unseen := int(np.count_nonzero(places.view < 0))) > 0:
-        raise MissingCapture(
-            f"expected {len(views)} views at {station.center_w.round(4).tolist()} m to see all "
-            f"{len(places.view)} rays, but {unseen} are seen by none; capture with strategy 'cube'"
-        )
-    return places
+class _Canvas:
+    """The layers while they are filled, one optical centre after another."""
+
+    def __init__(self, grid: Grid, finer: Callable[[], Grid], whole: bool) -> None:
+        self._grid, self._finer, self._whole = grid, finer, whole
+        self._flat: dict[str, NDArray[Any]] = {}
+        self._averaged: dict[str, NDArray[np.bool_]] = {}
+        self.centers_w = None if whole else np.zeros((grid.valid.size, 3))
+
+    def add(self, mode: str, station: Station, maps: Maps, faces: Sequence[Capture], filter: str) -> None:
+        """Samples a mode along the rays of a station."""
+        if self.centers_w is not None:
+            self.centers_w[station.pixels] = station.center_w
+        pixels = [face.pixels for face in faces]
+        if mode == "depth":
+            self._put(mode, self._grid, station, maps.sample_depth(pixels, nearest=filter == "nearest"))
+        elif mode == "object_mask":
+            self._put(mode, self._grid, station, maps.sample("nearest", pixels))
+        elif mode == "normal":
+            self._put(mode, self._grid, station, _unit(maps.sample(_normal_filter(filter), pixels)))
+        else:
+            chosen = ("area" if maps.minifies else "bilinear") if filter == "auto" else filter
+            values = maps.sample(chosen, pixels)
+            if chosen != "area":
+                self._put(mode, self._grid, station, values)
+                return
+            finer = self._finer()
+            seen = self._averaged.setdefault(mode, np.zeros(finer.valid.size, dtype=bool))
+            self._put(mode, finer, station, values)
+            seen[self._rays_of(finer, station)] = maps.finer_places.view >= 0
+
+    def images(self) -> dict[str, NDArray[Any]]:
+        """The layers, (H, W, ...)."""
+        images = {}
+        for mode, values in self._flat.items():
+            shape = (self._finer() if mode in self._averaged else self._grid).valid.shape
+            image = values.reshape(*shape, *values.shape[1:])
+            if mode in self._averaged:
+                image = averaged(image, self._averaged[mode].reshape(shape))
+            images[mode] = image
+        return images
+
+    def _rays_of(self, grid: Grid, station: Station) -> Any:
+        return slice(None) if self._whole else grid.pixels(station.pixels, self._grid.valid.shape[1])
+
+    def _put(self, mode: str, grid: Grid, station: Station, values: NDArray[Any]) -> None:
+        if self._whole:
+            self._flat[mode] = values
+            return
+        if mode not in self._flat:
+            self._flat[mode] = np.zeros((grid.valid.size, *values.shape[1:]), values.dtype)
+        self._flat[mode][self._rays_of(grid, station)] = values
 
 
-def _sampled(mode: str, faces: Sequence[Capture], places: Places, filter: str) -> NDArray[Any]:
-    """(N, ...) values at places."""
-    rows, columns = faces[0].pixels.shape[:2]
-    atlas = np.concatenate([face.pixels for face in faces])
-    if mode == "depth":
-        focal = np.array([face.view.focal_px for face in faces])
-        return sample_depth(atlas, rows, *places, columns / 2, rows / 2, focal, nearest=filter == "nearest")
-    interpolation = cv2.INTER_NEAREST if mode == "object_mask" else _INTERPOLATION[_filter_of(filter)]
-    values = _remap(atlas, places, rows, interpolation)
-    if mode == "normal":
-        length = np.linalg.norm(values, axis=-1, keepdims=True)
-        values = np.divide(values, length, out=np.zeros_like(values), where=length > 0.5)
-    return values
-
-
-def _filter_of(filter: str) -> str:
-    return "bilinear" if filter == "auto" else filter
-
-
-def _remap(atlas: NDArray[Any], places: Places, rows: int, interpolation: int) -> NDArray[Any]:
-    """cv2.remap of a list of places, folded into rows."""
-    count = len(places.x)
-    height = -(-count // _ROW)
-    x, y = np.zeros(height * _ROW, np.float32), np.zeros(height * _ROW, np.float32)
-    if interpolation == cv2.INTER_NEAREST:
-        # The pixel that the place lies in; remap's own rounding ties to even.
-        x[:count] = np.clip(np.floor(places.x), 0, atlas.shape[1] - 1)
-        y[:count] = np.clip(np.floor(places.y), 0, rows - 1)
-    else:
-        x[:count] = places.x - np.float32(0.5)
-        y[:count] = places.y - np.float32(0.5)
-    y[:count] += places.view * np.float32(rows)
-    out = cv2.remap(
-        atlas,
-        x.reshape(height, _ROW),
-        y.reshape(height, _ROW),
-        interpolation,
-        borderMode=cv2.BORDER_REPLICATE,
+def _alike(a: Sequence[View], b: Sequence[View]) -> bool:
+    """Whether views differ in nothing but their position."""
+    return len(a) == len(b) and all(
+        x.key()[:2] + x.key()[5:] == y.key()[:2] + y.key()[5:] for x, y in zip(a, b, strict=True)
     )
-    return np.asarray(out.reshape(height * _ROW, *atlas.shape[2:])[:count])
+
+
+def _same_kind(faces: Sequence[Capture]) -> None:
+    kinds = {(face.pixels.shape, face.pixels.dtype.name) for face in faces}
+    if len(kinds) != 1:
+        raise BadReply(f"expected captures of one size and type at a centre, got {sorted(kinds)}")
+
+
+def _normal_filter(filter: str) -> str:
+    return filter if filter in ("nearest", "bicubic") else "bilinear"
+
+
+def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Directions again; 0 where unknown surroundings outweigh the known."""
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.asarray(np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.5))

@@ -6,9 +6,14 @@ edge of an object it would put points in the air: there the nearest pixel's own 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from omniscv.parallel import blocks
+from omniscv.plan.places import Places
 
 _STEP_M = 0.004
 _STEP_RELATIVE = 0.001
@@ -17,38 +22,41 @@ phantom would be seen by (2 cm), more than half floats jump (0.05 %)."""
 
 
 def sample_depth(
-    atlas: NDArray[np.float32],
-    rows: int,
-    view: NDArray[np.int16],
-    x: NDArray[np.float32],
-    y: NDArray[np.float32],
+    faces: Sequence[NDArray[np.float32]],
+    places: Places,
     half_width: float,
     half_height: float,
     focal: NDArray[np.float64],
     nearest: bool,
 ) -> NDArray[np.float32]:
-    """Distance along the ray at continuous places.
+    """Distance along the ray at places.
 
     Args:
-        atlas: (V * rows, W) planar metres, +inf where there is no surface; views one below another.
-        rows: height of a view.
-        view, x, y: (N,) places as :class:`omniscv.plan.places.Places`.
-        half_width, half_height: the principal point.
+        faces: (h, w) planar metres of each view, +inf where there is no surface.
+        places: (N,) where rays lie.
+        half_width, half_height: the principal point, px.
         focal: (V,) px.
         nearest: take the nearest pixel's plane everywhere.
 
     Returns:
-        (N,) float32 metres along the ray; 0 where view is -1.
+        (N,) float32 metres along the ray; 0 where no view sees it.
     """
-    out = np.empty(len(view), np.float32)
-    _sample(atlas, rows, view, x, y, half_width, half_height, focal, nearest, out)
+    stack = np.stack(faces)
+    out = np.empty(len(places.view), np.float32)
+
+    def part(rows: slice) -> None:
+        _sample(
+            stack, places.view[rows], places.x[rows], places.y[rows], half_width, half_height, focal, nearest,
+            out[rows],
+        )  # fmt: skip
+
+    blocks(part, len(out))
     return out
 
 
 @njit(cache=True, nogil=True)
 def _sample(
-    atlas: NDArray[np.float32],
-    rows: int,
+    stack: NDArray[np.float32],
     view: NDArray[np.int16],
     x: NDArray[np.float32],
     y: NDArray[np.float32],
@@ -58,38 +66,37 @@ def _sample(
     nearest: bool,
     out: NDArray[np.float32],
 ) -> None:
-    width = atlas.shape[1]
+    height, width = stack.shape[1], stack.shape[2]
     for i in range(view.shape[0]):
         k = view[i]
         if k < 0:
             out[i] = 0.0
             continue
+        face = stack[k]
         px, py = x[i] - 0.5, y[i] - 0.5
-        top = k * rows
         z = 0.0
         c, r = int(np.floor(px)), int(np.floor(py))
-        if not nearest and 1 <= c < width - 2 and 1 <= r < rows - 2 and _one_surface(atlas, top + r, c):
+        if not nearest and 1 <= c < width - 2 and 1 <= r < height - 2 and _one_surface(face, r, c):
             a, b = px - c, py - r
-            t = top + r
-            inverse = (1 - b) * ((1 - a) / atlas[t, c] + a / atlas[t, c + 1]) + b * (
-                (1 - a) / atlas[t + 1, c] + a / atlas[t + 1, c + 1]
+            inverse = (1 - b) * ((1 - a) / face[r, c] + a / face[r, c + 1]) + b * (
+                (1 - a) / face[r + 1, c] + a / face[r + 1, c + 1]
             )
             z = 1.0 / inverse
         else:
             c = min(max(int(np.floor(x[i])), 0), width - 1)
-            r = min(max(int(np.floor(y[i])), 0), rows - 1)
-            z = atlas[top + r, c]
+            r = min(max(int(np.floor(y[i])), 0), height - 1)
+            z = face[r, c]
         u, v = (x[i] - half_width) / focal[k], (y[i] - half_height) / focal[k]
         out[i] = z * np.sqrt(1.0 + u * u + v * v)
 
 
 @njit(cache=True, nogil=True)
-def _one_surface(atlas: NDArray[np.float32], r: int, c: int) -> bool:
+def _one_surface(face: NDArray[np.float32], r: int, c: int) -> bool:
     """Whether the 2 x 2 pixels at (r, c) belong to one smooth surface."""
     for j in range(2):
-        if not _continues(atlas[r + j, c - 1], atlas[r + j, c], atlas[r + j, c + 1], atlas[r + j, c + 2]):
+        if not _continues(face[r + j, c - 1], face[r + j, c], face[r + j, c + 1], face[r + j, c + 2]):
             return False
-        if not _continues(atlas[r - 1, c + j], atlas[r, c + j], atlas[r + 1, c + j], atlas[r + 2, c + j]):
+        if not _continues(face[r - 1, c + j], face[r, c + j], face[r + 1, c + j], face[r + 2, c + j]):
             return False
     return True
 

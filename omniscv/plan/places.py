@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -11,52 +11,68 @@ from numpy.typing import NDArray
 
 from omniscv.captures.view import View
 from omniscv.geometry import Array
+from omniscv.parallel import blocks
 
 
-class Places(NamedTuple):
-    """For each ray: the view that sees it most centrally, -1 for none, and the continuous pixel there."""
+@dataclass(frozen=True, eq=False)
+class Places:
+    """For each ray: the view that sees it most centrally, and the continuous pixel there.
+
+    Attributes:
+        view: (N,) int16, -1 where no view sees the ray.
+        x, y: (N,) float32 px in that view; pixel centres lie at .5.
+        margin: the least distance of a place from its view's edges, px; infinite if there are none.
+    """
 
     view: NDArray[np.int16]
     x: NDArray[np.float32]
     y: NDArray[np.float32]
+    margin: float
 
 
-def locate(directions_w: Array, views: Sequence[View]) -> Places:
+def locate(directions: Array, views: Sequence[View], R_w_d: Array | None = None) -> Places:
     """The view and place that serve each ray from the views' common centre.
 
     Args:
-        directions_w: (N, 3) world frame, any length; NaN rays get view -1.
+        directions: (N, 3), any length; NaN rays get view -1.
         views: at least one; they share their centre and size.
+        R_w_d: (3, 3) from the frame of the directions to the world; they are world vectors if not given.
 
     Returns:
-        Places of shape (N,); pixel centres lie at .5.
+        Places of shape (N,).
     """
-    count = len(directions_w)
+    count = len(directions)
     view, x, y = np.empty(count, np.int16), np.empty(count, np.float32), np.empty(count, np.float32)
-    R_c_w = np.ascontiguousarray([v.pose.R_w_c.T for v in views])
+    R_w_d = np.eye(3) if R_w_d is None else R_w_d
+    R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ R_w_d for v in views])
     focal = np.array([v.focal_px for v in views])
-    _locate(
-        np.ascontiguousarray(directions_w), R_c_w, focal, views[0].width / 2, views[0].height / 2, view, x, y
-    )
-    return Places(view, x, y)
+    half_width, half_height = views[0].width / 2, views[0].height / 2
+
+    def part(rows: slice) -> float:
+        return float(
+            _locate(directions[rows], R_c_d, focal, half_width, half_height, view[rows], x[rows], y[rows])
+        )
+
+    return Places(view, x, y, min(blocks(part, count), default=np.inf))
 
 
 @njit(cache=True, nogil=True)
 def _locate(
     directions: Array,
-    R_c_w: Array,
+    R_c_d: Array,
     focal: Array,
     half_width: float,
     half_height: float,
     view: NDArray[np.int16],
     x: NDArray[np.float32],
     y: NDArray[np.float32],
-) -> None:
+) -> float:
+    margin = np.inf
     for i in range(directions.shape[0]):
         a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
         best, which, best_u, best_v = 1.0 + 1e-9, -1, 0.0, 0.0
-        for k in range(R_c_w.shape[0]):
-            R = R_c_w[k]
+        for k in range(R_c_d.shape[0]):
+            R = R_c_d[k]
             z = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
             if not z > 0.0:
                 continue
@@ -66,3 +82,6 @@ def _locate(
             if off < best:
                 best, which, best_u, best_v = off, k, u, v
         view[i], x[i], y[i] = which, best_u + half_width, best_v + half_height
+        if which >= 0:
+            margin = min(margin, half_width - abs(best_u), half_height - abs(best_v))
+    return margin

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, Rays
+from omniscv.geometry import Array
 
 _QUANTILE = 0.98
 _MULTIPLE = 8
 SMALLEST, LARGEST = 16, 8192
 
 
-def density(camera: Camera) -> float:
-    """Pixels per radian where the camera samples finely: the 98th percentile over its valid pixels.
+def steps(rays: Rays) -> Array:
+    """(H, W) angle in radians from each pixel's ray to the next one's, along the coarser of the two axes.
 
-    A pixel counts with the coarser of its two axes: near the poles of a panorama columns crowd, but
-    rows, and so detail, do not.
+    NaN where a pixel has no valid neighbour. Near the poles of a panorama columns crowd, but rows, and so
+    detail, do not: hence the coarser.
     """
-    rays = camera.unproject()
-    steps = []
+    found = []
     for axis in (0, 1):
-        a, b = np.moveaxis(rays.directions, axis, 0)[:-1], np.moveaxis(rays.directions, axis, 0)[1:]
-        angle = 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=-1) / 2, 0, 1))
-        full = np.full(rays.valid.shape, np.nan)
-        np.moveaxis(full, axis, 0)[:-1] = angle
-        steps.append(full)
-    coarser = np.fmax(*steps)
+        lines = np.moveaxis(rays.directions, axis, 0)
+        angle = np.full(lines.shape[:-1], np.nan)
+        if len(lines) > 1:
+            angle[:-1] = 2 * np.arcsin(np.clip(np.linalg.norm(lines[1:] - lines[:-1], axis=-1) / 2, 0, 1))
+            angle[-1] = angle[-2]
+        found.append(np.moveaxis(angle, 0, axis))
+    return np.asarray(np.fmax(*found))
+
+
+def density(camera: Camera) -> float:
+    """Pixels per radian where the camera samples finely: the 98th percentile over its valid pixels."""
+    coarser = steps(camera.unproject())
     coarser = coarser[np.isfinite(coarser) & (coarser > 0)]
     if coarser.size == 0:
         return SMALLEST / 2

@@ -1,0 +1,23 @@
+"""A small recording of the four-wall room, made once."""
+
+import pytest
+from faces import face_requests
+
+import omniscv
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "room.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        source.objects()
+        list(source.capture(face_requests()))
+    return path
+
+
+@pytest.fixture
+def copy(recorded, tmp_path):
+    """A copy that a test may spoil."""
+    path = tmp_path / "copy.sqlite"
+    path.write_bytes(recorded.read_bytes())
+    return path
