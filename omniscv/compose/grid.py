@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from omniscv.cameras import Camera
 from omniscv.geometry import Array
 from omniscv.plan import sampling
+from omniscv.plan.groups import rays_of
 
 _KERNEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
 """cv2.pyrDown's."""
@@ -35,7 +36,7 @@ class Grid:
     @classmethod
     def of(cls, camera: Camera) -> Grid:
         """One ray a pixel."""
-        rays = camera.unproject()
+        rays = rays_of(camera)
         steps = np.nan_to_num(sampling.steps(rays)).astype(np.float32)
         return cls(rays.directions, rays.valid, steps, fine=False)
 

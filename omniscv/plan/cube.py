@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from omniscv.captures.source import Capabilities
 from omniscv.captures.view import View
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.parallel import blocks
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,35 @@ class Face:
         )
 
 
-def faces_hit(directions_w: Array) -> NDArray[np.bool_]:
-    """(6,) the faces that rays hit, in the order of :meth:`Face.views`."""
-    seen = [(directions_w @ R_w_c).T for _, R_w_c in cube_rotations()]
-    return np.array([bool((z * (1 + 1e-9) >= np.maximum(abs(x), abs(y))).any()) for x, y, z in seen])
+def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
+    """(6,) the faces that rays hit, in the order of :meth:`Face.views`; rays on an edge hit both sides.
+
+    Args:
+        directions: (N, 3) in a frame d.
+        R_w_d: (3, 3) from that frame to the world.
+    """
+    axes_w = np.array([R_w_c[:, 2] for _, R_w_c in cube_rotations()])
+
+    def part(rows: slice) -> NDArray[np.bool_]:
+        return np.asarray(_faces_hit(directions[rows], np.ascontiguousarray(axes_w @ R_w_d)))
+
+    return np.asarray(np.any(blocks(part, len(directions)), axis=0))
+
+
+@njit(cache=True, nogil=True)
+def _faces_hit(directions: Array, axes_d: Array) -> NDArray[np.bool_]:
+    hit = np.zeros(6, np.bool_)
+    along = np.empty(6)
+    for i in range(directions.shape[0]):
+        most = 0.0
+        for k in range(6):
+            along[k] = (
+                directions[i, 0] * axes_d[k, 0]
+                + directions[i, 1] * axes_d[k, 1]
+                + directions[i, 2] * axes_d[k, 2]
+            )
+            most = max(most, along[k])
+        for k in range(6):
+            if along[k] > 0.0 and along[k] * (1.0 + 1e-9) >= most:
+                hit[k] = True
+    return hit

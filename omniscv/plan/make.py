@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
 from omniscv.captures.source import Capabilities
@@ -16,6 +12,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.plan import sampling
 from omniscv.plan.base import Plan, Station
 from omniscv.plan.cube import Face, faces_hit
+from omniscv.plan.groups import Group, pixel_groups
 from omniscv.plan.recorded import RecordedFaces
 from omniscv.plan.strips import strip_size, strip_views
 
@@ -26,15 +23,6 @@ FACE_BORDER_PX = 4
 
 STRIP_BORDER_PX = 2
 """What the widest filter reaches beyond a ray's place: a strip's rays run through its middle."""
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """The pixels that share an optical centre: flat indices, and their rays."""
-
-    center_w: Array
-    pixels: NDArray[np.int64]
-    rays_w: Array
 
 
 def make_plan(
@@ -75,29 +63,17 @@ def make_plan(
     free = capabilities.can_set_size and capabilities.can_set_fov
     if strategy == "strips" and not free:
         raise ArgumentError("strategy: strips need a source that can set size and field of view; use 'faces'")
-    groups = _groups(camera, pose, viewpoints)
+    groups = pixel_groups(camera, viewpoints)
     if strategy == "strips" or (strategy == "auto" and free and len(groups) > 1):
         border = STRIP_BORDER_PX if border_px is None else border_px
-        plan = Plan(camera, pose, "strips", _strips(groups, edge, border, capabilities.min_size), border)
+        plan = Plan(
+            camera, pose, "strips", _strips(groups, pose, edge, border, capabilities.min_size), border
+        )
         if strategy == "strips" or recorded is None or set(plan.views()) <= set(recorded):
             return plan
     face = Face.on(capabilities, edge, FACE_BORDER_PX if border_px is None else border_px)
-    stations = _faces(groups, _views(face, recorded), every=strategy == "cube")
+    stations = _faces(groups, pose, _views(face, recorded), every=strategy == "cube")
     return Plan(camera, pose, "cube" if strategy == "cube" else "faces", stations, face.border_px)
-
-
-def _groups(camera: Camera, pose: Pose, viewpoints: int | None) -> list[Group]:
-    """The valid pixels by optical centre; centres that serve none are left out."""
-    shared = camera.viewpoints(viewpoints)
-    order = np.argsort(shared.index, axis=None, kind="stable")
-    starts = np.searchsorted(shared.index.ravel()[order], np.arange(len(shared.centers) + 1))
-    directions = camera.unproject().directions.reshape(-1, 3)
-    groups = []
-    for center_c, start, end in zip(shared.centers, starts[:-1], starts[1:], strict=True):
-        if end > start:
-            pixels = order[start:end]
-            groups.append(Group(pose.to_world(center_c), pixels, directions[pixels] @ pose.R_w_c.T))
-    return groups
 
 
 def _views(face: Face, recorded: Sequence[View] | None) -> Callable[[Array], tuple[View, ...]]:
@@ -108,33 +84,35 @@ def _views(face: Face, recorded: Sequence[View] | None) -> Callable[[Array], tup
 
 
 def _faces(
-    groups: Sequence[Group], views: Callable[[Array], tuple[View, ...]], every: bool
+    groups: Sequence[Group], pose: Pose, views: Callable[[Array], tuple[View, ...]], every: bool
 ) -> tuple[Station, ...]:
     stations = []
     for group in groups:
-        six = views(group.center_w)
-        stations.append(Station(group.center_w, six if every else _hit(six, group.rays_w), group.pixels))
+        center_w = pose.to_world(group.center_c)
+        chosen = six = views(center_w)
+        if not every:
+            hit = faces_hit(group.directions, pose.R_w_c)
+            chosen = tuple(view for view, wanted in zip(six, hit, strict=True) if wanted)
+        stations.append(Station(center_w, chosen, group.pixels))
     return tuple(stations)
 
 
-def _hit(six: tuple[View, ...], rays_w: Array) -> tuple[View, ...]:
-    return tuple(view for view, hit in zip(six, faces_hit(rays_w), strict=True) if hit)
-
-
-def _strips(groups: Sequence[Group], edge: int, border_px: int, min_size: int) -> tuple[Station, ...]:
+def _strips(
+    groups: Sequence[Group], pose: Pose, edge: int, border_px: int, min_size: int
+) -> tuple[Station, ...]:
     """Strips at every centre; where rays fit none, as those of a whole sphere do, faces."""
     if not groups:
         return ()
     focal_px = edge / 2
-    size = strip_size([group.rays_w for group in groups], focal_px, border_px, min_size)
+    rays_w = [group.directions @ pose.R_w_c.T for group in groups]
+    size = strip_size(rays_w, focal_px, border_px, min_size)
     face = Face.of(edge, border_px)
     stations = []
-    for group in groups:
-        views = strip_views(group.center_w, group.rays_w, focal_px, border_px, size)
+    for group, rays in zip(groups, rays_w, strict=True):
+        center_w = pose.to_world(group.center_c)
+        views = strip_views(center_w, rays, focal_px, border_px, size)
         if views is None:
-            hit = faces_hit(group.rays_w)
-            views = tuple(
-                view for view, wanted in zip(face.views(group.center_w), hit, strict=True) if wanted
-            )
-        stations.append(Station(group.center_w, views, group.pixels))
+            hit = faces_hit(group.directions, pose.R_w_c)
+            views = tuple(view for view, wanted in zip(face.views(center_w), hit, strict=True) if wanted)
+        stations.append(Station(center_w, views, group.pixels))
     return tuple(stations)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from omniscv.cameras import Camera, Rays
 from omniscv.geometry import Array
+from omniscv.plan.groups import rays_of
 
 _QUANTILE = 0.98
 _MULTIPLE = 8
@@ -31,13 +34,14 @@ def steps(rays: Rays) -> Array:
 
 def density(camera: Camera) -> float:
     """Pixels per radian where the camera samples finely: the 98th percentile over its valid pixels."""
-    coarser = steps(camera.unproject())
+    coarser = steps(rays_of(camera))
     coarser = coarser[np.isfinite(coarser) & (coarser > 0)]
     if coarser.size == 0:
         return SMALLEST / 2
     return float(1 / np.quantile(coarser, 1 - _QUANTILE))
 
 
+@lru_cache(maxsize=8)
 def face_size(camera: Camera) -> int:
     """Edge in px of the smallest 90 degree face that loses no detail against the camera's own sampling.
 
