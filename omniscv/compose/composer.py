@@ -63,7 +63,9 @@ class Composer:
             raise ArgumentError(f"filter: expected one of {', '.join(FILTERS)}; got {filter!r}")
         grid = self._grid_of(plan.camera)
         whole = len(plan.stations) == 1
-        canvas = _Canvas(grid, self._finer_grid, whole)
+        if filter == "auto" and "lit" in modes and plan.stations:
+            filter = self._chosen(plan, whole)
+        canvas = _Canvas(grid, self._finer_grid, whole, filter)
         captures = source.capture(
             Request(view, mode) for station in plan.stations for mode in modes for view in station.views
         )
@@ -76,12 +78,17 @@ class Composer:
                 views = tuple(capture.view for capture in faces)
                 if maps is None or maps.views != views:
                     maps = self._maps_of(plan, station, views, whole)
-                canvas.add(mode, station, maps, faces, filter)
+                canvas.add(mode, station, maps, faces)
                 provenance = faces[0].provenance
                 done += len(faces)
                 if progress:
                     progress(done, len(plan) * len(modes))
         return self._layers(plan, source, grid, canvas.images(), canvas.centers_w, provenance)
+
+    def _chosen(self, plan: Plan, whole: bool) -> str:
+        """The filter for lit, one for the whole image: what its middle station asks for."""
+        station = plan.stations[len(plan.stations) // 2]
+        return "area" if self._maps_of(plan, station, station.views, whole).minifies else "bilinear"
 
     def _grid_of(self, camera: Camera) -> Grid:
         if self._grid is None or self._camera != camera:
@@ -153,17 +160,17 @@ class Composer:
 class _Canvas:
     """The layers while they are filled, one optical centre after another."""
 
-    def __init__(self, grid: Grid, finer: Callable[[], Grid], whole: bool) -> None:
-        self._grid, self._finer, self._whole = grid, finer, whole
+    def __init__(self, grid: Grid, finer: Callable[[], Grid], whole: bool, filter: str) -> None:
+        self._grid, self._finer, self._whole, self._filter = grid, finer, whole, filter
         self._flat: dict[str, NDArray[Any]] = {}
         self._averaged: dict[str, NDArray[np.bool_]] = {}
         self.centers_w = None if whole else np.zeros((grid.valid.size, 3))
 
-    def add(self, mode: str, station: Station, maps: Maps, faces: Sequence[Capture], filter: str) -> None:
+    def add(self, mode: str, station: Station, maps: Maps, faces: Sequence[Capture]) -> None:
         """Samples a mode along the rays of a station."""
         if self.centers_w is not None:
             self.centers_w[station.pixels] = station.center_w
-        pixels = [face.pixels for face in faces]
+        pixels, filter = [face.pixels for face in faces], self._filter
         if mode == "depth":
             self._put(mode, self._grid, station, maps.sample_depth(pixels, nearest=filter == "nearest"))
         elif mode == "object_mask":
@@ -171,9 +178,8 @@ class _Canvas:
         elif mode == "normal":
             self._put(mode, self._grid, station, _unit(maps.sample(_normal_filter(filter), pixels)))
         else:
-            chosen = ("area" if maps.minifies else "bilinear") if filter == "auto" else filter
-            values = maps.sample(chosen, pixels)
-            if chosen != "area":
+            values = maps.sample(filter, pixels)
+            if filter != "area":
                 self._put(mode, self._grid, station, values)
                 return
             finer = self._finer()
