@@ -2,12 +2,15 @@
 
 For averaging, the picture also holds the views reduced to half, a quarter, ...: level 0, 1, 2, ...
 Around each view can lie a border, resampled from the neighbouring views, for filters to reach into.
+Reduction is Burt and Adelson's (The Laplacian pyramid as a compact image code, 1983): the centre of a
+level's first pixel is that of the level before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -43,68 +46,62 @@ class Level:
     corners: NDArray[np.int64]
     border: Border | None
 
+    def slot(self, picture: NDArray[Any], view: int, beyond: int = 0) -> NDArray[Any]:
+        """A view's own pixels in the atlas, and so many beyond its edges."""
+        x, y = self.corners[view] - beyond
+        return picture[y : y + self.height + 2 * beyond, x : x + self.width + 2 * beyond]
 
-@dataclass(eq=False)
+
 class Atlas:
     """A layout, and the last picture laid out in it.
 
     Args:
         views: all of one size.
-        levels: which reductions it holds: ``range(1)`` for the views alone.
-        bordered: whether level 0 gets a border too; reduced ones always do.
+        levels: how many reductions it holds: 1 for the views alone.
+        bordered: whether views get a border; with reductions they always do.
+        bicubic: whether it is for that filter, which asks more of a border.
 
     Raises:
         ArgumentError: more or larger views than fit.
     """
 
-    views: Sequence[View]
-    levels: range
-    bordered: bool
-    _shape: tuple[int, int] = field(init=False)
-    _placed: list[Level] = field(init=False)
-    _picture: NDArray[Any] | None = field(init=False, default=None)
-
-    def __post_init__(self) -> None:
-        self._placed, top, right = [], 0, 0
-        for level in self.levels:
-            bordered = self.bordered or level > 0
-            width, height = reduced_size(self.views[0], level)
-            pad = REACH if bordered else 0
+    def __init__(self, views: Sequence[View], levels: int, bordered: bool, bicubic: bool) -> None:
+        self._view, self._count = views[0], len(views)
+        pad = REACH if bordered or levels > 1 else 0
+        self._levels: list[Level] = []
+        top = right = 0
+        for level in range(levels):
+            width, height = reduced_size(views[0], level)
             slot = np.array([width + 2 * pad, height + 2 * pad])
-            columns = max(1, min(int(np.ceil(np.sqrt(len(self.views)))), _LIMIT // int(slot[0])))
-            at = np.array([divmod(i, columns)[::-1] for i in range(len(self.views))])
-            corners = at * slot + (pad, pad + top)
-            border = Border(self.views, width, height) if bordered else None
-            self._placed.append(Level(width, height, corners, border))
-            top += int(slot[1]) * -(-len(self.views) // columns)
-            right = max(right, int(slot[0]) * min(columns, len(self.views)))
+            columns = max(1, min(int(np.ceil(np.sqrt(len(views)))), _LIMIT // int(slot[0])))
+            at = np.array([divmod(i, columns)[::-1] for i in range(len(views))])
+            border = Border(views, width, height, 1 / 2**level, bicubic) if pad else None
+            self._levels.append(Level(width, height, at * slot + (pad, pad + top), border))
+            top += int(slot[1]) * -(-len(views) // columns)
+            right = max(right, int(slot[0]) * min(columns, len(views)))
         if max(top, right) > _LIMIT:
             raise ArgumentError(
-                f"faces: expected {len(self.views)} views that fit into {_LIMIT} x {_LIMIT} px, got "
-                f"{self.views[0].width} x {self.views[0].height} each"
+                f"faces: expected {len(views)} views that fit into {_LIMIT} x {_LIMIT} px, got "
+                f"{views[0].width} x {views[0].height} each"
             )
         self._shape = top, right
+        self._picture: NDArray[Any] | None = None
 
     def lay_out(self, faces: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """The picture of (h, w, C) faces, one per view; it is overwritten by the next one of its kind."""
         shape = (*self._shape, *faces[0].shape[2:])
         if self._picture is None or self._picture.shape != shape or self._picture.dtype != faces[0].dtype:
             self._picture = np.zeros(shape, faces[0].dtype)
-        picture = self._picture
-        for level in self._placed:
-            own = (faces[0].shape[1], faces[0].shape[0]) == (level.width, level.height)
-            size = None if own else (level.width, level.height)
+        picture, first = self._picture, self._levels[0]
 
-            def place(k: int, level: Level = level, size: tuple[int, int] | None = size) -> NDArray[Any]:
-                face = faces[k] if size is None else cv2.resize(faces[k], size, interpolation=cv2.INTER_AREA)
-                x, y = level.corners[k]
-                slot = picture[y : y + level.height, x : x + level.width]
-                slot[...] = face
-                return slot
+        def place(k: int) -> None:
+            first.slot(picture, k)[...] = faces[k]
 
-            slots = side_by_side(place, range(len(faces)))
-            if level.border is not None:
-                level.border.fill(picture, slots, level.corners)
+        side_by_side(place, range(self._count))
+        if first.border is not None:
+            first.border.fill(picture, first.corners)
+        for larger, smaller in pairwise(self._levels):
+            _reduce(picture, larger, smaller)
         return picture
 
     def places(
@@ -118,25 +115,36 @@ class Atlas:
         """
         count = len(places.view)
         x, y = np.empty(count, np.float32), np.empty(count, np.float32)
-        view = self.views[0]
-        corners = np.array([level.corners for level in self._placed], dtype=np.float64)
-        scale = np.array([(lv.width / view.width, lv.height / view.height) for lv in self._placed])
+        view = self._view
+        corners = np.array([level.corners for level in self._levels], dtype=np.float64)
         steps = np.zeros(count, np.float32) if steps is None else steps
-        half = view.width / 2, view.height / 2
 
         def part(rows: slice) -> None:
             _to_atlas(
-                places.view[rows], places.x[rows], places.y[rows], steps[rows], self.levels.start,
-                view.focal_px, *half, scale, corners, x[rows], y[rows],
+                places.view[rows], places.x[rows], places.y[rows], steps[rows], view.focal_px,
+                view.width / 2, view.height / 2, corners, x[rows], y[rows],
             )  # fmt: skip
 
         blocks(part, count)
         return x, y
 
 
+def _reduce(picture: NDArray[Any], larger: Level, smaller: Level) -> None:
+    """Fills a level from the one before: with the border, filters never see an edge."""
+
+    def place(k: int) -> None:
+        reduced = cv2.pyrDown(larger.slot(picture, k, beyond=REACH))
+        first = REACH // 2
+        smaller.slot(picture, k)[...] = reduced[first : first + smaller.height, first : first + smaller.width]
+
+    side_by_side(place, range(len(smaller.corners)))
+    assert smaller.border is not None
+    smaller.border.fill(picture, smaller.corners)
+
+
 def reduced_size(view: View, level: int) -> tuple[int, int]:
     """Width and height of a view at a level, px."""
-    return max(1, round(view.width / 2**level)), max(1, round(view.height / 2**level))
+    return -(-view.width // 2**level), -(-view.height // 2**level)
 
 
 @njit(cache=True, nogil=True)
@@ -153,25 +161,24 @@ def _to_atlas(
     x: NDArray[np.float32],
     y: NDArray[np.float32],
     step: NDArray[np.float32],
-    first: int,
     focal: float,
     half_width: float,
     half_height: float,
-    scale: NDArray[np.float64],
     corners: NDArray[np.float64],
     out_x: NDArray[np.float32],
     out_y: NDArray[np.float32],
 ) -> None:
-    last = scale.shape[0] - 1
+    last = corners.shape[0] - 1
     for i in range(view.shape[0]):
         k = view[i]
         if k < 0:
             out_x[i] = out_y[i] = OUTSIDE
             continue
-        level = 0
+        level, scale = 0, 1.0
         if last > 0:
             spanned = minification(x[i], y[i], half_width, half_height, focal, step[i])
             if spanned > 1.0:
-                level = min(max(int(np.log2(spanned)) - first, 0), last)
-        out_x[i] = x[i] * scale[level, 0] + corners[level, k, 0] - 0.5
-        out_y[i] = y[i] * scale[level, 1] + corners[level, k, 1] - 0.5
+                level = min(int(np.log2(spanned)), last)
+                scale = 0.5**level
+        out_x[i] = (x[i] - 0.5) * scale + corners[level, k, 0]
+        out_y[i] = (y[i] - 0.5) * scale + corners[level, k, 1]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.captures.view import View
+from omniscv.compose.bicubic import sample_bicubic
 from omniscv.plan.places import locate
 
 REACH = 2
@@ -24,51 +25,53 @@ _ROW = 1 << 12
 
 
 class Border:
-    """The border of views at a reduction.
+    """The border of views, as they are or reduced.
 
     Args:
         views: all of one size, from one centre.
-        width, height: px of a view at the reduction.
+        width, height: px of a view as reduced.
+        scale: its pixels per pixel of the view; the first pixels' centres coincide.
+        bicubic: whether neighbours are resampled by the better and slower filter.
     """
 
-    def __init__(self, views: Sequence[View], width: int, height: int) -> None:
+    def __init__(self, views: Sequence[View], width: int, height: int, scale: float, bicubic: bool) -> None:
         rim = _rim(width, height)
-        self._rim = rim
-        scale = np.array([width / views[0].width, height / views[0].height])
+        self._rim, self._bicubic = rim, bicubic
         from_view, places = [], []
         for k, view in enumerate(views):
-            px = (rim + 0.5) / scale - (view.width / 2, view.height / 2)
+            px = rim / scale + 0.5 - (view.width / 2, view.height / 2)
             rays_w = np.concatenate([px / view.focal_px, np.ones((len(px), 1))], axis=1) @ view.pose.R_w_c.T
             others = [i for i in range(len(views)) if i != k]
             source = np.full(len(rim), k)
-            place = rim + 0.5
+            place = rim.astype(np.float64)
             if others:
                 found = locate(rays_w, [views[i] for i in others])
                 seen = found.view >= 0
                 source[seen] = np.array(others)[found.view[seen]]
-                place[seen] = np.stack([found.x, found.y], axis=1)[seen] * scale
+                place[seen] = (np.stack([found.x, found.y], axis=1)[seen] - 0.5) * scale
             from_view.append(source)
-            places.append(np.clip(place, 0.5, (width - 0.5, height - 0.5)) - 0.5)
+            places.append(np.clip(place, 0, (width - 1, height - 1)))
         self._source, self._place = np.array(from_view), np.array(places)
 
-    def fill(self, picture: NDArray[Any], slots: Sequence[NDArray[Any]], corners: NDArray[np.int64]) -> None:
+    def fill(self, picture: NDArray[Any], corners: NDArray[np.int64]) -> None:
         """Writes the border of every view into a picture that holds the views.
 
         Args:
             picture: the atlas.
-            slots: each view's own pixels in it.
             corners: (V, 2) x and y of each view's first pixel.
         """
-        # A copy of the places' surroundings: what is read is never what is being written.
         at = self._place + corners[self._source]
         count = at.shape[0] * at.shape[1]
         rows = -(-count // _ROW)
         x, y = np.zeros((2, rows * _ROW), np.float32)
         x[:count], y[:count] = at.reshape(-1, 2).T
-        values = cv2.remap(picture, x.reshape(rows, _ROW), y.reshape(rows, _ROW), cv2.INTER_LINEAR)
-        flat = values.reshape(rows * _ROW, *picture.shape[2:])[:count]
+        x, y = x.reshape(rows, _ROW), y.reshape(rows, _ROW)
         column, row = np.moveaxis(self._rim[None] + corners[:, None], -1, 0)
-        picture[row.ravel(), column.ravel()] = flat
+        values = cv2.remap(picture, x, y, cv2.INTER_LINEAR)
+        picture[row.ravel(), column.ravel()] = values.reshape(-1, *picture.shape[2:])[:count]
+        if self._bicubic:  # again: at the very edge of a neighbour it reaches into that one's border
+            values = sample_bicubic(picture, x, y)
+            picture[row.ravel(), column.ravel()] = values.reshape(-1, *picture.shape[2:])[:count]
 
 
 def _rim(width: int, height: int) -> NDArray[np.int64]:

@@ -115,11 +115,11 @@ class Composer:
             pixels = None if whole else station.pixels
             maps = Maps(self._grid, self._finer_grid, plan.pose.R_w_c, views, pixels)
             self._maps = (plan.pose.R_w_c, maps) if whole else None
-        wanted = station.pixels if whole else slice(None)
-        if (unseen := int(np.count_nonzero(maps.places.view[wanted] < 0))) > 0:
+        if maps.unseen:
             raise MissingCapture(
                 f"expected {len(views)} views at {station.center_w.round(4).tolist()} m to see all "
-                f"{len(station.pixels)} rays, but {unseen} are seen by none; capture with strategy 'cube'"
+                f"{len(station.pixels)} rays, but {maps.unseen} are seen by none; "
+                "capture with strategy 'cube'"
             )
         return maps
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omniscv.captures.view import View
 from omniscv.compose.atlas import Atlas, minification, reduced_size
+from omniscv.compose.bicubic import sample_bicubic
 from omniscv.compose.border import REACH
 from omniscv.compose.depth import sample_depth
 from omniscv.compose.grid import Grid
@@ -21,7 +22,6 @@ from omniscv.plan.places import Places, locate
 _INTERPOLATION = {
     "nearest": cv2.INTER_NEAREST,
     "bilinear": cv2.INTER_LINEAR,
-    "bicubic": cv2.INTER_CUBIC,
     "area": cv2.INTER_LINEAR,  # of views reduced to the image's own resolution
 }
 _SMALLEST_LEVEL = 8  # px: less of a view says nothing
@@ -67,6 +67,12 @@ class Maps:
         return locate(self._own(finer, finer.directions), self.views, self._R_w_c)
 
     @cached_property
+    def unseen(self) -> int:
+        """How many of the pixels' own valid rays no view sees."""
+        valid = self._own(self._grid, self._grid.valid)
+        return int(np.count_nonzero(valid & (self.places.view < 0)))
+
+    @cached_property
     def minifies(self) -> bool:
         """Whether most pixels span two pixels of a view or more, so that bilinear would pass some over."""
         steps, places = self._own(self._grid, self._grid.steps), self.places
@@ -85,9 +91,13 @@ class Maps:
         if filter not in self._made:
             self._made[filter] = self._make(filter)
         atlas, (x, y) = self._made[filter]
-        out = cv2.remap(
-            atlas.lay_out(faces), x, y, _INTERPOLATION[filter], borderMode=cv2.BORDER_CONSTANT, borderValue=0
-        )
+        picture = atlas.lay_out(faces)
+        if filter == "bicubic":
+            out = sample_bicubic(picture, x, y)
+        else:
+            out = cv2.remap(
+                picture, x, y, _INTERPOLATION[filter], borderMode=cv2.BORDER_CONSTANT, borderValue=0
+            )
         count = len((self.finer_places if filter == "area" else self.places).view)
         return np.asarray(out.reshape(-1, *faces[0].shape[2:])[:count])
 
@@ -102,24 +112,24 @@ class Maps:
         if filter == "area":
             places, finer = self.finer_places, self._finer()
             steps = self._own(finer, finer.steps)
-            atlas = Atlas(self.views, self._levels(places, steps), bordered=places.margin < REACH)
+            atlas = Atlas(self.views, self._levels(places, steps), bordered=True, bicubic=False)
         else:
             places = self.places
             if filter == "nearest":
                 places = _whole(places, self.views[0])
-            atlas = Atlas(self.views, range(1), bordered=filter != "nearest" and places.margin < REACH)
+            bordered = filter != "nearest" and places.margin < REACH
+            atlas = Atlas(self.views, 1, bordered, bicubic=filter == "bicubic")
         return atlas, self._folded(*atlas.places(places, steps))
 
-    def _levels(self, places: Places, steps: NDArray[np.float32]) -> range:
-        """The reductions that pixels of an averaged image are taken from."""
+    def _levels(self, places: Places, steps: NDArray[np.float32]) -> int:
+        """How many reductions an averaged image takes."""
         seen = np.flatnonzero(places.view >= 0)
         if len(seen) == 0:
-            return range(1)
-        spanned = self._spanned(places, steps, seen)
-        least, most = (int(np.log2(max(1.0, float(limit)))) for limit in (spanned.min(), spanned.max()))
-        while most > 0 and min(reduced_size(self.views[0], most)) < _SMALLEST_LEVEL:
-            most -= 1
-        return range(min(least, most), most + 1)
+            return 1
+        last = int(np.log2(max(1.0, float(self._spanned(places, steps, seen).max()))))
+        while last > 0 and min(reduced_size(self.views[0], last)) < _SMALLEST_LEVEL:
+            last -= 1
+        return last + 1
 
     def _spanned(self, places: Places, steps: NDArray[np.float32], some: NDArray[np.int64]) -> Array:
         view = self.views[0]
