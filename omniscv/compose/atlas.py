@@ -3,7 +3,8 @@
 For averaging, the picture also holds the views reduced to half, a quarter, ...: level 0, 1, 2, ...
 Around each view can lie a border, resampled from the neighbouring views, for filters to reach into.
 Reduction is Burt and Adelson's (The Laplacian pyramid as a compact image code, 1983): the centre of a
-level's first pixel is that of the level before.
+level's first pixel is that of the level before. Where no pixel takes from level 0, level 1 is made of
+means of 2 x 2, which is three times as fast.
 """
 
 from __future__ import annotations
@@ -57,25 +58,28 @@ class Atlas:
 
     Args:
         views: all of one size.
-        levels: how many reductions it holds: 1 for the views alone.
-        bordered: whether views get a border; with reductions they always do.
+        levels: which reductions it holds: ``range(1)`` for the views alone; the first is 0 or 1.
+        bordered: whether views get a border; reduced ones always do.
         bicubic: whether it is for that filter, which asks more of a border.
 
     Raises:
         ArgumentError: more or larger views than fit.
     """
 
-    def __init__(self, views: Sequence[View], levels: int, bordered: bool, bicubic: bool) -> None:
-        self._view, self._count = views[0], len(views)
-        pad = REACH if bordered or levels > 1 else 0
+    def __init__(self, views: Sequence[View], levels: range, bordered: bool, bicubic: bool) -> None:
+        self._view, self._count, self._first = views[0], len(views), levels.start
+        self._origin = 0.5 if levels.start == 0 else 1.0
+        pad = REACH if bordered or levels != range(1) else 0
         self._levels: list[Level] = []
         top = right = 0
-        for level in range(levels):
-            width, height = reduced_size(views[0], level)
+        width, height = (n // 2**levels.start for n in (views[0].width, views[0].height))
+        for level in levels:
+            if level > levels.start:
+                width, height = (width + 1) // 2, (height + 1) // 2
             slot = np.array([width + 2 * pad, height + 2 * pad])
             columns = max(1, min(int(np.ceil(np.sqrt(len(views)))), _LIMIT // int(slot[0])))
             at = np.array([divmod(i, columns)[::-1] for i in range(len(views))])
-            border = Border(views, width, height, 1 / 2**level, bicubic) if pad else None
+            border = Border(views, width, height, 0.5**level, self._origin, bicubic) if pad else None
             self._levels.append(Level(width, height, at * slot + (pad, pad + top), border))
             top += int(slot[1]) * -(-len(views) // columns)
             right = max(right, int(slot[0]) * min(columns, len(views)))
@@ -95,7 +99,8 @@ class Atlas:
         picture, first = self._picture, self._levels[0]
 
         def place(k: int) -> None:
-            first.slot(picture, k)[...] = faces[k]
+            own = first.slot(picture, k)
+            own[...] = faces[k] if self._first == 0 else _halved(faces[k], first)
 
         side_by_side(place, range(self._count))
         if first.border is not None:
@@ -122,7 +127,7 @@ class Atlas:
         def part(rows: slice) -> None:
             _to_atlas(
                 places.view[rows], places.x[rows], places.y[rows], steps[rows], view.focal_px,
-                view.width / 2, view.height / 2, corners, x[rows], y[rows],
+                view.width / 2, view.height / 2, corners, self._first, self._origin, x[rows], y[rows],
             )  # fmt: skip
 
         blocks(part, count)
@@ -142,9 +147,9 @@ def _reduce(picture: NDArray[Any], larger: Level, smaller: Level) -> None:
     smaller.border.fill(picture, smaller.corners)
 
 
-def reduced_size(view: View, level: int) -> tuple[int, int]:
-    """Width and height of a view at a level, px."""
-    return -(-view.width // 2**level), -(-view.height // 2**level)
+def _halved(face: NDArray[Any], level: Level) -> NDArray[Any]:
+    whole = face[: 2 * level.height, : 2 * level.width]
+    return np.asarray(cv2.resize(whole, (level.width, level.height), interpolation=cv2.INTER_AREA))
 
 
 @njit(cache=True, nogil=True)
@@ -165,6 +170,8 @@ def _to_atlas(
     half_width: float,
     half_height: float,
     corners: NDArray[np.float64],
+    first: int,
+    origin: float,
     out_x: NDArray[np.float32],
     out_y: NDArray[np.float32],
 ) -> None:
@@ -174,11 +181,11 @@ def _to_atlas(
         if k < 0:
             out_x[i] = out_y[i] = OUTSIDE
             continue
-        level, scale = 0, 1.0
+        level = 0
         if last > 0:
             spanned = minification(x[i], y[i], half_width, half_height, focal, step[i])
             if spanned > 1.0:
-                level = min(int(np.log2(spanned)), last)
-                scale = 0.5**level
-        out_x[i] = (x[i] - 0.5) * scale + corners[level, k, 0]
-        out_y[i] = (y[i] - 0.5) * scale + corners[level, k, 1]
+                level = min(max(int(np.log2(spanned)) - first, 0), last)
+        scale = 0.5 ** (first + level)
+        out_x[i] = (x[i] - origin) * scale + corners[level, k, 0]
+        out_y[i] = (y[i] - origin) * scale + corners[level, k, 1]

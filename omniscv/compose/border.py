@@ -30,16 +30,19 @@ class Border:
     Args:
         views: all of one size, from one centre.
         width, height: px of a view as reduced.
-        scale: its pixels per pixel of the view; the first pixels' centres coincide.
+        scale: its pixels per pixel of the view.
+        origin: where in the view the centre of its first pixel lies.
         bicubic: whether neighbours are resampled by the better and slower filter.
     """
 
-    def __init__(self, views: Sequence[View], width: int, height: int, scale: float, bicubic: bool) -> None:
+    def __init__(
+        self, views: Sequence[View], width: int, height: int, scale: float, origin: float, bicubic: bool
+    ) -> None:
         rim = _rim(width, height)
         self._rim, self._bicubic = rim, bicubic
         from_view, places = [], []
         for k, view in enumerate(views):
-            px = rim / scale + 0.5 - (view.width / 2, view.height / 2)
+            px = rim / scale + origin - (view.width / 2, view.height / 2)
             rays_w = np.concatenate([px / view.focal_px, np.ones((len(px), 1))], axis=1) @ view.pose.R_w_c.T
             others = [i for i in range(len(views)) if i != k]
             source = np.full(len(rim), k)
@@ -48,7 +51,7 @@ class Border:
                 found = locate(rays_w, [views[i] for i in others])
                 seen = found.view >= 0
                 source[seen] = np.array(others)[found.view[seen]]
-                place[seen] = (np.stack([found.x, found.y], axis=1)[seen] - 0.5) * scale
+                place[seen] = (np.stack([found.x, found.y], axis=1)[seen] - origin) * scale
             from_view.append(source)
             places.append(np.clip(place, 0, (width - 1, height - 1)))
         self._source, self._place = np.array(from_view), np.array(places)

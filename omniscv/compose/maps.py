@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.captures.view import View
-from omniscv.compose.atlas import Atlas, minification, reduced_size
+from omniscv.compose.atlas import Atlas, minification
 from omniscv.compose.bicubic import sample_bicubic
 from omniscv.compose.border import REACH
 from omniscv.compose.depth import sample_depth
@@ -118,18 +118,20 @@ class Maps:
             if filter == "nearest":
                 places = _whole(places, self.views[0])
             bordered = filter != "nearest" and places.margin < REACH
-            atlas = Atlas(self.views, 1, bordered, bicubic=filter == "bicubic")
+            atlas = Atlas(self.views, range(1), bordered, bicubic=filter == "bicubic")
         return atlas, self._folded(*atlas.places(places, steps))
 
-    def _levels(self, places: Places, steps: NDArray[np.float32]) -> int:
-        """How many reductions an averaged image takes."""
+    def _levels(self, places: Places, steps: NDArray[np.float32]) -> range:
+        """The reductions that an averaged image takes from."""
         seen = np.flatnonzero(places.view >= 0)
         if len(seen) == 0:
-            return 1
-        last = int(np.log2(max(1.0, float(self._spanned(places, steps, seen).max()))))
-        while last > 0 and min(reduced_size(self.views[0], last)) < _SMALLEST_LEVEL:
-            last -= 1
-        return last + 1
+            return range(1)
+        spanned = self._spanned(places, steps, seen)
+        least, most = (int(np.log2(max(1.0, float(limit)))) for limit in (spanned.min(), spanned.max()))
+        smallest = min(self.views[0].width, self.views[0].height)
+        while most > 0 and smallest >> most < _SMALLEST_LEVEL:
+            most -= 1
+        return range(min(least, most, 1), most + 1)
 
     def _spanned(self, places: Places, steps: NDArray[np.float32], some: NDArray[np.int64]) -> Array:
         view = self.views[0]
