@@ -60,7 +60,7 @@ def build(data: dict[str, Any], where: str) -> Parts:
     for name, description in (data.get("objects") or {}).items():
         here = f"{where}: {name}"
         _only(description, {"solids", "texture"}, here)
-        texture = read_texture(description.get("texture"), here)
+        texture = read_texture(description.get("texture", {}), here)
         for solid in description.get("solids") or []:
             _add_solid(parts, name, solid, texture, here)
     return parts
@@ -114,7 +114,7 @@ def _add_room(parts: Parts, data: Any, where: str) -> None:
     if len(corners) < 4:
         raise ValueError(f"{where}: floor: expected at least 4 corners, got {len(corners)}")
     height = numbers([data.get("height", 2.8)], 1, f"{where}: height")[0]
-    walls = [read_texture(t, where) for t in data["walls"]]
+    walls = [read_texture(t, f"{where}: walls") for t in data.get("walls") or [{}]]
     for i, (a, b) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
         along = np.append((b - a) / np.linalg.norm(b - a), 0.0)
         center = np.append((a + b) / 2, height / 2)
@@ -125,7 +125,7 @@ def _add_room(parts: Parts, data: Any, where: str) -> None:
         ("Layout_Floor", 0.0, "floor_texture"),
         ("Layout_Ceiling", height, "ceiling_texture"),
     ):
-        texture = read_texture(data.get(key), f"{where}: {key}")
+        texture = read_texture(data.get(key, {}), f"{where}: {key}")
         for low, high in _rectangles(corners):
             center = np.append((low + high) / 2, z)
             parts.add(name, texture, RECTANGLE, center, np.eye(3), np.append((high - low) / 2, 0.0))

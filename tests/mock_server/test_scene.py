@@ -1,0 +1,253 @@
+"""Tracing is exact: judged by geometry that needs no intersection, and by a tracer that shares nothing."""
+
+import numpy as np
+import pytest
+import reference_tracer
+import yaml
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import mock_server
+from mock_server.scene import Scene
+
+ROOMS = ("four-wall", "six-wall")
+CENTER = np.array([0.3, -0.7, 1.1])
+TURN_DEG = 25.0
+SKY = (0.25, 0.5, 0.75)
+SOLIDS = {
+    "sphere": {"sphere": 0.8},
+    "box": {"box": [1.0, 0.6, 1.4], "turn_deg": TURN_DEG},
+    "cylinder": {"cylinder": [0.5, 1.2]},
+}
+# The hit of a ray at grazing angle moves by the rounding over the cosine: 1e-15 m / 0.05, and some room.
+LEAST_COSINE, EXACT = 0.05, 1e-13
+
+unit = st.floats(-1, 1)
+angle = st.floats(0, 2 * np.pi)
+
+
+def alone(kind):
+    return Scene(
+        "alone", {"sky": list(SKY), "objects": {"It": {"solids": [SOLIDS[kind] | {"at": CENTER.tolist()}]}}}
+    )
+
+
+SCENES = {kind: alone(kind) for kind in SOLIDS}
+
+
+def room_data(name):
+    return yaml.safe_load((mock_server.scene._SCENES / f"{name}.yaml").read_text())
+
+
+def random_rays(rng, count):
+    """From free places near the middle of the rooms, in all directions."""
+    origins = rng.uniform((-0.8, -0.8, 0.6), (0.8, 0.8, 2.0), (count, 3))
+    directions = rng.normal(size=(count, 3))
+    return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def surface_point(kind, a, b, turn, face):
+    """A point of the solid's surface and the outward normal there."""
+    if kind == "sphere":
+        z = a
+        n = np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+        return CENTER + 0.8 * n, n
+    if kind == "cylinder":
+        if face % 3 == 0:
+            n = np.array([np.cos(turn), np.sin(turn), 0.0])
+            return CENTER + 0.5 * n + (0, 0, 0.6 * a), n
+        n = np.array([0, 0, 1.0 if face % 3 == 1 else -1.0])
+        return CENTER + 0.5 * abs(a) * np.array([np.cos(turn), np.sin(turn), 0]) + 0.6 * n, n
+    c, s = np.cos(np.radians(TURN_DEG)), np.sin(np.radians(TURN_DEG))
+    axes = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
+    half = np.array([0.5, 0.3, 0.7])
+    k, sign = face % 3, 1 if face < 3 else -1
+    local = half * [a, b, a * b]
+    local[k] = sign * half[k]
+    return CENTER + local @ axes, sign * axes[k]
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+@given(
+    a=unit,
+    b=unit,
+    turn=angle,
+    face=st.integers(0, 5),
+    tilt=st.floats(0, 1.5),
+    spin=angle,
+    s=st.floats(1e-3, 50),
+)
+def test_a_ray_to_a_surface_point_from_its_outer_side_meets_it(kind, a, b, turn, face, tilt, spin, s):
+    """The solids are convex: the segment lies beyond the tangent plane, so nothing is before it."""
+    q, n = surface_point(kind, a, b, turn, face)
+    side = np.linalg.svd(n[None])[2][1:]
+    away = np.cos(tilt) * n + np.sin(tilt) * (np.cos(spin) * side[0] + np.sin(spin) * side[1])
+    assume(np.cos(tilt) > LEAST_COSINE)
+    # On an edge rounding may take either face, or miss: one part in 1e9 within is enough to be on the face.
+    assume(max(abs(a), abs(b)) < 1 - 1e-9)
+    hits = SCENES[kind].trace(q + s * away, -away)
+    assert hits.distance == pytest.approx(s, rel=0, abs=(1 + s) * EXACT / LEAST_COSINE)
+    np.testing.assert_allclose(hits.normal, n, atol=(1 + s) * EXACT / LEAST_COSINE)
+    assert hits.label == 1
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+@given(a=unit, b=unit, turn=angle, face=st.integers(0, 5), where=st.floats(0.05, 1.0))
+def test_a_ray_from_inside_meets_the_wall_and_the_normal_faces_it(kind, a, b, turn, face, where):
+    assume(max(abs(a), abs(b)) < 1 - 1e-9)
+    q, n = surface_point(kind, a, b, turn, face)
+    o = q + where * (CENTER - q)
+    hits = SCENES[kind].trace(o, q - o)
+    assert hits.distance == pytest.approx(np.linalg.norm(q - o), abs=EXACT)
+    np.testing.assert_allclose(hits.normal, -n, atol=EXACT / 0.05)
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+@given(a=unit, b=unit, turn=angle, face=st.integers(0, 5), tilt=st.floats(0, 1.5), spin=angle)
+def test_a_ray_that_leaves_the_surface_meets_the_sky(kind, a, b, turn, face, tilt, spin):
+    q, n = surface_point(kind, a, b, turn, face)
+    side = np.linalg.svd(n[None])[2][1:]
+    away = np.cos(tilt) * n + np.sin(tilt) * (np.cos(spin) * side[0] + np.sin(spin) * side[1])
+    hits = SCENES[kind].trace(q + 1e-9 * n, away)
+    assert hits.distance == np.inf
+    assert hits.label == 0
+    np.testing.assert_array_equal(hits.normal, 0)
+    np.testing.assert_array_equal(hits.color, SKY)
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_rooms_agree_with_the_reference_tracer(name):
+    scene = mock_server.load_scene(name)
+    o, d = random_rays(np.random.default_rng(7), 20_000)
+    hits = scene.trace(o, d)
+    distance, names, normal = reference_tracer.trace(room_data(name), o, d)
+    # Grazing rays lose digits in both tracers; an error of formula would be many orders larger.
+    np.testing.assert_allclose(hits.distance, distance, rtol=1e-10)
+    np.testing.assert_array_equal(hits.label, [scene.label(n) for n in names])
+    np.testing.assert_allclose(hits.normal, normal, atol=1e-9)
+    assert set(names) == set(scene.objects), "the rays should have met every object"
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_inside_a_room_no_ray_meets_the_sky_and_normals_face_it(name):
+    scene = mock_server.load_scene(name)
+    o, d = random_rays(np.random.default_rng(8), 50_000)
+    hits = scene.trace(o, d)
+    assert np.isfinite(hits.distance).all()
+    np.testing.assert_allclose(np.linalg.norm(hits.normal, axis=1), 1, atol=1e-12)
+    assert ((hits.normal * d).sum(axis=1) < 0).all()
+    assert hits.color.min() >= 0
+    assert hits.color.max() <= 1
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_surface_point_has_one_colour_from_wherever_it_is_seen(name):
+    scene = mock_server.load_scene(name)
+    rng = np.random.default_rng(9)
+    o, d = random_rays(rng, 20_000)
+    first = scene.trace(o, d)
+    points = o + first.distance[:, None] * d
+    elsewhere, _ = random_rays(rng, len(o))
+    second = scene.trace(elsewhere, points - elsewhere)
+    seen = np.abs(second.distance - np.linalg.norm(points - elsewhere, axis=1)) < 1e-9
+    assert seen.mean() > 0.5
+    np.testing.assert_array_equal(second.label[seen], first.label[seen])
+    np.testing.assert_allclose(second.color[seen], first.color[seen], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_objects_lie_in_their_bounds_and_fill_them(name):
+    scene = mock_server.load_scene(name)
+    data = room_data(name)["objects"]
+    for each in scene.objects:
+        low, high = scene.bounds(each)
+        if each not in data:
+            continue
+        o = low + (high - low) * np.random.default_rng(10).uniform(-1, 2, (4000, 3))
+        target = low + (high - low) * np.random.default_rng(11).uniform(0, 1, (4000, 3))
+        only = set(scene.objects) - {each}
+        hits = scene.trace(o, target - o, hidden=only)
+        d = (target - o) / np.linalg.norm(target - o, axis=1, keepdims=True)
+        points = (o + hits.distance[:, None] * d)[hits.label > 0]
+        slack = 0.15 * (high - low)  # what 4000 random rays leave untouched
+        assert (points >= low - 1e-9).all()
+        assert (points <= high + 1e-9).all()
+        assert (points.min(axis=0) <= low + slack).all()
+        assert (points.max(axis=0) >= high - slack).all()
+
+
+def test_hidden_objects_are_not_met():
+    scene = mock_server.load_scene("four-wall")
+    o, d = random_rays(np.random.default_rng(12), 5000)
+    shown, without = scene.trace(o, d), scene.trace(o, d, hidden={"Sofa", "Layout_Ceiling"})
+    gone = np.isin(shown.label, [scene.label("Sofa"), scene.label("Layout_Ceiling")])
+    assert gone.any()
+    assert not np.isin(without.label, [scene.label("Sofa"), scene.label("Layout_Ceiling")]).any()
+    np.testing.assert_array_equal(without.distance[~gone], shown.distance[~gone])
+    assert (without.distance[gone] >= shown.distance[gone]).all()
+    assert np.isinf(without.distance[shown.label == scene.label("Layout_Ceiling")]).any()
+
+
+def test_shapes_broadcast_and_lengths_do_not_matter():
+    scene = mock_server.load_scene("four-wall")
+    d = np.random.default_rng(13).normal(size=(4, 5, 3))
+    one = scene.trace((0, 0, 1.5), d)
+    many = scene.trace(np.broadcast_to((0, 0, 1.5), d.shape), 17.0 * d)
+    assert one.distance.shape == (4, 5)
+    assert one.color.shape == one.normal.shape == (4, 5, 3)
+    assert one.label.dtype == np.uint16
+    np.testing.assert_allclose(many.distance, one.distance, rtol=1e-14)
+
+
+def test_a_ray_with_nan_meets_nothing():
+    hits = mock_server.load_scene("four-wall").trace((0, 0, 1.5), [[np.nan, 0, 1], [1, 0, 0]])
+    assert hits.distance[0] == np.inf
+    assert hits.label[0] == 0
+    assert hits.label[1] > 0
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.floats(5, 170), st.tuples(angle, angle, angle))
+def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
+    scene = mock_server.load_scene("four-wall")
+    (c, s), (e, g), (h, k) = [(np.cos(t), np.sin(t)) for t in turns]
+    R_w_c = (
+        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        @ [[1, 0, 0], [0, e, -g], [0, g, e]]
+        @ [[h, -k, 0], [k, h, 0], [0, 0, 1]]
+    )
+    view = mock_server.render_view(scene, R_w_c, (0.1, 0.2, 1.5), fov_deg, width, height)
+    focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays_c = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T
+    hits = scene.trace((0.1, 0.2, 1.5), rays_c @ R_w_c.T)
+    same = view.label == hits.label  # a pixel may sit on an edge, to the last digit
+    assert same.mean() >= 0.99
+    np.testing.assert_allclose(view.distance[same], hits.distance[same], rtol=1e-9)
+    # Planar depth is the third coordinate in the camera; rays_c has it 1.
+    np.testing.assert_allclose(
+        view.depth[same] * np.linalg.norm(rays_c, axis=-1)[same], hits.distance[same], rtol=1e-9
+    )
+    assert view.color.shape == (height, width, 3)
+    assert view.color.dtype == np.uint8
+    assert np.abs(view.color - 255 * hits.color)[same].max() <= 0.5 + 1e-6
+
+
+def test_the_direction_scene_is_its_own_ray():
+    d = np.random.default_rng(14).normal(size=(100, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    hits = mock_server.load_scene("direction").trace((3, 2, 1), d)
+    np.testing.assert_allclose(2 * hits.color - 1, d, atol=1e-15)
+    assert np.isinf(hits.distance).all()
+
+
+def test_waves_repeat_after_their_period():
+    scene = mock_server.load_scene("waves")
+    period = room_data("waves")["pattern"]["period_rad"]
+    z = np.linspace(0, 0.5, 200)
+    rays = np.stack([np.sqrt(1 - z**2), np.zeros_like(z), z], axis=1)
+    later = z + period
+    shifted = np.stack([np.sqrt(1 - later**2), np.zeros_like(z), later], axis=1)
+    blue, again = scene.trace((0, 0, 0), rays).color[:, 2], scene.trace((0, 0, 0), shifted).color[:, 2]
+    np.testing.assert_allclose(blue, again, atol=1e-12)
+    assert blue.max() - blue.min() > 0.9
