@@ -30,6 +30,10 @@ from omniscv.errors import ArgumentError
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
+_NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
+_ROUNDING = 4 * np.finfo(np.float64).eps  # relative: what rounding may add to a pixel at the border
+
 
 @dataclass(frozen=True, eq=False)
 class Rays:
@@ -76,6 +80,7 @@ class Camera(ABC):
 
     name: ClassVar[str]
     central: ClassVar[bool] = True
+    has_center: ClassVar[bool] = True  # the constructor takes ``center``
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
         self.width, self.height = (
@@ -111,15 +116,17 @@ class Camera(ABC):
 
         Returns:
             pixels (..., 2) in px, NaN where not valid, and valid (...): the point is seen by a
-            valid pixel within the image.
+            valid pixel within the image. Points farther than 1e150 m and, by central cameras, the
+            optical centre (to 1e-308 m) are not seen.
         """
         xyz = _last_axis("points", points, 3)
         with np.errstate(all="ignore"):
-            finite = np.asarray(np.isfinite(xyz).all(axis=-1))
-            pixels, valid = self._project(_where(finite, xyz, 1.0))
-            u, v = pixels[..., 0], pixels[..., 1]
-            inside = (u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height)
-        valid = np.asarray(valid & finite & inside)
+            x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
+            largest = np.maximum(np.maximum(x, y), z)
+            placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= _FARTHEST))
+            pixels, valid = self._project(_where(placed, xyz, 1.0))
+            pixels, inside = self._within_image(pixels)
+        valid = np.asarray(valid & placed & inside)
         return _where(valid, pixels, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
@@ -143,7 +150,10 @@ class Camera(ABC):
 
     @abstractmethod
     def _project(self, points: Array) -> tuple[Array, Mask]:
-        """Pixels, valid of finite points (..., 3); warnings are off, the rectangle is checked outside."""
+        """Pixels, valid of finite points (..., 3), for central models not the optical centre.
+
+        Warnings are off, the rectangle is checked outside.
+        """
 
     # -- common to all --------------------------------------------------------------------------
 
@@ -158,7 +168,7 @@ class Camera(ABC):
             "model": self.name,
             "width": self.width,
             "height": self.height,
-            "center": self.center.tolist(),
+            **({"center": self.center.tolist()} if self.has_center else {}),
             **self.parameters(),
         }
 
@@ -171,6 +181,16 @@ class Camera(ABC):
 
     def __hash__(self) -> int:
         return hash(repr(self))
+
+    def _within_image(self, pixels: Array) -> tuple[Array, Mask]:
+        """Which pixels (..., 2) lie in the rectangle; those that rounding took out of it are put back."""
+        size = np.array([self.width, self.height])
+        slack = _ROUNDING * (size + np.abs(self.center))
+        u, v = pixels[..., 0], pixels[..., 1]
+        inside = (u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height)
+        near = (u >= -slack[0]) & (u <= size[0] + slack[0]) & (v >= -slack[1]) & (v <= size[1] + slack[1])
+        rounded = near & ~inside
+        return _where(~rounded, pixels, np.clip(pixels, 0, size)) if rounded.any() else pixels, near
 
     # -- argument checks that models share ------------------------------------------------------
 
@@ -239,6 +259,6 @@ def polar(pixels: Array, center: Array) -> tuple[Array, Array, Array]:
     """Radius in px and the unit vector (cos a, sin a) of the azimuth; (1, 0) at the centre."""
     x, y = pixels[..., 0] - center[0], pixels[..., 1] - center[1]
     r = np.hypot(x, y)
-    at_center = r == 0
+    at_center = r < _NEAREST
     safe = np.where(at_center, 1.0, r)
     return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)

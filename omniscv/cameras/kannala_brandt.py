@@ -25,6 +25,7 @@ class KannalaBrandt(Camera):
     """
 
     name = "kannala-brandt"
+    has_center = False  # it is (cx, cy)
 
     def __init__(
         self,
@@ -62,9 +63,6 @@ class KannalaBrandt(Camera):
         limit = {} if self.fov_deg is None else {"fov_deg": self.fov_deg}
         return {**given, "k": self.k.tolist(), **limit}
 
-    def to_dict(self) -> dict[str, Any]:
-        return {key: value for key, value in super().to_dict().items() if key != "center"}
-
     def _d_of(self, theta: Array) -> Array:
         return np.asarray(polyval(theta, self._d), dtype=np.float64)
 
@@ -74,15 +72,16 @@ class KannalaBrandt(Camera):
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
         focal = np.array([self.fx, self.fy])
         d, cos_a, sin_a = polar((pixels - self.center) / focal, np.zeros(2))
-        theta = invert(self._d_of, self._slope_of, self._theta_end, d)
+        seen = d <= self._d_end
+        theta = invert(self._d_of, self._slope_of, self._theta_end, np.where(seen, d, 0.0))
         across = np.sin(theta)
         directions = np.stack([across * cos_a, across * sin_a, np.cos(theta)], axis=-1)
-        return np.zeros_like(directions), directions, d <= self._d_end
+        return np.zeros_like(directions), directions, seen
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         across, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
         theta = np.arctan2(across, points[..., 2])
-        seen = (theta <= self._theta_end * (1 + ROUNDING)) & ((across > 0) | (points[..., 2] != 0))
+        seen = theta <= self._theta_end * (1 + ROUNDING)
         d = np.minimum(
             polyval(np.minimum(theta, self._theta_end), self._d), self._d_end * (1 - 0.1 * ROUNDING)
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array, Camera, Mask
 from omniscv.errors import ArgumentError
@@ -23,6 +22,10 @@ class Equirectangular(Camera):
     """
 
     name = "equirectangular"
+    has_center = False
+
+    def __init__(self, width: int, height: int) -> None:
+        super().__init__(width, height)
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
         theta = (2 * pixels[..., 0] / self.width - 1) * np.pi
@@ -37,7 +40,7 @@ class Equirectangular(Camera):
         theta = np.arctan2(x, z)
         phi = np.arctan2(-y, np.hypot(x, z))
         pixels = np.stack([(theta / np.pi + 1) * self.width / 2, (0.5 - phi / np.pi) * self.height], axis=-1)
-        return pixels, (points != 0).any(axis=-1)
+        return pixels, np.ones(points.shape[:-1], dtype=bool)
 
 
 class Cylindrical(Camera):
@@ -50,6 +53,7 @@ class Cylindrical(Camera):
     """
 
     name = "cylindrical"
+    has_center = False
 
     def __init__(
         self,
@@ -58,9 +62,8 @@ class Cylindrical(Camera):
         fov_h_deg: float = 360.0,
         fov_v_deg: float = 90.0,
         profile: str = "angular",
-        center: ArrayLike | None = None,
     ) -> None:
-        super().__init__(width, height, center)
+        super().__init__(width, height)
         if profile not in ("angular", "perspective"):
             raise ArgumentError(f"profile: expected 'angular' or 'perspective', got {profile!r}")
         self.profile = profile
@@ -95,4 +98,4 @@ class Cylindrical(Camera):
         seen = (np.abs(row) <= 1 + _ROUNDING) & (np.abs(column) <= 1 + _ROUNDING)
         row, column = np.clip(row, -1, 1), np.clip(column, -1, 1)
         pixels = np.stack([(column + 1) * self.width / 2, (1 - row) * self.height / 2], axis=-1)
-        return pixels, seen & (points != 0).any(axis=-1)
+        return pixels, seen

@@ -94,6 +94,5 @@ class RadialCamera(CircleCamera):
     def _project(self, points: Array) -> tuple[Array, Mask]:
         across, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
         length = np.hypot(across, points[..., 2])
-        radius = self._radius(across, points[..., 2], length)
-        pixels, seen = self._place(radius, cos_a, sin_a)
-        return pixels, seen & (length > 0)
+        # Over the length: the squares of points near and far must not leave float64.
+        return self._place(self._radius(across / length, points[..., 2] / length), cos_a, sin_a)

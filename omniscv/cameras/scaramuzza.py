@@ -85,6 +85,6 @@ class Scaramuzza(Camera):
     def _project(self, points: Array) -> tuple[Array, Mask]:
         across, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
         theta = np.arctan2(across, points[..., 2])
-        seen = (theta <= self._theta_end * (1 + ROUNDING)) & ((across > 0) | (points[..., 2] != 0))
+        seen = theta <= self._theta_end * (1 + ROUNDING)
         rho = self._rho_of(np.minimum(theta, self._theta_end))
         return self.center + np.stack([rho * cos_a, rho * sin_a], axis=-1) @ self._A.T, seen

@@ -102,10 +102,12 @@ def _npy(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
         return array
     if array.ndim != 2 or array.dtype.kind != "f":
         raise BadReply(f"expected float depth of shape (H, W), got {array.dtype} of shape {array.shape}")
+    if wrong := int(np.count_nonzero(~(array >= 0))):  # NaN is not >= 0
+        raise BadReply(f"expected depth of 0 or more, got {wrong} of {array.size} values negative or NaN")
     if encoding == "npy":
         depth = array.astype(np.float32)
     else:
-        sky = ~(array < SKY)  # NaN too
+        sky = array >= SKY
         if encoding == "npy planar cm":
             depth = (array / 100).astype(np.float32)
         else:

@@ -86,7 +86,8 @@ class UnrealSource(Source):
             taken.add(color)
 
     def _colors(self) -> dict[str, tuple[int, int, int]]:
-        names = self._session.text("vget /objects").split()
+        reply = self._session.text("vget /objects")
+        names = [] if reply == "ok" else reply.split()  # ok is what an empty text becomes
         replies = self._session.ask_all([f"vget /object/{name}/color" for name in names]) if names else []
         return {name: _color(reply) for name, reply in zip(names, replies, strict=True)}
 

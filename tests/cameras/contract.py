@@ -1,0 +1,167 @@
+"""What every camera model promises, as checks of one camera that know no model."""
+
+import inspect
+import itertools
+import json
+
+import numpy as np
+
+from omniscv import cameras
+
+PIXEL_TOLERANCE = 1e-6  # px; the promise
+ANGLE_TOLERANCE = 1e-8  # rad; the promise's millionth of a pixel where pixels are as coarse as 0.01 rad
+CENTRAL_METRES = 10.0 ** np.array([-290, -150, -9, -3, 0, 1, 3, 9, 150, 290])
+NONCENTRAL_METRES = 10.0 ** np.array([1, 2, 3, 6, 9])  # beyond the mirrors of the examples
+AZIMUTHS = np.linspace(-np.pi, np.pi, 49)
+
+
+# -- pixels -------------------------------------------------------------------------------------
+
+
+def all_pixels(camera):
+    """(N, 2) the centres and the corners of all pixels: the image's middle, edges, seam and poles."""
+    u, v = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
+    return np.concatenate([camera.pixels().reshape(-1, 2), np.stack([u, v], axis=-1).reshape(-1, 2)])
+
+
+def last_pixels(camera):
+    """(N, 2) the last valid pixels around the image, to the last bit, by bisection; knows no formula."""
+    pixels = all_pixels(camera)
+    pixels = pixels[camera.valid(pixels)]
+    if not len(pixels):
+        return pixels
+    anchor = pixels[np.argmin(np.linalg.norm(pixels - camera.center, axis=1))]
+    toward = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
+    low, high = np.zeros(len(toward)), np.full(len(toward), 2.0 * (camera.width + camera.height))
+    for _ in range(80):
+        middle = (low + high) / 2
+        inside = camera.valid(anchor + middle[:, None] * toward)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return anchor + low[:, None] * toward
+
+
+# -- checks -------------------------------------------------------------------------------------
+
+
+def round_trip_error(camera):
+    """px, the largest |project(unproject(p)) - p| over valid pixels and distances; inf if one is lost."""
+    pixels = np.concatenate([all_pixels(camera), last_pixels(camera)])
+    rays = camera.unproject(pixels)
+    pixels, origins, directions = pixels[rays.valid], rays.origins[rays.valid], rays.directions[rays.valid]
+    worst = 0.0
+    for metres in CENTRAL_METRES if camera.central else NONCENTRAL_METRES:
+        again, seen = camera.project(origins + metres * directions)
+        if not seen.all():
+            return np.inf
+        worst = max(worst, np.abs(again - pixels).max(initial=0.0))
+    return worst
+
+
+def check_round_trip(camera):
+    assert round_trip_error(camera) <= PIXEL_TOLERANCE
+
+
+def check_arrays(camera):
+    """Shapes and dtypes; unit directions and finite origins where valid, NaN elsewhere."""
+    for shape in ((), (0,), (7,), (3, 5)):
+        pixels = np.random.default_rng(1).uniform(0, (camera.width, camera.height), (*shape, 2))
+        rays = camera.unproject(pixels)
+        again, seen = camera.project(np.ones((*shape, 3)))
+        assert rays.origins.shape == rays.directions.shape == (*shape, 3)
+        assert rays.valid.shape == seen.shape == shape
+        assert again.shape == (*shape, 2)
+        assert rays.valid.dtype == seen.dtype == bool
+        assert rays.origins.dtype == rays.directions.dtype == again.dtype == np.float64
+    rays = camera.unproject()
+    assert rays.valid.shape == (camera.height, camera.width)
+    np.testing.assert_array_equal(camera.valid(), rays.valid)
+    assert np.isfinite(rays.origins[rays.valid]).all()
+    # A handful of roundings.
+    np.testing.assert_allclose(np.linalg.norm(rays.directions[rays.valid], axis=-1), 1, rtol=1e-15 * 4)
+    assert np.isnan(rays.origins[~rays.valid]).all()
+    assert np.isnan(rays.directions[~rays.valid]).all()
+    if camera.central:
+        assert not rays.origins[rays.valid].any()
+
+
+def check_outside(camera):
+    """Beside the image, and where there is no number, there is no ray."""
+    w, h = camera.width, camera.height
+    beside = [(-1e-9, h / 2), (w + 1e-9, h / 2), (w / 2, -1e-9), (w / 2, h + 1e-9), (1e300, -1e300)]
+    nowhere = [(np.nan, h / 2), (w / 2, np.nan), (np.inf, h / 2), (w / 2, -np.inf)]
+    assert not camera.valid(np.array(beside + nowhere)).any()
+
+
+def check_points(camera):
+    """Any point: invalid, or the answer's ray passes through it."""
+    special = (0.0, 1.0, -1.0, 0.3, 1e-9, -1e9, 1e9, 5e-324, 1e300, -1e300, np.nan, np.inf, -np.inf)
+    points = np.array(list(itertools.product(special, repeat=3)))
+    pixels, valid = camera.project(points)
+    assert not valid[~np.isfinite(points).all(axis=1)].any()
+    assert np.isnan(pixels[~valid]).all()
+    rays = camera.unproject(pixels[valid])
+    assert rays.valid.all()
+    offset = points[valid] - rays.origins
+    offset /= np.abs(offset).max(axis=1, keepdims=True)  # squares of 1e300 have no float64
+    offset /= np.linalg.norm(offset, axis=1, keepdims=True)
+    assert ((offset * rays.directions).sum(axis=1) > 0).all()
+    assert np.linalg.norm(np.cross(offset, rays.directions), axis=1).max(initial=0) <= ANGLE_TOLERANCE
+
+
+def check_description(camera):
+    """``to_dict`` and back, by way of JSON, is the same camera to the bit."""
+    described = json.loads(json.dumps(camera.to_dict()))
+    again = cameras.from_dict(described)
+    assert again == camera
+    assert again.to_dict() == described
+    assert type(again) is type(camera)
+    np.testing.assert_array_equal(again.unproject().directions, camera.unproject().directions)
+
+
+def check_narrow_numbers(camera):
+    """float32 and whole numbers mean what they say: the same answers as in float64, in float64."""
+    pixels = all_pixels(camera)
+    for narrow in (pixels.astype(np.float32), pixels.astype(np.int32), pixels.astype(np.uint8)):
+        given, wide = camera.unproject(narrow), camera.unproject(narrow.astype(np.float64))
+        np.testing.assert_array_equal(given.directions, wide.directions)
+        assert given.directions.dtype == np.float64
+    points = np.random.default_rng(2).normal(size=(1000, 3)).astype(np.float32) * 5
+    for narrow in (points, (100 * points).astype(np.int16)):
+        for got, expected in zip(camera.project(narrow), camera.project(narrow.astype(float)), strict=True):
+            np.testing.assert_array_equal(got, expected)
+
+
+def check_viewpoints(camera):
+    """Every valid pixel has an optical centre, no other pixel has."""
+    views = camera.viewpoints()
+    np.testing.assert_array_equal(views.index >= 0, camera.valid())
+    assert views.index.max(initial=-1) < len(views.centers)
+    assert np.isfinite(views.centers).all()
+    if camera.central:
+        np.testing.assert_array_equal(views.centers, np.zeros((1, 3)))
+
+
+CHECKS = (
+    check_round_trip,
+    check_arrays,
+    check_outside,
+    check_points,
+    check_description,
+    check_narrow_numbers,
+    check_viewpoints,
+)
+
+
+def check_docstring(cls):
+    """The model in ten lines: a formula, every parameter with its unit, the domain, the source."""
+    text = inspect.getdoc(cls) or ""
+    assert 3 <= len(text.splitlines()) <= 14, "the model in about ten lines"
+    assert " = " in text, "a formula"
+    assert "Domain: " in text
+    assert "Source: " in text
+    own = [key for key in inspect.signature(cls).parameters if key not in ("width", "height", "center")]
+    for key in own:
+        assert f"``{key}``" in text, f"the parameter {key}"
+    if own:
+        assert "Parameter" in text
+        assert any(unit in text for unit in (" px", "metres", "_deg``")), "units"

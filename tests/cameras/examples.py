@@ -1,0 +1,58 @@
+"""Example cameras of every registered model, for the contract suite: name -> constructor arguments.
+
+A few per model: as it usually is, and as it is at the ends of its parameters. Small images of odd and
+even sizes; what holds for their pixels holds for more of them.
+"""
+
+from typing import Any
+
+WIDE = {"width": 96, "height": 48}
+ROUND = {"width": 61, "height": 61}
+LONG = {"width": 80, "height": 45}
+
+EXAMPLES: dict[str, list[dict[str, Any]]] = {
+    "equirectangular": [WIDE, {"width": 45, "height": 33}],
+    "cylindrical": [
+        WIDE,
+        {**LONG, "fov_h_deg": 200, "fov_v_deg": 179},
+        {**LONG, "fov_v_deg": 180},
+        {**WIDE, "fov_h_deg": 360, "fov_v_deg": 170, "profile": "perspective"},
+    ],
+    "fisheye-equidistant": [ROUND, {**LONG, "fov_deg": 185}, {**ROUND, "fov_deg": 360}],
+    "fisheye-stereographic": [ROUND, {**LONG, "fov_deg": 220}, {**ROUND, "fov_deg": 359.9}],
+    "fisheye-orthographic": [ROUND, {**LONG, "fov_deg": 90}, {**ROUND, "focal": 22.5}],
+    "fisheye-equisolid": [ROUND, {**LONG, "fov_deg": 240}, {**ROUND, "fov_deg": 360}],
+    "catadioptric-parabolic": [
+        ROUND,
+        {**LONG, "semi_latus_rectum": 0.03, "focal": 300.0},
+        {**ROUND, "fov_deg": 359.9},
+    ],
+    "catadioptric-hyperbolic": [
+        ROUND,
+        {**LONG, "distance": 0.1, "semi_latus_rectum": 0.2, "focal": 40.0},
+        {**ROUND, "distance": 3.0, "semi_latus_rectum": 0.1, "fov_deg": 200},
+    ],
+    "catadioptric-planar": [ROUND, {**LONG, "focal": 12.0}, {**ROUND, "fov_deg": 175}],
+    "scaramuzza": [
+        {**LONG, "coefficients": [-20.0, 0.0, 0.012, -1e-5, 3e-6]},
+        {**LONG, "coefficients": [-25.0, 0, 0.01], "affine": (1.02, 0.004, -0.003), "center": (43, 21)},
+        {**ROUND, "coefficients": [-20.0, 0.0, 0.012, -1e-5, 3e-6], "fov_deg": 120},
+        {**ROUND, "coefficients": [-30.0]},
+    ],
+    "kannala-brandt": [
+        {**LONG, "fx": 19.0, "fy": 20.0, "k": [0.02, -0.008, 0.002, -0.0004]},
+        {**LONG, "fx": 25.0, "fy": 24.0, "cx": 41.5, "cy": 20.0, "k": [-0.1, 0, 0, 0]},
+        {**ROUND, "fx": 9.0, "fy": 9.0},
+        {**ROUND, "fx": 9.0, "fy": 9.0, "fov_deg": 185},
+    ],
+    "noncentral-panorama": [{**WIDE, "radius": 0.0}, {**LONG, "radius": 0.5}],
+    "noncentral-spherical-mirror": [
+        {**ROUND, "mirror_radius": 0.5, "distance": 0.3},
+        {**LONG, "mirror_radius": 0.1, "distance": 0.4, "fov_deg": 300},
+    ],
+    "noncentral-conical-mirror": [
+        {**ROUND, "half_angle_deg": 55, "distance": 0.3},
+        {**LONG, "half_angle_deg": 60, "distance": 0.2, "mirror_radius": 0.15},
+    ],
+    "pinhole": [LONG, {**LONG, "focal": 30.0, "center": (10, 40)}, {**ROUND, "fov_deg": 175}],
+}

@@ -1,0 +1,124 @@
+"""Depth: exact on surfaces, and never a point between two of them."""
+
+import numpy as np
+import pytest
+from exact import ExactSource, cameras_at, distance_to_surfaces, traced
+
+import omniscv
+from mock_server import load_scene
+from mock_server.scene import Scene
+from omniscv.cameras import create
+from omniscv.captures.source import Source
+from omniscv.captures.view import Capture
+from omniscv.geometry import Pose
+
+POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
+ROOMS = {name: ExactSource(load_scene(name)) for name in ("four-wall", "six-wall")}
+CENTRAL = {name: camera for name, camera in cameras_at(1024).items() if camera.central}
+
+
+IN_BOTH_ROOMS = ("equirectangular", "fisheye-equidistant", "catadioptric-hyperbolic")
+
+
+@pytest.mark.parametrize(
+    ("room", "name"), [("four-wall", n) for n in CENTRAL] + [("six-wall", n) for n in IN_BOTH_ROOMS]
+)
+def test_depth_of_every_central_model(room, name):
+    """Faces and images of 1024 px, float32 depth. Of nearly a million points none is in the air."""
+    source, camera = ROOMS[room], CENTRAL[name]
+    image = omniscv.render(camera, POSE, source, ("depth",), face_size=1024)
+    every = 4  # of the rows, one in so many is traced
+    truth = traced_rows(source.scene, camera, every)
+    depth, valid = image.depth[::every], image.valid[::every]
+    off = np.abs(depth[valid] - truth[valid]) / truth[valid]
+    assert np.median(off) <= 1e-5
+    assert np.quantile(off, 0.99) <= 1e-3
+    points = image.points()
+    assert len(points) == np.count_nonzero(image.valid)
+    assert np.count_nonzero(distance_to_surfaces(source.scene, points[::2]) > 0.02) == 0
+
+
+def traced_rows(scene, camera, every):
+    rays = camera.unproject(camera.pixels()[::every])
+    return scene.trace(POSE.t_w_c, rays.directions @ POSE.R_w_c.T).distance
+
+
+def test_half_floats_of_real_servers_err_by_half_a_step(tmp_path):
+    """Protocol reference, section 7.4: centimetres in half floats step by 1.25 mm at 2 m, 2.5 mm at 5 m."""
+    camera = create("equirectangular", width=512, height=256)
+    with omniscv.open_source("mock://four-wall") as live:  # depth=half is what real servers send
+        image = omniscv.render(camera, POSE, live, ("depth",), face_size=512)
+    truth = traced(load_scene("four-wall"), camera, POSE)
+    flat = np.isin(
+        truth.label, [1 + i for i, n in enumerate(ROOMS["four-wall"].scene.objects) if "Layout" in n]
+    )
+    off = np.abs(image.depth - truth.distance)[flat]
+    # Planar depth is rounded by at most half a step, and the ray is at most sqrt(3) longer. Pixels at
+    # the edges of surfaces, which take the nearest pixel of a face, are the rest.
+    for near, far, step in ((1.28, 2.56, 1.25e-3), (2.56, 5.12, 2.5e-3)):
+        here = (truth.distance[flat] > near) & (truth.distance[flat] < far)
+        assert here.sum() > 1000
+        assert np.quantile(off[here], 0.95) <= step / 2 * np.sqrt(3)
+
+
+class Sky(Source):
+    """A floor one metre below, and nothing above the horizon."""
+
+    capabilities = omniscv.captures.Capabilities()
+
+    def objects(self):
+        raise AssertionError("no mask was asked for")
+
+    def capture(self, requests):
+        for request in requests:
+            view = request.view
+            y, x = np.indices((view.height, view.width)) + 0.5
+            rays = np.stack(
+                [x - view.width / 2, y - view.height / 2, np.full(x.shape, view.focal_px)], axis=-1
+            )
+            up = (rays / view.focal_px) @ view.pose.R_w_c[2]
+            with np.errstate(divide="ignore"):
+                depth = np.where(up < 0, -1 / up, np.inf).astype(np.float32)
+            yield Capture(request, view, depth, b"", "npy")
+
+
+@pytest.mark.parametrize("filter", ["auto", "nearest", "bicubic"])
+def test_the_sky_stays_infinite_and_is_never_blended(filter):
+    camera = create("equirectangular", width=256, height=128)
+    pose = Pose.from_angles((0, 0, 1.0))
+    image = omniscv.render(camera, pose, Sky(), ("depth",), filter=filter, face_size=128)
+    assert np.isinf(image.depth[:62]).all()
+    assert np.isfinite(image.depth[66:]).all()
+    rays = camera.unproject().directions
+    below = slice(70, None)
+    exact = 1 / rays[below, :, 1]
+    assert np.abs(image.depth[below] / exact - 1).max() < (1e-5 if filter != "nearest" else 0.2)
+
+
+def test_outside_the_field_of_view_depth_is_zero():
+    camera = create("fisheye-equidistant", width=64, height=64, fov_deg=180)
+    image = omniscv.render(camera, POSE, ROOMS["four-wall"], ("depth",))
+    assert (image.depth[~image.valid] == 0).all()
+    assert (image.depth[image.valid] > 0).all()
+
+
+def test_a_thin_pole_keeps_its_depth():
+    """Thinner than two pixels of a face: no neighbour continues it, so its own pixel's depth is taken."""
+    white, red = ({"kind": "plain", "colors": [color]} for color in ([1, 1, 1], [1, 0, 0]))
+    corners = [[-3, -3], [3, -3], [3, 3], [-3, 3]]
+    scene = Scene(
+        "pole",
+        {
+            "room": {"floor": corners, "height": 3, "walls": [white] * 4}
+            | {"floor_texture": white, "ceiling_texture": white},
+            "objects": {"Pole": {"texture": red, "solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}},
+        },
+    )
+    source = ExactSource(scene)
+    camera = create("equirectangular", width=1024, height=512)
+    image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth", "object_mask"))
+    pole = image.labels == scene.label("Pole")
+    assert pole.sum() > 200
+    points = image.points().reshape(512, 1024, 3)
+    assert distance_to_surfaces(scene, points[pole]).max() < 0.01
+    assert (np.abs(points[pole][:, 0] - 1.5) < 0.02).all()

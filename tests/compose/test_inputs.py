@@ -1,0 +1,147 @@
+"""Captures of every kind that a source may bring: passed through as they are, or refused in one sentence."""
+
+import io
+
+import cv2
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.cameras import create
+from omniscv.captures.decode import decode
+from omniscv.captures.source import Capabilities, ObjectTable, Source
+from omniscv.captures.view import MODES, Capture, View
+from omniscv.errors import BadReply, MissingCapture
+from omniscv.geometry import Pose
+
+POSE = Pose.from_angles((0, 0, 0), yaw_deg=20)
+CAMERA = create("equirectangular", width=64, height=32)
+VIEW = View(POSE, 90.0, 6, 4)
+
+
+class Made(Source):
+    """Captures that a function makes of requests."""
+
+    capabilities = Capabilities()
+
+    def __init__(self, make):
+        self.make = make
+
+    def objects(self):
+        return ObjectTable({})
+
+    def capture(self, requests):
+        for i, request in enumerate(requests):
+            yield self.make(i, request)
+
+
+def plain(value, dtype):
+    def make(_, request):
+        shape = (request.view.height, request.view.width, 3)
+        return Capture(request, request.view, np.full(shape, value, dtype), b"", "npy")
+
+    return make
+
+
+@pytest.mark.parametrize("filter", ["nearest", "bilinear", "bicubic", "area"])
+@pytest.mark.parametrize(
+    ("value", "dtype"), [(65535, np.uint16), (1e5, np.float32), (-0.25, np.float32), (255, np.uint8)]
+)
+def test_values_and_types_pass_through(value, dtype, filter):
+    """No rescaling to 8 bits or to 0..1, and no overflow at the top of a type's range."""
+    for camera in (CAMERA, create("fisheye-equidistant", width=32, height=32, fov_deg=200)):
+        image = omniscv.render(camera, POSE, Made(plain(value, dtype)), filter=filter, face_size=64)
+        assert image.lit.dtype == dtype
+        np.testing.assert_allclose(image.lit[image.valid], value, rtol=1e-6)
+        assert (image.lit[~image.valid] == 0).all()
+
+
+def test_faces_of_different_sizes_are_refused():
+    def make(i, request):
+        view = request.view if i != 3 else View(request.view.pose, request.view.fov_deg, 50, 50)
+        return Capture(request, view, np.zeros((view.height, view.width, 3), np.uint8), b"", "png")
+
+    with pytest.raises(BadReply, match="captures of one size and type"):
+        omniscv.render(CAMERA, POSE, Made(make))
+
+
+def test_faces_of_different_types_are_refused():
+    def make(i, request):
+        return plain(1, np.uint8 if i else np.float32)(i, request)
+
+    with pytest.raises(BadReply, match="captures of one size and type"):
+        omniscv.render(CAMERA, POSE, Made(make))
+
+
+def test_views_that_do_not_see_every_ray_are_refused():
+    def make(_, request):
+        turned = View(Pose.from_angles((0, 0, 0), yaw_deg=90), 90.0, request.view.width, request.view.height)
+        return Capture(request, turned, np.zeros((turned.height, turned.width, 3), np.uint8), b"", "png")
+
+    with pytest.raises(MissingCapture, match="seen by none"):
+        omniscv.render(CAMERA, POSE, Made(make))
+
+
+def png(pixels):
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+def npy(pixels):
+    stream = io.BytesIO()
+    np.save(stream, pixels)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("mode", ["lit", "object_mask"])
+def test_alpha_is_dropped_and_grey_becomes_colour(mode):
+    bgr = np.random.default_rng(0).integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    alpha = np.dstack([bgr, np.arange(24, dtype=np.uint8).reshape(4, 6)])
+    np.testing.assert_array_equal(decode(png(bgr), "png", mode, VIEW), bgr[..., ::-1])
+    np.testing.assert_array_equal(decode(png(alpha), "png", mode, VIEW), bgr[..., ::-1])
+    grey = decode(png(bgr[..., 0]), "png", mode, VIEW)
+    np.testing.assert_array_equal(grey, np.repeat(bgr[..., :1], 3, axis=-1))
+
+
+@pytest.mark.parametrize("encoding", ["npy", "npy planar cm", "npy ray m"])
+@pytest.mark.parametrize("wrong", [np.nan, -1.0, -np.inf])
+def test_depth_that_cannot_be_is_refused(wrong, encoding):
+    depth = np.ones((4, 6), np.float32)
+    depth[2, 3] = wrong
+    with pytest.raises(BadReply, match="1 of 24"):
+        decode(npy(depth), encoding, "depth", VIEW)
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "mode"),
+    [
+        (png(np.zeros((6, 4, 3), np.uint8)), "png", "lit"),
+        (png(np.zeros((4, 6, 3), np.uint16)), "png", "lit"),
+        (png(np.zeros((4, 6, 3), np.uint8))[:-20], "png", "lit"),
+        (b"", "png", "lit"),
+        (b"ok", "npy", "depth"),
+        (npy(np.zeros((4, 6, 4), np.uint8)), "npy", "lit"),
+        (npy(np.zeros((4, 6, 3), np.float32)), "npy", "depth"),
+        (npy(np.zeros((6, 4), np.float32)), "npy", "depth"),
+        (npy(np.zeros((4, 6), np.float32))[:-4], "npy", "depth"),
+        (npy(np.zeros((4, 6), np.complex64)), "npy", "depth"),
+        (npy(np.array([[None] * 6] * 4)), "npy", "depth"),
+    ],
+)
+def test_bytes_that_are_not_what_they_should_be(payload, encoding, mode):
+    with pytest.raises(BadReply, match="expected"):
+        decode(payload, encoding, mode, VIEW)
+
+
+def test_a_picture_that_claims_to_be_huge_is_not_decoded():
+    """A PNG of a few bytes can claim a gigapixel: its header is checked before anything is allocated."""
+    bomb = bytearray(png(np.zeros((4, 6, 3), np.uint8)))
+    bomb[16:24] = (40000).to_bytes(4, "big") * 2
+    with pytest.raises(BadReply, match="40000 x 40000"):
+        decode(bytes(bomb), "png", "lit", VIEW)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_an_encoding_for_another_mode_is_refused(mode):
+    wrong = "npy ray m" if mode != "depth" else "png"
+    with pytest.raises(BadReply, match=f"encoding of {mode}"):
+        decode(b"", wrong, mode, VIEW)

@@ -1,0 +1,45 @@
+"""Normals: unit, in the camera's frame, right within a degree away from edges, 0 where unknown."""
+
+import itertools
+
+import numpy as np
+import pytest
+from exact import traced
+
+import omniscv
+from mock_server import load_scene
+from omniscv.cameras import create
+from omniscv.geometry import Pose
+
+POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
+
+
+@pytest.mark.parametrize("filter", ["auto", "nearest", "bicubic"])
+@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equisolid"])
+def test_normals_of_an_8_bit_server(name, filter):
+    camera = create(name, width=256, height=128, **({"fov_deg": 220} if "fish" in name else {}))
+    with omniscv.open_source("mock://four-wall") as live:
+        image = omniscv.render(camera, POSE, live, ("normal",), filter=filter)
+    truth = traced(load_scene("four-wall"), camera, POSE)
+    wanted = truth.normal @ POSE.R_w_c
+    length = np.linalg.norm(image.normals, axis=-1)
+    known = length > 0
+    assert np.abs(length[known] - 1).max() < 1e-6
+    assert not known[~image.valid].any()
+    # Away from edges: within three pixels all is one flat surface.
+    same = image.valid.copy()
+    for step in itertools.product(range(-3, 4), repeat=2):
+        moved = np.roll(truth.normal, step, axis=(0, 1))
+        same &= (np.roll(truth.label, step, axis=(0, 1)) == truth.label) & (moved == truth.normal).all(
+            axis=-1
+        )
+    assert same.sum() > 0.3 * image.valid.sum()
+    cosine = np.clip((image.normals * wanted).sum(axis=-1)[same], -1, 1)
+    assert np.degrees(np.arccos(cosine)).max() < 1.0
+
+
+def test_the_sky_has_no_normal():
+    camera = create("equirectangular", width=64, height=32)
+    with omniscv.open_source("mock://direction") as live:
+        image = omniscv.render(camera, POSE, live, ("normal",))
+    assert (image.normals == 0).all()
