@@ -21,9 +21,15 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def blocks(function: Callable[[slice], R], count: int) -> list[R]:
-    """``function`` of slices that cover ``range(count)``, side by side; results in order."""
-    parts = cores() if count >= _WORTH_IT else 1
+def blocks(function: Callable[[slice], R], count: int, elements: int | None = None) -> list[R]:
+    """``function`` of slices that cover ``range(count)``, side by side; results in order.
+
+    Args:
+        function: called with each slice.
+        count: how many rows there are.
+        elements: how much work that is; the count if not given.
+    """
+    parts = cores() if (elements or count) >= _WORTH_IT else 1
     edges = [count * i // parts for i in range(parts + 1)]
     return side_by_side(function, [slice(a, b) for a, b in pairwise(edges)])
 

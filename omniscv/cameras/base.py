@@ -32,7 +32,7 @@ Mask = NDArray[np.bool_]
 
 _FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
 _NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
-_ROUNDING = 4 * np.finfo(np.float64).eps  # relative: what rounding may add to a pixel at the border
+_ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
 
 
 @dataclass(frozen=True, eq=False)

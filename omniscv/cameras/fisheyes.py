@@ -37,9 +37,9 @@ class Fisheye(RadialCamera):
         limit = {"below" if self.fov_is_open else "most": self.max_fov_deg}
         half = np.radians(self._number("fov_deg", fov_deg, above=0, **limit) / 2)
         if half == np.pi / 2:  # sine and cosine of the double nearest to a right angle are not 1 and 0
-            return float(self._radius(np.array(1.0), np.array(0.0), np.array(1.0)))
+            return float(self._radius(np.array(1.0), np.array(0.0)))
         with np.errstate(divide="ignore"):  # on the branch that is not taken
-            return float(self._radius(np.sin(half), np.cos(half), np.array(1.0)))
+            return float(self._radius(np.sin(half), np.cos(half)))
 
 
 class FisheyeEquidistant(Fisheye):
@@ -58,7 +58,7 @@ class FisheyeEquidistant(Fisheye):
     def _direction(self, t: Array) -> Meridian:
         return Meridian(np.sin(t), np.cos(t))
 
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
+    def _radius(self, across: Array, along: Array) -> Array:
         return np.arctan2(across, along)
 
 
@@ -81,9 +81,9 @@ class FisheyeStereographic(Fisheye):
         scale = 1 + half * half
         return Meridian(t / scale, (1 - half) * (1 + half) / scale)
 
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
+    def _radius(self, across: Array, along: Array) -> Array:
         # tan(phi / 2) two ways: neither subtracts like numbers on its side.
-        return np.where(along >= 0, 2 * across / (length + along), 2 * (length - along) / across)
+        return np.where(along >= 0, 2 * across / (1 + along), 2 * (1 - along) / across)
 
 
 class FisheyeOrthographic(Fisheye):
@@ -103,8 +103,8 @@ class FisheyeOrthographic(Fisheye):
     def _direction(self, t: Array) -> Meridian:
         return Meridian(t, np.sqrt((1 - t) * (1 + t)))
 
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
-        return np.where(along >= 0, across / length, np.nan)
+    def _radius(self, across: Array, along: Array) -> Array:
+        return np.where(along >= 0, across, np.nan)
 
 
 class FisheyeEquisolid(Fisheye):
@@ -125,7 +125,7 @@ class FisheyeEquisolid(Fisheye):
         rest = (1 - t) * (1 + t)
         return Meridian(np.where(rest > 0, 2 * t * np.sqrt(rest), _HAIR), 1 - 2 * t * t)
 
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
+    def _radius(self, across: Array, along: Array) -> Array:
         # sin(phi / 2) two ways: neither subtracts like numbers on its side.
-        front = across / np.sqrt(2 * length * (length + along))
-        return np.where(along >= 0, front, np.sqrt((length - along) / (2 * length)))
+        front = across / np.sqrt(2 * (1 + along))
+        return np.where(along >= 0, front, np.sqrt((1 - along) / 2))

@@ -47,10 +47,10 @@ class SphereModel(RadialCamera):
         scale = 1 / (rho * rho + 1)
         return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
 
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
-        # xi length - along, without subtracting like numbers where the ray looks far ahead and xi is near 1.
-        ahead = across * across / (length + along) - self._one_less_xi_squared() / (1 + self.xi) * length
-        below = np.where(along <= 0, self.xi * length - along, ahead)
+    def _radius(self, across: Array, along: Array) -> Array:
+        # xi - along, without subtracting like numbers where the ray looks far ahead and xi is near 1.
+        ahead = across * across / (1 + along) - self._one_less_xi_squared() / (1 + self.xi)
+        below = np.where(along <= 0, self.xi - along, ahead)
         return np.where(below > 0, -self.eta * across / below, np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:

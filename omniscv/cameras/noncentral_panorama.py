@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
 
@@ -26,9 +25,10 @@ class NoncentralPanorama(Camera):
 
     name = "noncentral-panorama"
     central = False
+    has_center = False
 
-    def __init__(self, width: int, height: int, radius: float, center: ArrayLike | None = None) -> None:
-        super().__init__(width, height, center)
+    def __init__(self, width: int, height: int, radius: float) -> None:
+        super().__init__(width, height)
         self.radius = self._number("radius", radius, least=0)
 
     def parameters(self) -> dict[str, Any]:

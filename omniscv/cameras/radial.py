@@ -80,8 +80,8 @@ class RadialCamera(CircleCamera):
         """The unit direction of normalised radii 0 <= t <= edge."""
 
     @abstractmethod
-    def _radius(self, across: Array, along: Array, length: Array) -> Array:
-        """The normalised radius that sees a direction of ``length``; NaN where there is none."""
+    def _radius(self, across: Array, along: Array) -> Array:
+        """The normalised radius that sees a unit direction; NaN where there is none."""
 
     # -- common to all --------------------------------------------------------------------------
 
@@ -94,5 +94,4 @@ class RadialCamera(CircleCamera):
     def _project(self, points: Array) -> tuple[Array, Mask]:
         across, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
         length = np.hypot(across, points[..., 2])
-        # Over the length: the squares of points near and far must not leave float64.
         return self._place(self._radius(across / length, points[..., 2] / length), cos_a, sin_a)

@@ -92,14 +92,13 @@ class Composer:
 
     def _grid_of(self, camera: Camera) -> Grid:
         if self._grid is None or self._camera != camera:
-            self._camera, self._grid, self._finer, self._maps = camera, Grid.of(camera), None, None
+            self._camera, self._grid, self._finer, self._maps = camera, Grid(camera), None, None
         return self._grid
 
     def _finer_grid(self) -> Grid:
         assert self._camera is not None
-        assert self._grid is not None
         if self._finer is None:
-            self._finer = Grid.finer(self._camera, self._grid)
+            self._finer = Grid(self._camera, fine=True)
         return self._finer
 
     def _maps_of(self, plan: Plan, station: Station, views: tuple[View, ...], whole: bool) -> Maps:

@@ -2,50 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
-from omniscv.geometry import Array
 from omniscv.plan import sampling
-from omniscv.plan.groups import rays_of
+from omniscv.plan.groups import rays_of, unproject
 
 _KERNEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
 """cv2.pyrDown's."""
 
 
-@dataclass(frozen=True, eq=False)
 class Grid:
     """Rays of a camera.
 
+    Args:
+        camera: whose.
+        fine: a grid twice as fine, (2H - 1, 2W - 1): the pixels' rays, and those halfway to the next row
+            and column. Else one ray a pixel, (H, W).
+
     Attributes:
-        directions: (H, W, 3) camera frame, NaN where not valid.
-        valid: (H, W) bool.
-        steps: (H, W) float32, angle from a pixel's ray to the next, radians; 0 where unknown.
-        fine: whether this is the finer grid: (2H - 1, 2W - 1), every other ray a pixel's own.
+        directions: (h, w, 3) camera frame, NaN where not valid.
+        valid: (h, w) bool.
     """
 
-    directions: Array
-    valid: NDArray[np.bool_]
-    steps: NDArray[np.float32]
-    fine: bool
+    def __init__(self, camera: Camera, fine: bool = False) -> None:
+        self._camera, self.fine = camera, fine
+        if fine:
+            u, v = (0.5 + np.arange(2 * n - 1) / 2 for n in (camera.width, camera.height))
+            rays = unproject(camera, np.stack(np.meshgrid(u, v), axis=-1))
+        else:
+            rays = rays_of(camera)
+        self.directions, self.valid = rays.directions, rays.valid
 
-    @classmethod
-    def of(cls, camera: Camera) -> Grid:
-        """One ray a pixel."""
-        rays = rays_of(camera)
-        steps = np.nan_to_num(sampling.steps(rays)).astype(np.float32)
-        return cls(rays.directions, rays.valid, steps, fine=False)
-
-    @classmethod
-    def finer(cls, camera: Camera, coarse: Grid) -> Grid:
-        """The rays of a camera's pixels, and those halfway to the next row and column."""
-        u, v = (0.5 + np.arange(2 * n - 1) / 2 for n in (camera.width, camera.height))
-        rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1))
-        return cls(rays.directions, rays.valid, _doubled(coarse.steps), fine=True)
+    @cached_property
+    def steps(self) -> NDArray[np.float32]:
+        """(h, w) angle from a pixel's ray to the next pixel's, radians; 0 where unknown."""
+        steps = np.nan_to_num(sampling.steps(rays_of(self._camera))).astype(np.float32)
+        return np.repeat(np.repeat(steps, 2, axis=0), 2, axis=1)[:-1, :-1] if self.fine else steps
 
     def pixels(self, own: NDArray[np.int64], width: int) -> NDArray[np.int64]:
         """Flat indices in this grid of the rays that belong to pixels of the image.
@@ -96,7 +93,3 @@ def averaged(values: NDArray, seen: NDArray[np.bool_]) -> NDArray:  # type: igno
     out[row, column] = np.rint(mean) if out.dtype.kind == "u" else mean
     out[~own] = 0
     return out
-
-
-def _doubled(coarse: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:-1, :-1]

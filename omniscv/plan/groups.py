@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, Rays
 from omniscv.geometry import Array
+from omniscv.parallel import blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,13 @@ class Group:
 @lru_cache(maxsize=2)
 def rays_of(camera: Camera) -> Rays:
     """Every pixel's ray; kept for the last two cameras, because a sequence asks again for each image."""
-    return camera.unproject()
+    return unproject(camera, camera.pixels())
+
+
+def unproject(camera: Camera, pixels: Array) -> Rays:
+    """The rays of (H, W, 2) pixels, rows shared out among the cores."""
+    parts = blocks(lambda rows: camera.unproject(pixels[rows]), len(pixels), pixels[..., 0].size)
+    return Rays(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("origins", "directions", "valid")))
 
 
 @lru_cache(maxsize=2)
@@ -42,7 +49,12 @@ def pixel_groups(camera: Camera, viewpoints: int | None) -> tuple[Group, ...]:
         viewpoints: how many centres a non-central camera is given; one per column or ring if None.
     """
     shared = camera.viewpoints(viewpoints)
-    directions = rays_of(camera).directions.reshape(-1, 3)
+    rays = rays_of(camera)
+    directions = rays.directions.reshape(-1, 3)
+    if len(shared.centers) == 1:
+        pixels = np.flatnonzero(rays.valid)
+        mine = directions if len(pixels) == len(directions) else directions[pixels]
+        return (Group(shared.centers[0], pixels, mine),) if len(pixels) else ()
     order = np.argsort(shared.index, axis=None, kind="stable")
     starts = np.searchsorted(shared.index.ravel()[order], np.arange(len(shared.centers) + 1))
     return tuple(
