@@ -43,7 +43,7 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**LONG, "fx": 19.0, "fy": 20.0, "k": [0.02, -0.008, 0.002, -0.0004]},
         {**LONG, "fx": 25.0, "fy": 24.0, "cx": 41.5, "cy": 20.0, "k": [-0.1, 0, 0, 0]},
         {**ROUND, "fx": 9.0, "fy": 9.0},
-        {**ROUND, "fx": 9.0, "fy": 9.0, "fov_deg": 185},
+        {**ROUND, "fx": 17.0, "fy": 17.0, "fov_deg": 185},
     ],
     "noncentral-panorama": [{**WIDE, "radius": 0.0}, {**LONG, "radius": 0.5}],
     "noncentral-spherical-mirror": [

@@ -19,8 +19,9 @@ SPHERE = "noncentral-spherical-mirror"
 models = pytest.mark.parametrize("name", MODELS)
 
 
-def create(name, width=101, height=101, **options):
-    return cameras.create(name, width=width, height=height, **MODELS[name], **options)
+def create(name, width=101, height=101, center=None):
+    placed = {"center": center} if cameras.model(name).has_center else {}
+    return cameras.create(name, width=width, height=height, **MODELS[name], **placed)
 
 
 @models
