@@ -19,6 +19,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,8 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> list[Pa
     """
     written: list[Path] = []
     composer = Composer()
-    with job.open() as source:
+    with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+        saving: Future[list[Path]] | None = None  # one image is written while the next is composed
         for done, (stem, camera, pose) in enumerate(job.items()):
             if progress:
                 progress(done, len(job))
@@ -124,7 +126,11 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> list[Pa
                 max_error_px=job.max_error_px,
                 composer=composer,
             )
-            written += image.save(job.out, stem=stem, image_format=job.image_format)
+            if saving:
+                written += saving.result()
+            saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
+        if saving:
+            written += saving.result()
     if progress:
         progress(len(job), len(job))
     return written

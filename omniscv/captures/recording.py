@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from omniscv.captures.source import Capabilities, ObjectTable, Source
-from omniscv.captures.store import Store, key_of
+from omniscv.captures.store import Row, Store, key_of
 from omniscv.captures.view import Capture, Request, View
 from omniscv.errors import MissingCapture
+from omniscv.parallel import side_by_side
 
 
 class RecordedSource(Source):
@@ -34,17 +36,24 @@ class RecordedSource(Source):
         return self._views
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for request in requests:
-            capture = self._store.get(request)
-            if capture is None:
-                raise MissingCapture(self._explain(request))
-            yield capture
+        for few in batched(requests, _READ_AHEAD):
+            rows = [self._row(request) for request in few]
+            decoded = side_by_side(
+                lambda pair: self._store.capture_of(*pair), list(zip(few, rows, strict=True))
+            )
+            yield from decoded
 
     def objects(self) -> ObjectTable:
         return self._store.objects()
 
     def close(self) -> None:
         self._store.close()
+
+    def _row(self, request: Request) -> Row:
+        row = self._store.row(request)
+        if row is None:
+            raise MissingCapture(self._explain(request))
+        return row
 
     def _explain(self, request: Request) -> str:
         """Which recorded view is nearest, and how it differs."""
@@ -80,13 +89,8 @@ class Recording(Source):
         return self._source.recorded_views()
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        waiting: list[Request] = []
-        for request in requests:
-            waiting.append(request)
-            if len(waiting) == _WINDOW:
-                yield from self._serve(waiting)
-                waiting = []
-        yield from self._serve(waiting)
+        for few in batched(requests, _WINDOW):
+            yield from self._serve(few)
 
     def objects(self) -> ObjectTable:
         if self._objects is None:
@@ -116,6 +120,15 @@ class Recording(Source):
 
 
 _WINDOW = 24
+_READ_AHEAD = 6
+"""Captures decoded together: all faces of a centre in a mode."""
+
+
+def batched(items: Iterable[Request], most: int) -> Iterator[list[Request]]:
+    """Lists of so many items, read no further ahead."""
+    source = iter(items)
+    while batch := list(islice(source, most)):
+        yield batch
 
 
 def record(source: Source, path: Path | str) -> Source:

@@ -152,20 +152,28 @@ class Store:
         Raises:
             DamagedRecord: its bytes are not those that were recorded.
         """
-        rows = self._query(
-            "SELECT captured, encoding, checksum, provenance, payload FROM capture WHERE key = ?",
-            key_of(request),
-        )
-        for captured, encoding, checksum, provenance, payload in rows:
-            if zlib.crc32(payload) != checksum:
-                raise DamagedRecord(
-                    f"{self.path}: expected checksum {checksum:08x} for a {request.mode} capture, "
-                    f"got {zlib.crc32(payload):08x}; run 'omniscv captures verify'"
-                )
-            view = view_from_json(captured)
-            pixels = decode(payload, encoding, request.mode, view)
-            return Capture(request, view, pixels, payload, encoding, json.loads(provenance))
-        return None
+        row = self.row(request)
+        return None if row is None else self.capture_of(request, row)
+
+    def row(self, request: Request) -> Row | None:
+        """What is stored for a request, unchecked; None if nothing is."""
+        found = self._query(f"SELECT {', '.join(Row._fields)} FROM capture WHERE key = ?", key_of(request))
+        return next((Row(*row) for row in found), None)
+
+    def capture_of(self, request: Request, row: Row) -> Capture:
+        """A stored capture, checked and decoded. Needs no database: may run in any thread.
+
+        Raises:
+            DamagedRecord: its bytes are not those that were recorded.
+        """
+        if (found := zlib.crc32(row.payload)) != row.checksum:
+            raise DamagedRecord(
+                f"{self.path}: expected checksum {row.checksum:08x} for a {request.mode} capture, "
+                f"got {found:08x}; run 'omniscv captures verify'"
+            )
+        view = view_from_json(row.captured)
+        pixels = decode(row.payload, row.encoding, request.mode, view)
+        return Capture(request, view, pixels, row.payload, row.encoding, json.loads(row.provenance))
 
     def add(self, capture: Capture) -> None:
         """Writes a capture, whole.

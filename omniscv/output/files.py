@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.parallel import side_by_side
 
 if TYPE_CHECKING:
     from omniscv.output.image import OmniImage
@@ -42,18 +43,16 @@ def write(image: OmniImage, out: Path, stem: str, image_format: str = "png") -> 
     if not stem or stem != Path(stem).name:
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     out.mkdir(parents=True, exist_ok=True)
-    written = []
-    if image.lit is not None:
-        kind = "exr" if image.lit.dtype.kind == "f" else image_format
-        written.append(_picture(out / f"{stem}.lit.{kind}", image.lit))
-    for name, layer in (
+    lit_kind = "exr" if image.lit is not None and image.lit.dtype.kind == "f" else image_format
+    layers = (
+        (f"lit.{lit_kind}", image.lit),
         ("object_mask.png", image.object_mask),
         ("labels.png", image.labels),
         ("depth.exr", image.depth),
         ("normals.exr", image.normals),
-    ):
-        if layer is not None:
-            written.append(_picture(out / f"{stem}.{name}", layer))
+    )
+    pictures = [(out / f"{stem}.{name}", layer) for name, layer in layers if layer is not None]
+    written = side_by_side(lambda picture: _picture(*picture), pictures)
     written.append(_text(out / f"{stem}.json", json.dumps(_describe(image), indent=2)))
     if image.layers.objects is not None:
         written.append(_text(out / "objects.json", json.dumps(_objects(image), indent=2)))
