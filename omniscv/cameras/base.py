@@ -14,6 +14,8 @@ To add a model
        units, domain, source), ``parameters()``, ``_unproject`` and ``_project``.
     2. List it in ``_MODELS`` of ``omniscv/cameras/__init__.py``.
     3. Add an example of it to ``tests/cameras/examples.py``: the contract suite then runs on it.
+    4. Show it: its ways into its limits in ``APPROACHES`` of ``scripts/draw-stability``, an image in
+       ``_EVERY_MODEL`` of ``omniscv/demo.py``.
 """
 
 from __future__ import annotations
