@@ -1,0 +1,138 @@
+"""OCamCalib's ``calib_results.txt``: Scaramuzza's polynomial, its inverse, centre, affine part, size.
+
+Half pixel: the centre is written "starting from 0 (C convention)", so pixel centres are at whole
+numbers and its centre is ours minus 0.5. (In MATLAB itself ``xc``, ``yc`` start from 1: minus 1 more.)
+
+Rows come first: with x down the rows and y along the columns,
+``row = c x + d y + xc``, ``column = e x + y + yc``, and the ray is ``(x, y, f(rho))`` with z **against**
+the view, ``f(0) = a0 < 0``. Ours has columns first, ``u = u_0 + c' u'' + d' v''``, ``v = v_0 + e' u'' + v''``,
+and the ray ``(u'', v'', -f)``: the frames are half a turn apart, (our x, our y, our z) = (y, x, -z).
+In OCamCalib the affine part leaves the columns unstretched, in ours the rows, so one is the other with
+``(c', d', e') = (1, e, d) / c`` and, for the rays to stay, ``a_k' = a_k c^(1-k)``.
+
+Carried: ``scaramuzza``. Not carried: every other model, a limit ``fov_deg``, an affine part that mirrors
+(c <= 0). The inverse polynomial only approximates the first one: it is not used in reading, and fitted in
+writing to within 0.01 px, as OCamCalib does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyval
+from numpy.typing import NDArray
+
+from omniscv.calibration.intrinsics import refuse_limit
+from omniscv.calibration.parsing import numbers, shown, whole_number, within
+from omniscv.cameras import Camera
+from omniscv.cameras.scaramuzza import Scaramuzza
+from omniscv.errors import ArgumentError
+
+CENTER_SHIFT_PX = 0.5
+"""Added to a centre of OCamCalib's."""
+
+_INVERSE_ERROR_PX = 0.01
+_INVERSE_DEGREES = range(3, 33)
+_SAMPLES = 2000
+
+
+def read_ocamcalib(text: str) -> dict[str, Camera]:
+    """The camera of a ``calib_results.txt``, named ``cam0``.
+
+    Raises:
+        ArgumentError: a number is missing, left over or not finite, c is not above 0, a0 is not below 0.
+    """
+    words = [word for line in text.splitlines() for word in line.partition("#")[0].split()]
+    polynomial, words = _counted("polynomial", words)
+    _, words = _counted("inverse polynomial", words)
+    center, words = numbers("center, row and column", words[:2], 2), words[2:]
+    affine, words = numbers("affine parameters c, d, e", words[:3], 3), words[3:]
+    if len(words) != 2:
+        raise ArgumentError(f"image size: expected height and width and no more, got {shown(words)}")
+    height, width = whole_number("height", words[0]), whole_number("width", words[1])
+    coefficients, affine_columns_first = _exchange_axes(np.array(polynomial), np.array(affine))
+    row, column = center
+    return {
+        "cam0": Scaramuzza(
+            width,
+            height,
+            coefficients=coefficients,
+            affine=affine_columns_first,
+            center=(column + CENTER_SHIFT_PX, row + CENTER_SHIFT_PX),
+        )
+    }
+
+
+def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
+    """The ``calib_results.txt`` of one ``scaramuzza`` camera; its name is not carried.
+
+    Raises:
+        ArgumentError: not exactly one camera, another model, a limit ``fov_deg``, an affine part with
+            c <= 0, or a polynomial whose inverse no polynomial of degree 32 meets within 0.01 px
+            in the image.
+    """
+    if len(cameras) != 1:
+        raise ArgumentError(f"OCamCalib's file holds one camera, got {len(cameras)}: {shown(list(cameras))}")
+    ((name, camera),) = cameras.items()
+    with within(name):
+        if not isinstance(camera, Scaramuzza):
+            raise ArgumentError(f"OCamCalib: expected a camera scaramuzza, got {camera.name}")
+        refuse_limit(camera)
+        polynomial, affine = _exchange_axes(camera.coefficients, camera.affine)
+        inverse = _inverse(polynomial, affine, camera)
+    column, row = camera.center - CENTER_SHIFT_PX
+    sections = {
+        "polynomial coefficients for the DIRECT mapping function (cam2world)": [len(polynomial), *polynomial],
+        "polynomial coefficients for the inverse mapping function (world2cam)": [len(inverse), *inverse],
+        'center: "row" and "column", starting from 0 (C convention)': [row, column],
+        'affine parameters "c", "d", "e"': [*affine],
+        'image size: "height" and "width"': [camera.height, camera.width],
+    }
+    # Blank lines where OCamCalib has them: many readers count lines.
+    return "".join(
+        f"#{title}\n\n{' '.join(str(value) for value in values)}\n\n" for title, values in sections.items()
+    )
+
+
+def _counted(key: str, words: list[str]) -> tuple[list[float], list[str]]:
+    """The numbers after their count, and the words after them."""
+    count = whole_number(f"number of coefficients of the {key}", words[0] if words else None)
+    return numbers(key, words[1 : count + 1], count), words[count + 1 :]
+
+
+def _exchange_axes(
+    coefficients: NDArray[np.float64], affine: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Coefficients and affine part with rows first from those with columns first, or the other way."""
+    c, d, e = affine
+    if not c > 0:
+        raise ArgumentError(f"affine: expected c > 0 (less would mirror the image), got c = {c:.15g}")
+    powers = c ** (1.0 - np.arange(len(coefficients)))
+    return coefficients * powers, np.array([1.0, e, d]) / c
+
+
+def _inverse(
+    polynomial: NDArray[np.float64], affine: NDArray[np.float64], camera: Scaramuzza
+) -> NDArray[np.float64]:
+    """Coefficients of rho by the angle ``atan(z / |(x, y)|)``, least degree first, for all of the image."""
+    c, d, e = affine
+    corners = np.array([[0, 0], [camera.width, 0], [0, camera.height], [camera.width, camera.height]])
+    rows_first = (corners - camera.center)[:, ::-1]
+    farthest = np.hypot(*np.linalg.solve(np.array([[c, d], [e, 1.0]]), rows_first.T)).max()
+    rho = np.linspace(0, farthest, _SAMPLES)
+    angle = np.arctan2(polyval(rho, polynomial), rho)
+    falling = np.flatnonzero(np.diff(angle) <= 0)  # from there on another pixel has the ray already
+    end = int(falling[0]) + 1 if falling.size else _SAMPLES
+    rho, angle = rho[:end], angle[:end]
+    error = np.inf
+    for degree in _INVERSE_DEGREES:
+        inverse = Polynomial.fit(angle, rho, degree).convert().coef
+        error = min(error, float(np.abs(polyval(angle, inverse) - rho).max()))
+        if error <= _INVERSE_ERROR_PX:
+            return np.asarray(inverse, dtype=np.float64)
+    raise ArgumentError(
+        f"OCamCalib: expected a polynomial whose inverse is one within {_INVERSE_ERROR_PX} px, "
+        f"got no nearer than {error:.3g} px"
+    )
