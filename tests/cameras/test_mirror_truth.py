@@ -68,31 +68,21 @@ def plane(half_distance):
 def bounce(mirror, x, y):
     """(hit, unit direction) of a camera ray off the surface, or None where it misses."""
     start, ray = mirror.ray(x, y)
-    a, b, c = (
-        form(mirror.quadric, ray, ray),
-        form(mirror.quadric, ray, start),
-        form(mirror.quadric, start, start),
-    )
+    a, b = (mp.fdot(ray, mirror.quadric * other) for other in (ray, start))
+    c = mp.fdot(start, mirror.quadric * start)
     square = b * b - a * c
     if square < 0:
         return None
     # Not divided by a, which is 0 for the plane, and for rays along the paraboloid's axis.
     ways = [c / bottom for bottom in (-b + mp.sqrt(square), -b - mp.sqrt(square)) if bottom]
-    hits = [
-        start + way * ray
-        for way in ways
-        if way > 0 and (start + way * ray)[2] >= mirror.nearest * (1 + mp.eps)
-    ]
+    ahead = [start + way * ray for way in ways if way > 0]
+    hits = [p for p in ahead if p[2] >= mirror.nearest * (1 + mp.eps)]
     if not hits:
         return None
     hit = min(hits, key=lambda p: p[2])
     normal, d = unit((mirror.quadric * hit)[:3]), unit(ray[:3])
     along = mp.fdot(d, normal)
     return hit[:3], [d[i] - 2 * along * normal[i] for i in range(3)]
-
-
-def form(quadric, left, right):
-    return mp.fdot(left, quadric * right)
 
 
 def unit(vector):
