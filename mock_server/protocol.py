@@ -56,9 +56,19 @@ def _read_exactly(connection: socket.socket, size: int) -> bytes | None:
     return bytes(data)
 
 
+_INT32 = 1 << 31
+_INT64_DIGITS = 18
+
+
+def to_int32(digits: str) -> int:
+    """A number as the plugin reads it: of C's long, the last 32 bits; 0 for no digits."""
+    value = int(digits or 0) if len(digits) <= _INT64_DIGITS else -1
+    return (value + _INT32) % (2 * _INT32) - _INT32
+
+
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
-    "[uint]": (r"(\d*)", lambda text: int(text or 0)),
+    "[uint]": (r"(\d*)", lambda text: max(0, to_int32(text))),
     "[float]": (r"([-+]?\d*\.?\d+)", float),
 }
 
@@ -92,4 +102,4 @@ def command(template: str, description: str, handler: Callable[..., Any]) -> Com
             converters.append(convert)
         else:
             pattern += re.escape(part)
-    return Command(template, description, handler, re.compile(pattern + r" *\Z"), tuple(converters))
+    return Command(template, description, handler, re.compile(pattern + r" *\Z", re.ASCII), tuple(converters))

@@ -5,7 +5,8 @@ World frame: right-handed, metres, X forward, Y left, Z up. Lengths in the YAML 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,6 +85,23 @@ class Scene:
         reach[kind == CYLINDER] = disc[kind == CYLINDER]
         reach[kind == SPHERE] = half[kind == SPHERE, :1]
         return (rows[:, 2:5] - reach).min(axis=0), (rows[:, 2:5] + reach).max(axis=0)
+
+    def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
+        """This scene with some objects elsewhere. Textures stay fixed to the world, not to the objects.
+
+        Args:
+            moves: by object, a rotation (3, 3), the point it turns about, and where that point goes
+                (both (3,) metres, world frame).
+        """
+        result = copy.copy(self)
+        result._solids = self._solids.copy()
+        for name, (R, pivot, place) in moves.items():
+            rows = self._owner == name
+            turned = (result._solids[rows, 2:5] - pivot) @ R.T
+            result._solids[rows, 2:5] = turned + place
+            axes = result._solids[rows, 5:14].reshape(-1, 3, 3) @ R.T
+            result._solids[rows, 5:14] = axes.reshape(-1, 9)
+        return result
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
         """What rays meet first, exact to float64 rounding.

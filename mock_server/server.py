@@ -1,27 +1,31 @@
-"""The TCP server: one client at a time, as the plugin, each with a reader and a writer thread."""
+"""The server: one client at a time, as the plugin, answered once per frame of the engine."""
 
 from __future__ import annotations
 
 import contextlib
 import queue
-import re
 import socket
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from mock_server.dialects.v1 import Commands
+from mock_server.dialects import BY_NAME
+from mock_server.dialects.common import Later, Settings
+from mock_server.files import OutputFolder
 from mock_server.protocol import BadFrame, frame, read_frame
 from mock_server.scene import Scene, load_scene
 from mock_server.world import World
 
-DIALECTS = ("1.x", "N1")
+DIALECTS = tuple(BY_NAME)
 DEPTHS = ("half", "float32")
-_REQUEST = re.compile(rb"(\d+):(.*)")
 _BACKLOG = 1
 _ACCEPT_S = 0.1
+_FRAME_S = 1 / 60
 
 
 class Statistics:
@@ -39,8 +43,24 @@ class Statistics:
         return sum(count for text, count in self.counts.items() if text.startswith(start))
 
 
+@dataclass
+class _Pending:
+    """A reply that waits for frames to pass."""
+
+    frames: int
+    came: float
+    identity: int
+    reply: Later
+
+
+Requests = queue.Queue[tuple[float, bytes] | None]
+
+
 class Server:
     """A scene behind the UnrealCV protocol. A context manager; ``stop`` ends it.
+
+    A frame of the engine ends whenever the requests that have come are answered, and every 1/60 s while
+    none comes: so clients that wait for each reply see poses lag as with an engine, without its waiting.
 
     Args:
         scene: a Scene, or the name or YAML path of one.
@@ -50,6 +70,9 @@ class Server:
             pipelined requests share the wait, as they share an engine's tick.
         depth: ``half``: depth goes through half floats as in the engine; ``float32``: it does not.
         host: the address to listen on; loopback unless told.
+        size: width and height of new cameras, px, as in the plugin's settings.
+        fov_deg: horizontal field of view of new cameras.
+        folder: where commands that name a file write; None takes a temporary one, removed at the end.
 
     Raises:
         ValueError: an unknown scene, dialect or depth.
@@ -64,17 +87,22 @@ class Server:
         latency_ms: float = 0.0,
         depth: str = "half",
         host: str = "127.0.0.1",
+        size: tuple[int, int] = (640, 480),
+        fov_deg: float = 90.0,
+        folder: Path | None = None,
     ) -> None:
         for key, value, known in (("dialect", dialect, DIALECTS), ("depth", depth, DEPTHS)):
             if value not in known:
                 raise ValueError(f"{key}: expected one of {', '.join(known)}; got {value!r}")
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.statistics = Statistics()
+        self.files = OutputFolder(folder)
         self._latency_s = latency_ms / 1000
         self._listener = socket.create_server((host, port), backlog=_BACKLOG)
         self._listener.settimeout(_ACCEPT_S)
         self.host, self.port = self._listener.getsockname()[:2]
-        self._commands = Commands(World(self.scene), self.port, depth == "half")
+        settings = Settings(self.port, *size, fov_deg, depth == "half", self.files)
+        self._dialect = BY_NAME[dialect](World(self.scene, size, fov_deg), settings)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
         self._thread.start()
@@ -89,6 +117,7 @@ class Server:
         self._stopping.set()
         self._thread.join()
         self._listener.close()
+        self.files.close()
 
     def __enter__(self) -> Self:
         return self
@@ -110,54 +139,70 @@ class Server:
 
     def _serve(self, connection: socket.socket) -> None:
         """Answers one client until it leaves: this thread answers, another reads."""
-        requests: queue.Queue[tuple[float, bytes] | None] = queue.Queue()
+        requests: Requests = queue.Queue()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
         with contextlib.suppress(OSError):
             connection.sendall(frame(f"connected to {self.scene.name}".encode()))
             reader.start()
-            while (item := self._next(requests)) is not None:
-                came, payload = item
-                reply = self._reply(payload)
-                if reply is not None:
-                    self._stopping.wait(max(0.0, came + self._latency_s - time.monotonic()))
-                    connection.sendall(frame(reply))
+            for came, reply in self._replies(requests):
+                self._stopping.wait(max(0.0, came + self._latency_s - time.monotonic()))
+                connection.sendall(frame(reply))
         with contextlib.suppress(OSError):
             connection.shutdown(socket.SHUT_RDWR)
         if reader.ident is not None:
             reader.join()
 
-    def _next(self, requests: queue.Queue[tuple[float, bytes] | None]) -> tuple[float, bytes] | None:
+    def _replies(self, requests: Requests) -> Iterator[tuple[float, bytes]]:
+        """The replies' payloads, frame after frame, each with the time its request came."""
+        pending: list[_Pending] = []
         while not self._stopping.is_set():
-            with contextlib.suppress(queue.Empty):
-                return requests.get(timeout=_ACCEPT_S)
-        return None
+            for request in _come(requests, self._dialect.requests_per_frame):
+                if request is None:
+                    return
+                came, payload = request
+                parsed = self._dialect.parse(payload)
+                if parsed is None:
+                    refusal = self._dialect.malformed(payload)
+                    if refusal is not None:
+                        yield came, refusal
+                    continue
+                identity, text = parsed
+                self.statistics.note(text)
+                reply = self._dialect.answer(text)
+                if isinstance(reply, Later):
+                    pending.append(_Pending(reply.frames, came, identity, reply))
+                else:
+                    yield came, _payload(identity, reply)
+            self._dialect.tick()
+            for each in pending:
+                each.frames -= 1
+            while pending and pending[0].frames < 0:
+                done = pending.pop(0)
+                yield done.came, _payload(done.identity, done.reply.make())
 
     @staticmethod
-    def _read(connection: socket.socket, requests: queue.Queue[tuple[float, bytes] | None]) -> None:
+    def _read(connection: socket.socket, requests: Requests) -> None:
         with contextlib.suppress(OSError, BadFrame):
             while (payload := read_frame(connection)) is not None:
                 requests.put((time.monotonic(), payload))
         requests.put(None)
 
-    def _reply(self, payload: bytes) -> bytes | None:
-        """The reply's payload; None where the plugin stays silent."""
-        found = _REQUEST.search(payload.partition(b"\0")[0])
-        if found is None:
-            return None
-        text = found[2].decode("latin-1").rstrip("\r")
-        self.statistics.note(text)
-        body = self._commands.answer(text)
-        return found[1] + b":" + (body if isinstance(body, bytes) else body.encode())
+
+def _come(requests: Requests, most: int | None) -> Iterator[tuple[float, bytes] | None]:
+    """The requests of a frame: what has come, or nothing after a while."""
+    count = 0
+    with contextlib.suppress(queue.Empty):
+        yield requests.get(timeout=_FRAME_S)
+        count += 1
+        while most is None or count < most:
+            yield requests.get_nowait()
+            count += 1
 
 
-def serve(
-    scene: Scene | str,
-    port: int = 0,
-    dialect: str = "1.x",
-    *,
-    latency_ms: float = 0.0,
-    depth: str = "half",
-    host: str = "127.0.0.1",
-) -> Server:
+def _payload(identity: int, body: str | bytes) -> bytes:
+    return b"%d:%b" % (identity, body if isinstance(body, bytes) else body.encode())
+
+
+def serve(scene: Scene | str, port: int = 0, dialect: str = "1.x", **options: Any) -> Server:
     """Starts a server; see :class:`Server`. Use it as a context manager, or call ``stop``."""
-    return Server(scene, port, dialect, latency_ms=latency_ms, depth=depth, host=host)
+    return Server(scene, port, dialect, **options)

@@ -1,28 +1,28 @@
 """What the commands act on: cameras, objects and their mask colours, in Unreal's frame.
 
-Unreal: left-handed, centimetres, X forward, Y right, Z up. The mirror into the scene's frame is made
-here, from the axes of a rotator (protocol reference, section 4), and shared with nobody.
+Unreal: left-handed, centimetres, X forward, Y right, Z up.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import threading
 from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_server.player import Player
 from mock_server.render import ViewHits, render_view
+from mock_server.rotator import MIRROR, Triple, axes, camera_to_world
 from mock_server.scene import Scene
 
-Triple = tuple[float, float, float]
 Color = tuple[int, int, int]
 
 _KEPT_VIEWS = 8
+_MOST_PIXELS = 1 << 24
 _START_CM: Triple = (0.0, 0.0, 150.0)
 
 
@@ -31,74 +31,109 @@ class Camera:
     """A capture camera: location in cm, rotator (pitch, yaw, roll) in degrees, field of view, size."""
 
     name: str
-    location: Triple = _START_CM
+    location: Triple
     rotation: Triple = (0.0, 0.0, 0.0)
     fov: float = 90.0
     size: tuple[int, int] = (640, 480)
 
-    def axes(self) -> NDArray[np.float64]:
-        """(3, 3) camera (x right, y down, z forward) to the scene's world frame."""
-        p, y, r = map(math.radians, self.rotation)
-        sp, cp, sy, cy, sr, cr = math.sin(p), math.cos(p), math.sin(y), math.cos(y), math.sin(r), math.cos(r)
-        forward = (cp * cy, cp * sy, sp)
-        right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
-        up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
-        mirrored = np.array([right, up, forward]) * (1, -1, 1)
-        return np.stack([mirrored[0], -mirrored[1], mirrored[2]], axis=1)
+    def can_see(self) -> bool:
+        """Whether a capture has pixels: not of size 0, beyond memory, or of an impossible field of view."""
+        return 0 < self.size[0] * self.size[1] <= _MOST_PIXELS and 0 < self.fov < 180
 
 
 @dataclass
 class SceneObject:
-    """An object's state."""
+    """An object's state. The pivot is the middle of its box; turns and moves are about it."""
 
     name: str
     color: Color
-    hidden: bool = False
-    location: Triple = (0.0, 0.0, 0.0)
+    pivot: Triple
+    location: Triple
     rotation: Triple = (0.0, 0.0, 0.0)
+    hidden: bool = False
 
 
-@dataclass
 class World:
-    """A scene in play."""
+    """A scene in play: a player, cameras (the first is the player's), and objects by name.
 
-    scene: Scene
-    cameras: list[Camera] = field(default_factory=lambda: [Camera("PawnSensor")])
-    viewmode: str = "lit"
-    paused: bool = False
+    Args:
+        scene: what is there at the start.
+        size: width and height of new cameras, px.
+        fov_deg: their horizontal field of view.
+    """
 
-    def __post_init__(self) -> None:
+    def __init__(self, scene: Scene, size: tuple[int, int] = (640, 480), fov_deg: float = 90.0) -> None:
+        self.scene, self._size, self._fov_deg = scene, size, fov_deg
+        self.player = Player(_START_CM)
+        self.cameras = [Camera("PawnSensor", _START_CM, fov=fov_deg, size=size)]
+        self.viewmode = "lit"
+        self.paused = False
         colors = palette()
-        self.objects = {name: SceneObject(name, next(colors)) for name in self.scene.objects}
+        self._actors = [self._actor(name, next(colors)) for name in self.scene.objects]
+        self.objects = {actor.name: actor for actor in self._actors}
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
-        self._lock = threading.Lock()
+
+    def _actor(self, name: str, color: Color) -> SceneObject:
+        middle = self._box_cm(self.scene, name).mean(axis=0)
+        at = (float(middle[0]), float(middle[1]), float(middle[2]))
+        return SceneObject(name, color, at, at)
 
     def spawn(self) -> str:
         """A new camera; its actor's name."""
-        self.cameras.append(Camera("FusionCameraSensor", self.cameras[0].location))
+        here = self.cameras[0].location
+        self.cameras.append(Camera("FusionCameraSensor", here, fov=self._fov_deg, size=self._size))
         return f"FusionCameraActor_{len(self.cameras) - 2}"
+
+    def rename(self, actor: SceneObject, name: str) -> None:
+        """Gives an object another name, in the same place of the list."""
+        self.objects = {name if each is actor else each.name: each for each in self.objects.values()}
+        actor.name = name
+
+    def destroy(self, actor: SceneObject) -> None:
+        """Takes an object out of the world."""
+        actor.hidden = True
+        del self.objects[actor.name]
+
+    def bounds(self, actor: SceneObject) -> NDArray[np.float64]:
+        """(2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
+        return self._box_cm(self._placed(), self.scene.objects[self._actors.index(actor)])
 
     def look(self, camera: Camera) -> ViewHits:
         """What a camera sees, in every mode: traced once, kept while it is asked for in other modes."""
-        hidden = frozenset(o.name for o in self.objects.values() if o.hidden)
-        key = (camera.location, camera.rotation, camera.fov, camera.size, hidden)
-        with self._lock:
-            if key in self._views:
-                self._views.move_to_end(key)
-                return self._views[key]
-        x, y, z = camera.location
-        t_w_c = np.array([x, -y, z]) / 100.0
-        view = render_view(self.scene, camera.axes(), t_w_c, _horizontal_fov(camera), *camera.size, hidden)
-        with self._lock:
-            self._views[key] = view
-            while len(self._views) > _KEPT_VIEWS:
-                self._views.popitem(last=False)
-        return view
+        names = self.scene.objects
+        hidden = frozenset(n for n, actor in zip(names, self._actors, strict=True) if actor.hidden)
+        key = (camera.location, camera.rotation, camera.fov, camera.size, hidden, self._places())
+        if key not in self._views:
+            t_w_c = MIRROR @ camera.location / 100.0
+            fov_deg = _horizontal_fov(camera)
+            R_w_c = camera_to_world(camera.rotation)
+            self._views[key] = render_view(self._placed(), R_w_c, t_w_c, fov_deg, *camera.size, hidden)
+        self._views.move_to_end(key)
+        while len(self._views) > _KEPT_VIEWS:
+            self._views.popitem(last=False)
+        return self._views[key]
 
     def mask(self, view: ViewHits) -> NDArray[np.uint8]:
         """(H, W, 3) each object's colour; black where there is none."""
-        colors = [(0, 0, 0), *(self.objects[name].color for name in self.scene.objects)]
+        colors = [(0, 0, 0), *(actor.color for actor in self._actors)]
         return np.array(colors, dtype=np.uint8)[view.label]
+
+    def _places(self) -> tuple[tuple[Triple, Triple], ...]:
+        return tuple((actor.location, actor.rotation) for actor in self._actors)
+
+    def _placed(self) -> Scene:
+        """The scene with its objects where commands have put them."""
+        moves = {}
+        for name, actor in zip(self.scene.objects, self._actors, strict=True):
+            if actor.location != actor.pivot or actor.rotation != (0.0, 0.0, 0.0):
+                R = MIRROR @ axes(actor.rotation) @ MIRROR
+                pivot, place = (MIRROR @ at / 100.0 for at in (actor.pivot, actor.location))
+                moves[name] = (R, pivot, place)
+        return self.scene.moved(moves) if moves else self.scene
+
+    @staticmethod
+    def _box_cm(scene: Scene, name: str) -> NDArray[np.float64]:
+        return np.sort(100.0 * np.array(scene.bounds(name)) @ MIRROR, axis=0)
 
 
 def _horizontal_fov(camera: Camera) -> float:
