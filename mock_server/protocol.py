@@ -61,14 +61,19 @@ _INT64_DIGITS = 18
 
 
 def to_int32(digits: str) -> int:
-    """A number as the plugin reads it: of C's long, the last 32 bits; 0 for no digits."""
-    value = int(digits or 0) if len(digits) <= _INT64_DIGITS else -1
+    """A request's id as the plugin reads it: the last 32 bits of C's saturated long."""
+    value = int(digits) if len(digits) <= _INT64_DIGITS else -1
     return (value + _INT32) % (2 * _INT32) - _INT32
+
+
+def _uint(digits: str) -> int:
+    """A count or index; 0 for no digits, and never so large that it is costly."""
+    return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
 
 
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
-    "[uint]": (r"(\d*)", lambda text: max(0, to_int32(text))),
+    "[uint]": (r"(\d*)", _uint),
     "[float]": (r"([-+]?\d*\.?\d+)", float),
 }
 
