@@ -113,6 +113,13 @@ class World:
             self._views.popitem(last=False)
         return self._views[key]
 
+    def hear(self, text: str) -> None:
+        """A command came, and is about to be answered."""
+
+    def lit(self, view: ViewHits) -> NDArray[np.uint8]:
+        """(H, W, 3) the picture in colour."""
+        return view.color
+
     def mask(self, view: ViewHits) -> NDArray[np.uint8]:
         """(H, W, 3) each object's colour; black where there is none."""
         colors = [(0, 0, 0), *(actor.color for actor in self._actors)]

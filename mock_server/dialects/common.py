@@ -142,7 +142,7 @@ class Dialect(ABC):
             return pictures.normals(view)
         if self.world.viewmode == "depth":
             return pictures.gray_depth(view)
-        return view.color
+        return self.world.lit(view)
 
     def _help(self) -> str:
         return "".join(f"{c.template}\n{c.description}\n" for c in self.commands)

@@ -200,7 +200,7 @@ class Modern(Dialect):
         if mode == "normal":
             return pictures.normals(view)
         # The depth and normal view modes work through post-processing, which captures show too.
-        return self.viewport(view) if self.world.viewmode in ("depth", "normal") else view.color
+        return self.viewport(view) if self.world.viewmode in ("depth", "normal") else self.world.lit(view)
 
     def _pause(self, paused: bool) -> str:
         self.world.paused = paused
