@@ -1,0 +1,131 @@
+"""The official high-level ``UnrealCv_API`` takes the mock for a game."""
+
+import logging
+import socket
+import warnings
+
+import numpy as np
+import pytest
+
+import mock_server
+
+SIZE = (48, 36)
+
+
+@pytest.fixture(scope="module")
+def server():
+    with mock_server.serve("four-wall", size=SIZE) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def api(server):
+    from unrealcv.api import UnrealCv_API
+
+    logging.getLogger("unrealcv").setLevel(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
+        api = UnrealCv_API(server.port, server.host, SIZE)
+    yield api
+    api.client.sock.shutdown(socket.SHUT_RDWR)  # wakes the client's reading thread
+    api.client.disconnect()
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """What the player's camera sees at the start: 1.5 m high, forward along X."""
+    scene = mock_server.load_scene("four-wall")
+    f = SIZE[0] / 2
+    u, v = np.meshgrid(np.arange(SIZE[0]) + 0.5 - SIZE[0] / 2, np.arange(SIZE[1]) + 0.5 - SIZE[1] / 2)
+    rays = np.stack([np.full_like(u, f), -u, -v], axis=-1) / f  # X forward, Y left, Z up
+    hits = scene.trace((0, 0, 1.5), rays)
+    return scene, hits, hits.distance / np.linalg.norm(rays, axis=-1)
+
+
+def agrees(image, expected, tolerance):
+    off = np.abs(image.astype(float) - expected).max(axis=-1) > tolerance
+    assert off.mean() < 0.005  # a pixel on an edge is decided by the last digit
+
+
+def test_construction_asks_for_what_the_reference_says(server, api):
+    asked = list(server.statistics.counts)
+    assert asked[0] == "vget /unrealcv/commands"
+    assert server.statistics.counts["vget /unrealcv/commands"] == 2
+    assert asked[1:6] == [
+        "vget /cameras",
+        "vget /camera/0/location",
+        "vget /camera/0/rotation",
+        "vget /camera/0/fov",
+        "vget /objects",
+    ]
+
+
+def test_cameras(api):
+    assert api.camera_info() == {
+        0: {"location": [0.0, 0.0, 150.0], "rotation": [0.0, 0.0, 0.0], "fov": "90.000000"}
+    }
+    assert api.get_camera_num() == 1
+
+
+def test_objects_and_their_colours(api, truth):
+    scene = truth[0]
+    assert api.get_objects() == list(scene.objects)
+    assert set(api.obj_dict) == set(scene.objects)
+    assert len({tuple(color) for color in api.obj_dict.values()}) == len(scene.objects)
+
+
+def test_lit(api, truth):
+    image = api.get_image(0, "lit", "png")
+    assert image.shape == (SIZE[1], SIZE[0], 3)
+    agrees(image[..., ::-1], 255 * truth[1].color, 0.51)
+
+
+def test_bmp_is_shifted_by_one_pixel_as_from_a_real_server(api):
+    png, bmp = api.get_image(0, "lit", "png"), api.get_image(0, "lit", "bmp")
+    assert bmp.shape == png.shape
+    np.testing.assert_array_equal(bmp.reshape(-1, 3)[1:], png.reshape(-1, 3)[:-1])
+
+
+def test_mask(api, truth):
+    scene, hits, _ = truth
+    image = api.get_image(0, "object_mask", "png")
+    palette = np.array([(0, 0, 0), *(api.obj_dict[name] for name in scene.objects)])
+    agrees(image[..., ::-1], palette[hits.label], 0)
+
+
+def test_normal(api, truth):
+    image = api.get_image(0, "normal", "png")
+    agrees(image[..., ::-1], 255 * (0.5 + 0.5 * truth[1].normal * (1, -1, 1)), 0.51)
+
+
+def test_depth(api, truth):
+    depth = api.get_depth(0)
+    assert depth.shape == (SIZE[1], SIZE[0], 1)
+    assert depth.dtype == np.float32
+    agrees(depth, 100 * truth[2][..., None], 2.0**-11 * 100 * truth[2].max())  # half floats: half a step
+
+
+def test_images_of_several_cameras_and_modes_in_one_list(api):
+    api.client.request("vset /cameras/spawn")
+    images = api.get_image_multicam([0, 1], "lit", "png")
+    assert [image.shape for image in images] == [(SIZE[1], SIZE[0], 3)] * 2
+    both = api.get_image_multimodal(1, ["lit", "depth"], ["png", "npy"])
+    assert both.shape == (SIZE[1], SIZE[0], 4)
+
+
+def test_a_camera_is_posed(api):
+    api.client.request("vset /cameras/spawn")
+    api.init_map()  # the client looks for cameras only once
+    camera = api.get_camera_num() - 1
+    api.set_cam_pose(camera, [10.0, 20.0, 150.0, 5.0, 30.0, 0.0])
+    assert api.get_cam_location(camera) == pytest.approx([10, 20, 150])
+    assert api.get_cam_rotation(camera) == pytest.approx([5, 30, 0], abs=2e-3)  # printed to 1e-3
+    api.set_cam_fov(camera, 60.0)
+    assert float(api.get_cam_fov(camera)) == 60
+
+
+def test_an_object_is_painted_and_moved(api):
+    api.set_obj_color("Sofa", [9, 8, 7])
+    assert api.get_obj_color("Sofa")[:2] == [9, 8]  # the client drops the third
+    api.set_obj_location("Sofa", [1.0, 2.0, 3.0])
+    assert api.get_obj_location("Sofa") == [1, 2, 3]
