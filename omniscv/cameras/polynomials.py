@@ -23,14 +23,21 @@ def first_positive_root(coefficients: ArrayLike) -> float:
     trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
     if trimmed.size < 2:
         return np.inf
-    roots = np.roots(trimmed[::-1])
-    real = np.sort(roots.real[(np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots.real))) & (roots.real > 0)])
+    constant, least = trimmed[0], 1e-300 * np.abs(trimmed).max()
+    if abs(constant) < least:  # a root next to 0 stays next to 0, and its reciprocal finite
+        trimmed = np.append(np.copysign(least, constant), trimmed[1:])
     slope = np.polynomial.polynomial.polyder(trimmed)
-    for root in real:
-        step = 1e-6 * root
-        before, after = np.polynomial.polynomial.polyval([root - step, root + step], trimmed)
-        if before * after < 0 or np.polynomial.polynomial.polyval(root, slope) == 0 < before < after:
-            return float(root)
+    # Coefficients that are next to nothing have roots next to infinity, where all may overflow.
+    with np.errstate(all="ignore"):
+        # The least root is the greatest reciprocal, which the solver finds best.
+        roots = 1 / np.roots(trimmed).astype(np.complex128)
+        near = np.isfinite(roots) & (np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots.real)))
+        for root in np.sort(roots.real[near & (roots.real > 0)]):
+            step = 1e-6 * root
+            before, after = np.polynomial.polynomial.polyval([root - step, root + step], trimmed)
+            flat = np.polynomial.polynomial.polyval(root, slope) == 0
+            if min(before, after) < 0 < max(before, after) or (flat and 0 < before < after):
+                return float(root)
     return np.inf
 
 
