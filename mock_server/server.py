@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,8 +16,11 @@ from typing import Any, Self
 
 from mock_server.dialects import BY_NAME
 from mock_server.dialects.common import Later, Settings
+from mock_server.faults import Faults
+from mock_server.faulty_world import FaultyWorld
 from mock_server.files import OutputFolder
-from mock_server.protocol import BadFrame, frame, read_frame
+from mock_server.line import Line
+from mock_server.protocol import BadFrame, read_frame
 from mock_server.scene import Scene, load_scene
 from mock_server.world import World
 
@@ -73,9 +76,11 @@ class Server:
         size: width and height of new cameras, px, as in the plugin's settings.
         fov_deg: horizontal field of view of new cameras.
         folder: where commands that name a file write; None takes a temporary one, removed at the end.
+        faults: what goes wrong, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
+        seed: of the faults' dice.
 
     Raises:
-        ValueError: an unknown scene, dialect or depth.
+        ValueError: an unknown scene, dialect, depth or fault.
     """
 
     def __init__(
@@ -90,19 +95,24 @@ class Server:
         size: tuple[int, int] = (640, 480),
         fov_deg: float = 90.0,
         folder: Path | None = None,
+        faults: Iterable[str] = (),
+        seed: int = 0,
     ) -> None:
         for key, value, known in (("dialect", dialect, DIALECTS), ("depth", depth, DEPTHS)):
             if value not in known:
                 raise ValueError(f"{key}: expected one of {', '.join(known)}; got {value!r}")
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.statistics = Statistics()
+        self.faults = Faults(faults, seed)
+        self._world = self._make_world(size, fov_deg)
         self.files = OutputFolder(folder)
         self._latency_s = latency_ms / 1000
         self._listener = socket.create_server((host, port), backlog=_BACKLOG)
         self._listener.settimeout(_ACCEPT_S)
         self.host, self.port = self._listener.getsockname()[:2]
-        settings = Settings(self.port, *size, fov_deg, depth == "half", self.files)
-        self._dialect = BY_NAME[dialect](World(self.scene, size, fov_deg), settings)
+        half = depth == "half" or self.faults.get("half-depth") is not None
+        settings = Settings(self.port, *size, fov_deg, half, self.files)
+        self._dialect = BY_NAME[dialect](self._world, settings)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
         self._thread.start()
@@ -127,6 +137,11 @@ class Server:
     ) -> None:
         self.stop()
 
+    def _make_world(self, size: tuple[int, int], fov_deg: float) -> World:
+        if self.faults:
+            return FaultyWorld(self.scene, size, fov_deg, self.faults)
+        return World(self.scene, size, fov_deg)
+
     def _listen(self) -> None:
         while not self._stopping.is_set():
             try:
@@ -141,16 +156,16 @@ class Server:
         """Answers one client until it leaves: this thread answers, another reads."""
         requests: Requests = queue.Queue()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
+        line = Line(connection, self.faults, self._stopping.wait)
         with contextlib.suppress(OSError):
-            connection.sendall(frame(f"connected to {self.scene.name}".encode()))
             reader.start()
+            line.greet(f"connected to {self.scene.name}")
             for came, reply in self._replies(requests):
                 self._stopping.wait(max(0.0, came + self._latency_s - time.monotonic()))
-                connection.sendall(frame(reply))
+                line.send(reply)
         with contextlib.suppress(OSError):
-            connection.shutdown(socket.SHUT_RDWR)
-        if reader.ident is not None:
-            reader.join()
+            connection.shutdown(socket.SHUT_RD)  # wakes the reader, and tells the client nothing yet
+        reader.join()
 
     def _replies(self, requests: Requests) -> Iterator[tuple[float, bytes]]:
         """The replies' payloads, frame after frame, each with the time its request came."""
@@ -168,6 +183,7 @@ class Server:
                     continue
                 identity, text = parsed
                 self.statistics.note(text)
+                self._world.hear(text)
                 reply = self._dialect.answer(text)
                 if isinstance(reply, Later):
                     pending.append(_Pending(reply.frames, came, identity, reply))

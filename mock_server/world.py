@@ -105,7 +105,7 @@ class World:
         key = (camera.location, camera.rotation, camera.fov, camera.size, hidden, self._places())
         if key not in self._views:
             t_w_c = MIRROR @ camera.location / 100.0
-            fov_deg = _horizontal_fov(camera)
+            fov_deg = horizontal_fov(camera)
             R_w_c = camera_to_world(camera.rotation)
             self._views[key] = render_view(self._placed(), R_w_c, t_w_c, fov_deg, *camera.size, hidden)
         self._views.move_to_end(key)
@@ -143,7 +143,7 @@ class World:
         return np.sort(100.0 * np.array(scene.bounds(name)) @ MIRROR, axis=0)
 
 
-def _horizontal_fov(camera: Camera) -> float:
+def horizontal_fov(camera: Camera) -> float:
     """The field of view across: the engine applies it to the longer side."""
     width, height = camera.size
     if width >= height:

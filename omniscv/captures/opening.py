@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from omniscv.captures.source import Source
 from omniscv.errors import ArgumentError
@@ -18,7 +18,8 @@ def open_source(uri: str | Path, **options: Any) -> Source:
     Args:
         uri: ``unreal://host:port`` or ``unreal+unix:///path`` for a live server; ``mock://four-wall`` for the
             mock server, started for this source alone, with its options behind a question mark
-            (``mock://four-wall?latency_ms=5&depth=float32``); else the path of a recorded file.
+            (``mock://four-wall?latency_ms=5&depth=float32``, ``fault=delay=0.2@0.05`` any number of times, and
+            ``seed`` of the faults); else the path of a recorded file.
         options: for live sources: ``timeout_s``, ``retries``.
 
     Raises:
@@ -35,7 +36,9 @@ def open_source(uri: str | Path, **options: Any) -> Source:
         return RecordedSource(text)
     parts = urlsplit(text)
     if parts.scheme == "mock":
-        return _open_mock(text, parts.netloc + parts.path, dict(parse_qsl(parts.query)), options)
+        return _open_mock(
+            text, parts.netloc + parts.path, parse_qs(parts.query, keep_blank_values=True), options
+        )
     if parts.scheme == "unreal+unix" and parts.path:
         return _open_live(parts.path, options)
     if parts.scheme == "unreal":
@@ -57,16 +60,19 @@ def _open_live(endpoint: tuple[str, int] | str, options: dict[str, Any]) -> Sour
         raise ArgumentError(f"options: expected timeout_s, retries; got {', '.join(options)}") from cause
 
 
-def _open_mock(uri: str, scene: str, query: dict[str, str], options: dict[str, Any]) -> Source:
+_MOCK_OPTIONS = {"dialect": str, "depth": str, "latency_ms": float, "seed": int}
+
+
+def _open_mock(uri: str, scene: str, query: dict[str, list[str]], options: dict[str, Any]) -> Source:
     import mock_server
 
-    readers = {"dialect": str, "depth": str, "latency_ms": float}
-    if unknown := sorted(set(query) - set(readers)):
-        raise ArgumentError(
-            f"source: expected options among {', '.join(readers)} in {uri!r}, got {unknown[0]!r}"
-        )
+    faults = query.pop("fault", [])
+    if unknown := sorted(set(query) - set(_MOCK_OPTIONS)):
+        known = ", ".join([*_MOCK_OPTIONS, "fault"])
+        raise ArgumentError(f"source: expected options among {known} in {uri!r}, got {unknown[0]!r}")
     try:
-        server = mock_server.serve(scene, **{key: readers[key](value) for key, value in query.items()})
+        settings = {key: _MOCK_OPTIONS[key](values[-1]) for key, values in query.items()}
+        server = mock_server.serve(scene, faults=faults, **settings)
     except ValueError as wrong:
         raise ArgumentError(f"source: {uri!r}: {wrong}") from wrong
     try:

@@ -191,6 +191,13 @@ def serve(
     latency_ms: Annotated[float, typer.Option(help="Added to every reply, as a live engine has.")] = 0.0,
     depth: Annotated[str, typer.Option(help="half, as real servers send it, or float32.")] = "half",
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="NAME[=VALUE][@PROBABILITY], such as delay=0.2@0.05; repeatable. See mock_server.faults."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the faults' dice.")] = 0,
 ) -> None:
     """The mock server: a room behind the UnrealCV protocol, for any client. Ctrl-C stops it."""
     import threading
@@ -199,7 +206,14 @@ def serve(
 
     try:
         server = mock_server.serve(
-            scene, port=port, dialect=dialect, latency_ms=latency_ms, depth=depth, host=host
+            scene,
+            port=port,
+            dialect=dialect,
+            latency_ms=latency_ms,
+            depth=depth,
+            host=host,
+            faults=fault or (),
+            seed=seed,
         )
     except ValueError as wrong:
         raise ArgumentError(str(wrong)) from wrong
