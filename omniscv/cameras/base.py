@@ -257,6 +257,15 @@ def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:
     return vectors if keep.all() else np.where(keep[..., None], vectors, instead)
 
 
+def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
+    """Sine and cosine of ``angle_deg / 2``, 0 to 180, that keep their digits next to 0, 90 and 180 degrees.
+
+    In radians a right angle is not exact: tan of the last number before it is off by half.
+    """
+    half = angle_deg / 2
+    return np.sin(np.radians(min(half, 180 - half))), np.sin(np.radians(90 - half))
+
+
 def polar(pixels: Array, center: Array) -> tuple[Array, Array, Array]:
     """Radius in px and the unit vector (cos a, sin a) of the azimuth; (1, 0) at the centre."""
     x, y = pixels[..., 0] - center[0], pixels[..., 1] - center[1]

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.cameras.base import Array
+from omniscv.cameras.base import Array, sin_cos_of_half
 from omniscv.cameras.radial import Meridian, RadialCamera
 
 _HAIR = 1e-17
@@ -35,11 +35,9 @@ class Fisheye(RadialCamera):
 
     def _radius_of_fov(self, fov_deg: float) -> float:
         limit = {"below" if self.fov_is_open else "most": self.max_fov_deg}
-        half = np.radians(self._number("fov_deg", fov_deg, above=0, **limit) / 2)
-        if half == np.pi / 2:  # sine and cosine of the double nearest to a right angle are not 1 and 0
-            return float(self._radius(np.array(1.0), np.array(0.0)))
-        with np.errstate(divide="ignore"):  # on the branch that is not taken
-            return float(self._radius(np.sin(half), np.cos(half)))
+        across, along = sin_cos_of_half(self._number("fov_deg", fov_deg, above=0, **limit))
+        with np.errstate(divide="ignore", invalid="ignore"):  # on the branch that is not taken
+            return float(self._radius(across, along))
 
 
 class FisheyeEquidistant(Fisheye):

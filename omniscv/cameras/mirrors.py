@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.cameras.base import Array
+from omniscv.cameras.base import Array, sin_cos_of_half
 from omniscv.cameras.radial import Meridian, RadialCamera
 
 
@@ -55,8 +55,9 @@ class SphereModel(RadialCamera):
 
     def _radius_of_fov(self, fov_deg: float) -> float:
         limit = self._fov_limit_deg()
-        half = np.radians(self._number("fov_deg", fov_deg, above=0, below=limit) / 2)
-        return float(-self.eta * np.sin(half) / (self.xi + np.cos(half)))
+        across, back = sin_cos_of_half(self._number("fov_deg", fov_deg, above=0, below=limit))
+        with np.errstate(divide="ignore"):  # on the branch that is not taken
+            return float(self._radius(across, -back))
 
     def _fov_limit_deg(self) -> float:
         """The field of view that the model reaches but does not hold."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.cameras.base import Array, Camera, Mask
+from omniscv.cameras.base import Array, Camera, Mask, sin_cos_of_half
 from omniscv.errors import ArgumentError
 
 _ROUNDING = 1e-12  # relative: what rounding may add to an angle
@@ -71,6 +71,9 @@ class Cylindrical(Camera):
         limit = {"most" if profile == "angular" else "below": 180.0}
         self.fov_v_deg = self._number("fov_v_deg", fov_v_deg, above=0, **limit)
         self._half = np.radians([self.fov_h_deg / 2, self.fov_v_deg / 2])
+        if profile == "perspective":
+            across, along = sin_cos_of_half(self.fov_v_deg)
+            self._wall = across / along  # half the wall's height over the cylinder's radius
 
     def parameters(self) -> dict[str, Any]:
         return {"fov_h_deg": self.fov_h_deg, "fov_v_deg": self.fov_v_deg, "profile": self.profile}
@@ -81,7 +84,7 @@ class Cylindrical(Camera):
         if self.profile == "angular":
             level, up = np.cos(row * self._half[1]), np.sin(row * self._half[1])
         else:  # not by way of phi, which has lost the wall's height when it is nearly straight up
-            height = row * np.tan(self._half[1])
+            height = row * self._wall
             level = 1 / np.hypot(1.0, height)
             up = height * level
         directions = np.stack([level * np.sin(theta), -up, level * np.cos(theta)], axis=-1)
@@ -93,7 +96,7 @@ class Cylindrical(Camera):
         if self.profile == "angular":
             row = np.arctan2(-y, from_axis) / self._half[1]
         else:
-            row = -y / from_axis / np.tan(self._half[1])
+            row = -y / from_axis / self._wall
         column = np.arctan2(x, z) / self._half[0]
         seen = (np.abs(row) <= 1 + _ROUNDING) & (np.abs(column) <= 1 + _ROUNDING)
         row, column = np.clip(row, -1, 1), np.clip(column, -1, 1)

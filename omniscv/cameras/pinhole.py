@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.cameras.base import Array, Camera, Mask
+from omniscv.cameras.base import Array, Camera, Mask, sin_cos_of_half
 from omniscv.errors import ArgumentError
 
 
@@ -39,7 +39,8 @@ class Pinhole(Camera):
             self.focal = self._number("focal", focal, above=0)
         else:
             fov = self._number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
-            self.focal = self.width / 2 / float(np.tan(np.radians(fov) / 2))
+            across, along = sin_cos_of_half(fov)
+            self.focal = self.width / 2 * float(along / across)
 
     def parameters(self) -> dict[str, Any]:
         return {"focal": self.focal}
