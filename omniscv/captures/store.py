@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from omniscv.captures.database import open_to_read, open_to_write
 from omniscv.captures.decode import decode
 from omniscv.captures.source import ObjectTable
 from omniscv.captures.view import Capture, Request, View
@@ -23,7 +24,9 @@ from omniscv.geometry import Pose
 SCHEMA_VERSION = 1
 _APPLICATION_ID = 0x6F6D6E69  # "omni"
 
-_SCHEMA = """
+_SCHEMA = f"""
+PRAGMA application_id = {_APPLICATION_ID};
+PRAGMA user_version = {SCHEMA_VERSION};
 CREATE TABLE capture (
     key TEXT PRIMARY KEY,          -- mode and View.key() of what was asked
     mode TEXT NOT NULL,
@@ -67,41 +70,21 @@ class Store:
     def __init__(self, path: Path | str, *, write: bool = False) -> None:
         self.path = Path(path)
         self._write = write
-        if not write and not self.path.is_file():
-            raise NotARecord(f"{self.path}: expected a recorded file, but there is none; record one first")
-        if write and not self.path.parent.is_dir():
-            self.path.parent.mkdir(parents=True)
-        mode = "rwc" if write else "ro"
+        self._database = open_to_write(self.path, _SCHEMA) if write else open_to_read(self.path)
         try:
-            self._database = sqlite3.connect(
-                f"{self.path.absolute().as_uri()}?mode={mode}",
-                uri=True,
-                isolation_level=None,
-                check_same_thread=False,
-            )
-        except sqlite3.OperationalError as cause:
-            raise RecordNotWritable(
-                f"{self.path}: expected a file that can be opened, got: {cause}"
-            ) from cause
-        try:
-            self._open()
+            self._check_version()
+            if write:
+                with self._writing():
+                    self._database.execute("PRAGMA journal_mode = WAL")
+                    # A capture outlives even a power cut; it costs a flush each, little beside a capture.
+                    self._database.execute("PRAGMA synchronous = FULL")
         except BaseException:
             self._database.close()
             raise
 
-    def _open(self) -> None:
-        if self._write and self.path.stat().st_size == 0:
-            with self._writing():
-                self._database.execute("PRAGMA journal_mode = WAL")
-                self._database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-                self._database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-                self._database.executescript(_SCHEMA)
-            return
-        try:
-            found = self._database.execute("PRAGMA application_id").fetchone()[0]
-            version = self._database.execute("PRAGMA user_version").fetchone()[0]
-        except sqlite3.DatabaseError as cause:
-            raise NotARecord(f"{self.path}: expected a recorded file, got something else: {cause}") from cause
+    def _check_version(self) -> None:
+        [(found,)] = self._query("PRAGMA application_id")
+        [(version,)] = self._query("PRAGMA user_version")
         if found != _APPLICATION_ID:
             raise NotARecord(f"{self.path}: expected a recorded file, got another SQLite database")
         if version > SCHEMA_VERSION:
@@ -109,9 +92,6 @@ class Store:
                 f"{self.path}: expected schema version {SCHEMA_VERSION} or earlier, got {version}; "
                 f"it takes an omniscv that knows version {version}"
             )
-        if self._write:
-            with self._writing():
-                self._database.execute("PRAGMA journal_mode = WAL")
 
     def close(self) -> None:
         """Folds the log into the file and closes it; closing twice is fine."""

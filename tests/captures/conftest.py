@@ -1,4 +1,7 @@
-"""A small recording of the four-wall room, made once."""
+"""A small recording of the four-wall room, made once, and a folder for it."""
+
+import tempfile
+from pathlib import Path
 
 import pytest
 from faces import face_requests
@@ -21,3 +24,12 @@ def copy(recorded, tmp_path):
     path = tmp_path / "copy.sqlite"
     path.write_bytes(recorded.read_bytes())
     return path
+
+
+@pytest.fixture
+def open_folder():
+    """A folder that other users can reach, which a test's own is not."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        yield folder

@@ -1,12 +1,12 @@
 """The recorded file: whole or refused, never half."""
 
-import os
 import sqlite3
 import threading
 
 import numpy as np
 import pytest
 from faces import face_requests
+from permissions import as_somebody_who_may_only_read
 
 import omniscv
 from omniscv.captures.inspection import info, verify
@@ -127,12 +127,13 @@ def test_recording_again_asks_for_nothing_twice(copy, tmp_path):
     assert len(after[0]) == len(before[0]) + len(new)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root writes anywhere")
-def test_a_read_only_folder_is_one_clear_error(recorded, tmp_path):
-    folder = tmp_path / "locked"
-    folder.mkdir(mode=0o500)
-    with pytest.raises(RecordNotWritable, match="locked"):
-        Store(folder / "new.sqlite", write=True)
+def test_a_read_only_folder_is_one_clear_error(open_folder):
+    with (
+        as_somebody_who_may_only_read(open_folder),
+        pytest.raises(RecordNotWritable, match=r"new\.sqlite: expected a file that can be written"),
+    ):
+        Store(open_folder / "new.sqlite", write=True)
+    assert list(open_folder.iterdir()) == []
 
 
 def test_a_full_disk_is_a_clear_error_and_keeps_what_came_before(copy, monkeypatch):

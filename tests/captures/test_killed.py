@@ -1,0 +1,208 @@
+"""Kill -9 of the recorder, at random moments: what was recorded stays, resuming does the rest, no more."""
+
+import os
+import random
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import recorder
+from faces import face_requests
+from permissions import as_somebody_who_may_only_read
+
+import mock_server
+import omniscv
+from omniscv.captures.inspection import verify
+from omniscv.captures.store import Store
+from omniscv.errors import NotARecord
+
+KILLS, SOAK_KILLS = 6, 50
+
+
+@pytest.fixture(scope="module")
+def server():
+    with mock_server.serve("four-wall") as running:
+        yield running
+
+
+class Recorder:
+    """A process that has imported all it needs and waits for ``go``."""
+
+    def __init__(self, uri, path):
+        self._process = subprocess.Popen(
+            [sys.executable, recorder.__file__, uri, path],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    def go(self):
+        assert self._process.stdout.readline() == "ready\n"
+        self._process.stdin.write("go\n")
+        self._process.stdin.flush()
+        return time.perf_counter()
+
+    def wait(self):
+        assert self._process.stdout.readline() == "done\n"
+        self._end()
+
+    def kill(self):
+        self._process.send_signal(signal.SIGKILL)
+        self._end()
+
+    def _end(self):
+        self._process.communicate(timeout=60)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(server, tmp_path_factory):
+    """What a recorder that nobody kills records, and how long it takes, seconds."""
+    for name in ("warm-up", "room"):
+        path = tmp_path_factory.mktemp("undisturbed") / f"{name}.sqlite"
+        whole = Recorder(server.uri, path)
+        start = whole.go()
+        whole.wait()
+        duration_s = time.perf_counter() - start
+    return contents(path), duration_s
+
+
+def contents(path):
+    """All that a replay can show: by key, what was asked, what came, and the payload; and the objects."""
+    store = Store(path)
+    try:
+        rows = {row.key: (row.asked, row.captured, row.encoding, row.payload) for row in store.rows()}
+        return rows, store.objects()
+    finally:
+        store.close()
+
+
+def pictures_asked(server):
+    """How many pictures the server was asked for, ever."""
+    return sum(n for text, n in server.statistics.counts.items() if text.endswith((" png", " npy")))
+
+
+@pytest.mark.parametrize(
+    "kills", [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(600)])]
+)
+def test_killed_at_random_moments(kills, server, undisturbed, tmp_path):
+    """The file opens, verifies, holds captures of the undisturbed run; resuming asks for the others."""
+    (wanted, objects), duration_s = undisturbed
+    moments = random.Random(kills)
+    paths = [tmp_path / f"room-{kill}.sqlite" for kill in range(kills)]
+    held = []
+    following = Recorder(server.uri, paths[0])
+    for kill, path in enumerate(paths):
+        victim = following
+        victim.go()
+        time.sleep(moments.uniform(0, duration_s))
+        victim.kill()
+        if kill + 1 < kills:  # it imports while this one's file is examined
+            following = Recorder(server.uri, paths[kill + 1])
+
+        before = {}
+        if path.exists():  # else it was killed before it began to record
+            report = verify(path)
+            assert report.ok, list(report.lines())
+            before = contents(path)[0]
+            assert before.items() <= wanted.items()
+
+        asked = pictures_asked(server)
+        recorder.record(omniscv.open_source(server.uri), path)
+        assert pictures_asked(server) - asked == len(wanted) - len(before)
+        assert contents(path) == (wanted, objects)
+        assert verify(path).ok
+        assert [file.name for file in tmp_path.glob(f"{path.name}*")] == [path.name]  # one file again
+        held.append(len(before))
+    print(
+        f"killed {kills} times within {duration_s:.2f} s: held {sorted(held)} of {len(wanted)} captures; "
+        f"resuming asked for the other {sum(len(wanted) - n for n in held)}, none twice"
+    )
+    assert any(0 < n < len(wanted) for n in held)  # some moments were amidst the captures
+
+
+@pytest.fixture
+def log_left(recorded, tmp_path):
+    """Puts into a folder what a killed recorder leaves: an empty record, and a log with a capture."""
+
+    def leave(folder):
+        writing = tmp_path / "writing" / "room.sqlite"
+        store = Store(writing, write=True)
+        with omniscv.open_source(recorded) as replay:
+            store.add(next(replay.capture(face_requests())))
+        for file in writing.parent.iterdir():
+            shutil.copy(file, folder)
+        store.close()
+        assert Path(f"{folder / writing.name}-wal").stat().st_size > 0
+        return folder / writing.name
+
+    return leave
+
+
+def test_a_leftover_log_is_read_in_a_read_only_folder(log_left, open_folder):
+    path = log_left(open_folder)
+    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
+    with as_somebody_who_may_only_read(open_folder):
+        report = verify(path)
+    assert (report.ok, report.captures) == (True, 1)
+    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
+
+
+def test_a_log_that_cannot_be_read_there_is_an_error_and_no_empty_record(log_left, open_folder):
+    """Somebody copied the file and its log, but not the index of the log, which SQLite must then write."""
+    path = log_left(open_folder)
+    Path(f"{path}-shm").unlink()
+    with (
+        as_somebody_who_may_only_read(open_folder),
+        pytest.raises(NotARecord, match="open it once in a folder that can be written"),
+    ):
+        verify(path)
+    assert verify(path).captures == 1
+
+
+def test_a_record_without_a_log_is_read_in_a_read_only_folder(log_left, open_folder):
+    """Killed after its log was folded into the file, before the file said so."""
+    path = log_left(open_folder)
+    Store(path, write=True)._database.close()  # folds the log, but leaves the header as while recording
+    assert [file.name for file in open_folder.iterdir()] == [path.name]
+    with as_somebody_who_may_only_read(open_folder):
+        report = verify(path)
+    assert (report.ok, report.captures) == (True, 1)
+
+
+def test_a_half_written_header_is_undone_for_a_reader(copy, tmp_path):
+    """Killed while the header was changed: a rollback journal is left, which only a writer may undo."""
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    database = sqlite3.connect(copy, isolation_level=None)
+    database.execute("PRAGMA cache_size = 1")
+    database.execute("BEGIN")
+    database.execute("PRAGMA user_version = 99")
+    database.execute("UPDATE capture SET payload = zeroblob(100000)")  # so much that pages reach the file
+    for file in copy.parent.glob("copy.sqlite*"):
+        shutil.copy(file, folder)
+    database.close()
+    assert sorted(file.name for file in folder.iterdir()) == ["copy.sqlite", "copy.sqlite-journal"]
+    report = verify(folder / copy.name)
+    assert (report.ok, report.captures) == (True, 24)
+    assert [file.name for file in folder.iterdir()] == ["copy.sqlite"]
+
+
+def test_a_killed_creation_leaves_no_file_that_does_not_open(tmp_path, monkeypatch):
+    """The file appears with its schema in it, or not at all; another's file is never replaced."""
+    path = tmp_path / "room.sqlite"
+    link = os.link
+
+    def another_was_first(fresh, target):
+        monkeypatch.undo()
+        Store(target, write=True).close()
+        first.append(path.stat().st_ino)
+        link(fresh, target)
+
+    first = []
+    monkeypatch.setattr(os, "link", another_was_first)
+    Store(path, write=True).close()
+    assert [path.stat().st_ino] == first
+    assert list(tmp_path.iterdir()) == [path]
