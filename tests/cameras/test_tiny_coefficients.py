@@ -1,8 +1,8 @@
 """Coefficients so small that they say nothing.
 
-A calibration that ended at k4 = 5e-324 instead of 0 once stopped the constructor with a ``LinAlgError``; 1e-200
-leaked overflow warnings; and 1e-100 hid the place where the lens turns back, so that wrong rays came out as
-valid: next to roots of 1e100 the solver lost the root at 3.
+A calibration that ended at k4 = 5e-324 instead of 0 once stopped the constructor with a ``LinAlgError``;
+1e-200 leaked overflow warnings; and 1e-100 hid the place where the lens turns back, so that wrong rays came
+out as valid: next to roots of 1e100 the solver lost the root at 3.
 """
 
 import numpy as np
