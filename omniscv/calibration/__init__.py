@@ -89,7 +89,7 @@ def load(path: str | PathLike[str], format: str | None = None) -> dict[str, Came
     """
     with within(str(path)):
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = Path(path).read_text(encoding="utf-8-sig")
         except (OSError, UnicodeDecodeError) as cause:
             raise ArgumentError(f"expected a readable text file, got {cause}") from cause
         return _format(_told(text) if format is None else format).read(text)

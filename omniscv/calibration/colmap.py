@@ -59,7 +59,7 @@ def write_colmap(cameras: Mapping[str, Camera]) -> str:
         with within(name):
             camera_id = whole_number("name", name)
             model, parameters = _parameters(camera)
-        words = [camera_id, model, camera.width, camera.height, *map(repr, parameters)]
+        words = [camera_id, model, camera.width, camera.height, *map(float, parameters)]
         lines.append(" ".join(map(str, words)))
     return "\n".join(lines) + "\n"
 

@@ -169,7 +169,7 @@ def _entry(camera: Camera) -> dict[str, Any]:
     intrinsics[-2:] = (value - CENTER_SHIFT_PX for value in intrinsics[-2:])
     return {
         "camera_model": camera_model,
-        "intrinsics": intrinsics,
+        "intrinsics": [float(value) for value in intrinsics],
         "distortion_model": distortion_model,
         "distortion_coeffs": k,
         "resolution": [camera.width, camera.height],

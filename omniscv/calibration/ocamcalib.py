@@ -3,12 +3,15 @@
 Half pixel: the centre is written "starting from 0 (C convention)", so pixel centres are at whole
 numbers and its centre is ours minus 0.5. (In MATLAB itself ``xc``, ``yc`` start from 1: minus 1 more.)
 
-Rows come first: with x down the rows and y along the columns,
-``row = c x + d y + xc``, ``column = e x + y + yc``, and the ray is ``(x, y, f(rho))`` with z **against**
-the view, ``f(0) = a0 < 0``. Ours has columns first, ``u = u_0 + c' u'' + d' v''``, ``v = v_0 + e' u'' + v''``,
-and the ray ``(u'', v'', -f)``: the frames are half a turn apart, (our x, our y, our z) = (y, x, -z).
-In OCamCalib the affine part leaves the columns unstretched, in ours the rows, so one is the other with
-``(c', d', e') = (1, e, d) / c`` and, for the rays to stay, ``a_k' = a_k c^(1-k)``.
+Rows come first: x runs down the rows, y along the columns, and z **against** the view (``f(0) = a0 < 0``)::
+
+    OCamCalib   row = xc + c x + d y              ours   u = u_0 + c' u'' + d' v''
+                column = yc + e x + y                    v = v_0 + e' u'' + v''
+                ray (x, y, f(rho))                       ray (u'', v'', -f(rho))
+
+The camera frames are half a turn apart: (our x, our y, our z) = (y, x, -z). OCamCalib's affine part leaves
+the columns unstretched and ours the rows, so ``(c', d', e') = (1, e, d) / c``, and for the rays to stay,
+``a_k' = a_k c^(1-k)``. The same two formulas lead back.
 
 Carried: ``scaramuzza``. Not carried: every other model, a limit ``fov_deg``, an affine part that mirrors
 (c <= 0). The inverse polynomial only approximates the first one: it is not used in reading, and fitted in
@@ -35,7 +38,7 @@ CENTER_SHIFT_PX = 0.5
 
 _INVERSE_ERROR_PX = 0.01
 _INVERSE_DEGREES = range(3, 33)
-_SAMPLES = 2000
+_SAMPLES = 500
 
 
 def read_ocamcalib(text: str) -> dict[str, Camera]:

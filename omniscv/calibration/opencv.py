@@ -7,6 +7,7 @@ do not hold the image size either.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -20,6 +21,8 @@ from omniscv.errors import ArgumentError
 
 CENTER_SHIFT_PX = 0.5
 """Added to a principal point of OpenCV's."""
+
+_MATRIX_TAG = re.compile(r"!!opencv-(nd-)?matrix")
 
 
 def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> KannalaBrandt:
@@ -68,7 +71,7 @@ def read_opencv_fisheye(text: str) -> dict[str, Camera]:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_fisheye`.
     """
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
-    data = mapping(body.replace("!!opencv-matrix", ""))
+    data = mapping(_MATRIX_TAG.sub("", body))
     is_fisheye = data.get("fisheye_model", 1)
     if is_fisheye != 1:
         raise ArgumentError(

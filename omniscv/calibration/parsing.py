@@ -12,6 +12,8 @@ import yaml
 
 from omniscv.errors import ArgumentError
 
+_SHORT = reprlib.Repr(maxlevel=2)
+
 
 @contextmanager
 def within(where: str) -> Iterator[None]:
@@ -24,7 +26,7 @@ def within(where: str) -> Iterator[None]:
 
 def shown(value: object) -> str:
     """``repr``, cut short: a few bytes of YAML can stand for a value of gigabytes."""
-    return reprlib.repr(value)
+    return _SHORT.repr(value)
 
 
 def mapping(text: str) -> dict[Any, Any]:

@@ -1,0 +1,103 @@
+"""COLMAP's cameras.txt, judged by the formulas its documentation gives, and by cv2.fisheye."""
+
+import cv2
+import numpy as np
+import pytest
+from calibration.comparing import assert_same_rays
+from calibration.test_opencv import lenses, seen_in_front
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omniscv import calibration, cameras
+from omniscv.errors import ArgumentError
+
+TEXT = """# Camera list with one line of data per camera:
+#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]
+# Number of cameras: 5
+3 PINHOLE 64 48 50 50 32 24
+1 PINHOLE 64 48 50 52.5 31 23.5
+7 SIMPLE_PINHOLE 64 48 50 32 24
+
+4 OPENCV_FISHEYE 64 48 30.0 31.5 33.25 22 0.1 -0.02 0.003 1e-05
+12 EQUIRECTANGULAR 64 32 64 32
+"""
+
+
+def test_every_line_is_a_camera_named_by_its_id() -> None:
+    read = calibration.read_colmap(TEXT)
+    assert {name: camera.name for name, camera in read.items()} == {
+        "3": "pinhole",
+        "1": "scaramuzza",  # which can have fx != fy, as pinhole cannot
+        "7": "pinhole",
+        "4": "kannala-brandt",
+        "12": "equirectangular",
+    }
+    assert read["7"] == read["3"]
+
+
+def test_all_come_back() -> None:
+    read = calibration.read_colmap(TEXT)
+    again = calibration.read_colmap(calibration.write_colmap(read))
+    assert list(again) == list(read)
+    for name, camera in read.items():
+        assert_same_rays(camera, again[name])
+
+
+@given(st.floats(10, 1e4), st.floats(0.5, 2), st.floats(-100, 100), st.floats(-100, 100))
+def test_pinhole_centres_are_at_half_as_ours(fx: float, stretch: float, cx: float, cy: float) -> None:
+    fy = fx * stretch
+    camera = calibration.read_colmap(f"1 PINHOLE 64 48 {fx!r} {fy!r} {cx!r} {cy!r}")["1"]
+    x, y, z = np.moveaxis(camera.unproject().directions, -1, 0)
+    theirs = np.stack([cx + fx * x / z, cy + fy * y / z], axis=-1)
+    np.testing.assert_allclose(theirs, camera.pixels(), rtol=0, atol=1e-9)  # as in test_kalibr.py
+    assert_same_rays(camera, calibration.read_colmap(calibration.write_colmap({"1": camera}))["1"])
+
+
+@given(lenses)
+def test_opencv_fisheye_is_opencvs_with_half_a_pixel_more(camera: cameras.Camera) -> None:
+    text = calibration.write_colmap({"1": camera})
+    fx, fy, cx, cy, *k = map(float, text.splitlines()[-1].split()[4:])
+    K = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
+    pixels, directions = seen_in_front(camera)
+    if len(pixels):
+        theirs, _ = cv2.fisheye.projectPoints(directions[:, None], np.zeros(3), np.zeros(3), K, np.array(k))
+        np.testing.assert_allclose(theirs[:, 0], pixels - 0.5, rtol=0, atol=1e-9)  # as in test_opencv.py
+    assert calibration.read_colmap(text)["1"] == camera  # nothing is shifted, so nothing is lost
+
+
+def test_equirectangular_looks_ahead_in_the_middle_and_right_at_three_quarters() -> None:
+    camera = calibration.read_colmap("1 EQUIRECTANGULAR 64 32 64 32")["1"]
+    rays = camera.unproject(np.array([[32, 16], [48, 16], [16, 16], [32, 24], [32, 8]]))
+    down = np.sqrt(0.5)
+    expected = [[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, down, down], [0, -down, down]]
+    np.testing.assert_allclose(rays.directions, expected, rtol=0, atol=1e-15)  # sines and cosines of pi / 4
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "got none"),
+        ("# nothing\n\n", "got none"),
+        ("1 PINHOLE 64", "line 1: expected 'CAMERA_ID"),
+        ("1 PINHOLE 64 48 50 50 32", "PARAMS of PINHOLE: expected 4 finite"),
+        ("1 PINHOLE 64 48 50 50 32 24 0", "PARAMS of PINHOLE: expected 4 finite"),
+        ("1 PINHOLE 64 48 50 50 32 nan", "PARAMS of PINHOLE: expected 4 finite"),
+        ("1 PINHOLE 64 48 50 50 32 1e999", "PARAMS of PINHOLE: expected 4 finite"),
+        ("1 PINHOLE 64 48 -50 50 32 24", "focal lengths: expected two numbers > 0"),
+        ("1 SIMPLE_PINHOLE 64 48 0 32 24", "focal lengths: expected two numbers > 0"),
+        ("1 PINHOLE 64 -48 50 50 32 24", "HEIGHT: expected a whole number"),
+        ("1 PINHOLE 64.5 48 50 50 32 24", "WIDTH: expected a whole number"),
+        ("one PINHOLE 64 48 50 50 32 24", "CAMERA_ID: expected a whole number"),
+        ("\n1 OPENCV 64 48 50 50 32 24 0 0 0 0", "line 2: MODEL: expected one of SIMPLE_PINHOLE"),
+        ("1 EQUIRECTANGULAR 64 32 64 33", "the image size 64 32"),
+        ("1 PINHOLE 64 48 50 50 32 24\n01 PINHOLE 64 48 50 50 32 24", "line 2: expected each CAMERA_ID once"),
+    ],
+)
+def test_a_bad_file_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        calibration.read_colmap(text)
+
+
+def test_names_must_be_ids() -> None:
+    with pytest.raises(ArgumentError, match="left: name: expected a whole number >= 1, got 'left'"):
+        calibration.write_colmap({"left": cameras.create("equirectangular", width=64, height=32)})

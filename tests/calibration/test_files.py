@@ -1,0 +1,258 @@
+"""Loading and saving: formats told by content, cameras refused, and files that somebody broke."""
+
+from pathlib import Path
+
+import pytest
+from calibration.comparing import assert_same_rays
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omniscv import calibration, cameras
+from omniscv.errors import ArgumentError
+
+SIZE = {"width": 40, "height": 30}
+LENS = cameras.create(
+    "kannala-brandt", **SIZE, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=[0.1, -0.02, 0.0, 1e-5]
+)
+BENT = cameras.create("scaramuzza", **SIZE, coefficients=[-15.0, 0.0, 0.01], affine=(1.01, 0.001, -0.002))
+PINHOLE = cameras.create("pinhole", **SIZE, focal=25.0, center=(19, 16))
+SPHERE = cameras.create("equirectangular", **SIZE)
+MIRROR = cameras.create("catadioptric-parabolic", **SIZE, semi_latus_rectum=0.1, focal=200.0)
+
+SAVED = {
+    "opencv-fisheye": {"cam0": LENS},
+    "kalibr": {"cam0": LENS, "cam1": PINHOLE, "cam2": MIRROR},
+    "colmap": {"1": LENS, "5": PINHOLE, "6": SPHERE},
+    "ocamcalib": {"cam0": BENT},
+}
+
+
+def text_of(format: str, folder: Path) -> str:
+    path = folder / "saved"
+    calibration.save(path, SAVED[format], format)
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module", params=calibration.formats())
+def format_and_text(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, str]:
+    return request.param, text_of(request.param, tmp_path_factory.mktemp("saved"))
+
+
+def assert_clear(error: pytest.ExceptionInfo[ArgumentError]) -> None:
+    """One line, short enough to read, that says what was expected."""
+    message = str(error.value)
+    assert "expected" in message
+    assert "\n" not in message
+    assert len(message) < 600
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_the_format_is_told_by_the_content(
+    format_and_text: tuple[str, str], newline: str, mark: str, tmp_path: Path
+) -> None:
+    format, text = format_and_text
+    path = tmp_path / "whatever"
+    path.write_bytes((mark + text.replace("\n", newline)).encode())
+    read = calibration.load(path)
+    assert list(read) == list(SAVED[format])
+    for name, camera in SAVED[format].items():
+        assert_same_rays(camera, read[name])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "\x00", "hello", "{}", "1 2 3", "camera_model: x\n#polynomial coefficients"]
+)
+def test_what_looks_like_no_format_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ArgumentError, match="give format") as error:
+        calibration.load(path)
+    assert_clear(error)
+    assert str(path) in str(error.value)
+
+
+def test_a_file_that_cannot_be_read_or_written_is_refused(tmp_path: Path) -> None:
+    for call in (
+        lambda: calibration.load(tmp_path / "missing"),
+        lambda: calibration.load(tmp_path),
+        lambda: calibration.save(tmp_path / "missing" / "file", {"1": PINHOLE}, "colmap"),
+    ):
+        with pytest.raises(ArgumentError) as error:
+            call()
+        assert_clear(error)
+    path = tmp_path / "binary"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ArgumentError, match="readable text"):
+        calibration.load(path)
+
+
+def test_unknown_formats_and_no_cameras_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="format: expected one of opencv-fisheye, kalibr"):
+        calibration.save(tmp_path / "file", {"cam0": LENS}, "ros")
+    with pytest.raises(ArgumentError, match="cameras: expected at least one"):
+        calibration.save(tmp_path / "file", {}, "kalibr")
+    assert not (tmp_path / "file").exists()
+
+
+CARRIED = {
+    "opencv-fisheye": {"kannala-brandt"},
+    "kalibr": {
+        "kannala-brandt",
+        "pinhole",
+        "fisheye-stereographic",
+        "catadioptric-parabolic",
+        "catadioptric-hyperbolic",
+        "catadioptric-planar",
+    },
+    "colmap": {"kannala-brandt", "pinhole", "equirectangular"},
+    "ocamcalib": {"scaramuzza"},
+}
+NEEDED = {
+    "kannala-brandt": {"fx": 15.0, "fy": 15.0},
+    "scaramuzza": {"coefficients": [-15.0, 0.0, 0.01]},
+    "noncentral-panorama": {"radius": 0.5},
+    "noncentral-spherical-mirror": {"mirror_radius": 0.5, "distance": 0.3},
+    "noncentral-conical-mirror": {"half_angle_deg": 60, "distance": 0.2},
+}
+
+
+@pytest.mark.parametrize("format", calibration.formats())
+@pytest.mark.parametrize("model", cameras.names())
+def test_every_model_is_carried_exactly_or_refused(model: str, format: str, tmp_path: Path) -> None:
+    """Walks the registry: a model added later must say where it goes."""
+    camera = cameras.create(model, **SIZE, **NEEDED.get(model, {}))
+    name = "1" if format == "colmap" else "cam0"
+    path = tmp_path / "file"
+    if model in CARRIED[format]:
+        calibration.save(path, {name: camera}, format)
+        assert_same_rays(camera, calibration.load(path)[name])
+    else:
+        with pytest.raises(ArgumentError, match=f"{name}: .*got {model}$") as error:
+            calibration.save(path, {name: camera}, format)
+        assert_clear(error)
+        assert not path.exists()
+
+
+@pytest.mark.parametrize("format", calibration.formats())
+def test_a_limit_of_the_field_of_view_is_not_lost_silently(format: str, tmp_path: Path) -> None:
+    camera = BENT if format == "ocamcalib" else LENS
+    limited = cameras.from_dict({**camera.to_dict(), "fov_deg": 100.0})
+    with pytest.raises(ArgumentError, match="fov_deg: expected a camera without this limit"):
+        calibration.save(tmp_path / "file", {"1" if format == "colmap" else "cam0": limited}, format)
+
+
+@pytest.mark.parametrize("format", ["opencv-fisheye", "ocamcalib"])
+def test_formats_of_one_camera_refuse_two(format: str, tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="holds one camera, got 2"):
+        calibration.save(tmp_path / "file", {"cam0": LENS, "cam1": LENS}, format)
+
+
+@given(data=st.data())
+def test_a_file_cut_anywhere_is_read_or_refused(
+    format_and_text: tuple[str, str], data: st.DataObject
+) -> None:
+    """Cut within its last number it is another file, not a wrong one; no other exception comes out."""
+    format, text = format_and_text
+    read_or_refuse(format, text[: data.draw(st.integers(0, len(text) - 1))])
+
+
+@given(data=st.data())
+def test_a_file_with_a_piece_replaced_is_read_or_refused(
+    format_and_text: tuple[str, str], data: st.DataObject
+) -> None:
+    format, text = format_and_text
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, min(len(text), start + 12)))
+    pieces = st.sampled_from(
+        ["nan", "-", ".inf", "1e999", "[", "{", ":", "!!python/name:os.system", "~", "&a *a"]
+    )
+    piece = data.draw(pieces | st.text(max_size=8) | st.integers(-(10**20), 10**20).map(str))
+    read_or_refuse(format, text[:start] + piece + text[end:])
+
+
+def read_or_refuse(format: str, text: str) -> None:
+    readers = {
+        "opencv-fisheye": calibration.read_opencv_fisheye,
+        "kalibr": calibration.read_kalibr,
+        "colmap": calibration.read_colmap,
+        "ocamcalib": calibration.read_ocamcalib,
+    }
+    try:
+        read = readers[format](text)
+    except ArgumentError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - not to be refused is as good
+        assert len(str(error)) < 600  # noqa: PT017
+    else:
+        assert read
+        assert all(isinstance(camera, cameras.Camera) for camera in read.values())
+
+
+# A few bytes that stand for 10^9 values, nesting beyond Python's stack, a number beyond its digits, ...
+BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10))
+ENTRY = (
+    "{{camera_model: pinhole, distortion_model: none, distortion_coeffs: [], resolution: {}, intrinsics: {}}}"
+)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        BOMB + "cam0: " + ENTRY.format("[4, 3]", "*a9"),
+        BOMB + "cam0: *a9",
+        BOMB + "camera: *a9",
+        "[" * 100_000,
+        "cam0: " + ENTRY.format("[4, 3]", "[" + "9" * 5000 + ", 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[1e400, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[.nan, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[true, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[[1], [2], 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[2026-01-01, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[2026-99-99, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "{a: 1}"),
+        "cam0: " + ENTRY.format("[4, 3]", "null"),
+        "cam0: " + ENTRY.format("[4, 3.5]", "[1, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4]", "[1, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[0, 3]", "[1, 1, 1, 1]"),
+        "cam0: " + ENTRY.format("[4, 3]", "[0, 1, 1, 1]"),
+        "cam0: {camera_model: pinhole}",
+        "cam0: {camera_model: [pinhole], distortion_model: {none: none}}",
+        "cam0: pinhole",
+        "cam0:",
+        "- cam0",
+        "cam0: !!python/object/apply:os.system [exit]",
+        "? {a: 1}\n: 2",
+        "a: b: c",
+        "\x00",
+    ],
+)
+def test_hostile_yaml_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(ArgumentError) as error:
+        calibration.read_kalibr(text)
+    assert_clear(error)
+    with pytest.raises(ArgumentError) as error:
+        calibration.read_opencv_fisheye(text)
+    assert_clear(error)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("image_width: 40", "image_length: 40", "expected the key 'image_width'"),
+        ("image_width: 40", "image_width: 0", "image_width: expected a whole number"),
+        ("camera_matrix: !!opencv-matrix", "camera_matrix: 3 #", "expected YAML"),
+        ("[ 15.0,", "[ .Nan,", "camera_matrix: data: expected 9 finite"),
+        ("[ 15.0,", "[ -15.0,", "fx: expected a finite number > 0"),
+        ("[ 15.0,", "[", "camera_matrix: data: expected 9 finite"),
+        (", 1e-05 ]", ", 1e-05, 0.1 ]", "distortion_coefficients: data: expected 4 finite"),
+        ("   data: [ 0.1", "   date: [ 0.1", "distortion_coefficients: expected the key 'data'"),
+    ],
+)
+def test_a_bad_opencv_file_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+    text = text_of("opencv-fisheye", tmp_path)
+    assert old in text
+    with pytest.raises(ArgumentError, match=message) as error:
+        calibration.read_opencv_fisheye(text.replace(old, new))
+    assert_clear(error)

@@ -1,0 +1,183 @@
+"""Kalibr's camchain, judged by cv2.fisheye and by Mei's model written from its definition."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from calibration.comparing import assert_same_rays
+from calibration.test_opencv import lenses, seen_in_front
+from hypothesis import given
+from hypothesis import strategies as st
+from mpmath import mp, mpf
+
+from omniscv import calibration, cameras
+from omniscv.errors import ArgumentError
+
+SIZE = {"width": 61, "height": 48}
+MIRRORS = [
+    cameras.create("catadioptric-planar", **SIZE, focal=40.0),
+    cameras.create("catadioptric-parabolic", **SIZE, semi_latus_rectum=0.03, focal=700.0, center=(30, 25.5)),
+    cameras.create("catadioptric-hyperbolic", **SIZE, distance=0.1, semi_latus_rectum=0.06, focal=40.0),
+    cameras.create("catadioptric-hyperbolic", **SIZE, distance=3.0, semi_latus_rectum=0.1, fov_deg=200),
+]
+
+
+def entry(camera: cameras.Camera) -> dict[str, Any]:
+    return dict(yaml.safe_load(calibration.write_kalibr({"cam0": camera}))["cam0"])
+
+
+def chain(model: str, intrinsics: list[float], distortion: str = "none", k: tuple[float, ...] = ()) -> str:
+    return yaml.safe_dump(
+        {
+            "cam0": {
+                "camera_model": model,
+                "intrinsics": [float(value) for value in intrinsics],
+                "distortion_model": distortion,
+                "distortion_coeffs": list(k),
+                "resolution": [61, 48],
+                "rostopic": "/cam0/image_raw",
+                "T_cam_imu": np.eye(4).tolist(),
+            }
+        }
+    )
+
+
+def mei(intrinsics: list[float], direction: np.ndarray) -> list[float]:
+    """Mei's projection in 50 digits: onto the unit sphere, then from the point xi behind its centre."""
+    with mp.workdps(50):
+        xi, fu, fv, pu, pv = map(mpf, intrinsics)
+        x, y, z = map(mpf, direction.tolist())
+        length = mp.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        return [float(pu + fu * x / (z + xi)), float(pv + fv * y / (z + xi))]
+
+
+def assert_mei_sees_our_pixels(intrinsics: list[float], camera: cameras.Camera, R_mei_c: np.ndarray) -> None:
+    np.testing.assert_array_equal(R_mei_c @ R_mei_c.T, np.eye(3))
+    assert np.linalg.det(R_mei_c) == 1  # a frame, not a reflection of the world
+    rays = camera.unproject()
+    pixels, directions = camera.pixels()[rays.valid][::7], rays.directions[rays.valid][::7]
+    assert len(pixels) > 100
+    theirs = np.array([mei(intrinsics, R_mei_c @ direction) for direction in directions])
+    # A direction's last place is 1e-16, and worth focal * (1 + xi) / (z + xi)^2 px, here up to 1e5.
+    np.testing.assert_allclose(theirs, pixels - 0.5, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", MIRRORS, ids=lambda camera: camera.name)
+def test_a_mirror_is_meis_model_half_a_turn_about_x(camera: cameras.Camera) -> None:
+    numbers = entry(camera)
+    assert (numbers["camera_model"], numbers["distortion_model"]) == ("omni", "none")
+    assert_mei_sees_our_pixels(numbers["intrinsics"], camera, np.diag([1, -1, -1]))
+
+
+@pytest.mark.parametrize("xi", [0.0, 1e-3, 0.7, 0.9999, 1.0])
+@pytest.mark.parametrize("turn", [np.diag([1, -1, -1]), np.diag([-1, 1, -1])])
+def test_a_file_with_one_negative_focal_length_is_a_mirror(xi: float, turn: np.ndarray) -> None:
+    intrinsics = [xi, 30.0 * turn[0, 0], 30.0 * turn[1, 1], 29.5, 23.25]
+    camera = calibration.read_kalibr(chain("omni", intrinsics))["cam0"]
+    assert camera.name.startswith("catadioptric-")
+    assert_mei_sees_our_pixels(intrinsics, camera, turn)
+
+
+@pytest.mark.parametrize(("xi", "name"), [(0.0, "pinhole"), (1.0, "fisheye-stereographic")])
+def test_a_file_with_positive_focal_lengths_is_no_mirror(xi: float, name: str) -> None:
+    intrinsics = [xi, 30.0, 30.0, 29.5, 23.25]
+    camera = calibration.read_kalibr(chain("omni", intrinsics))["cam0"]
+    assert camera.name == name
+    assert_mei_sees_our_pixels(intrinsics, camera, np.eye(3))
+
+
+@pytest.mark.parametrize("camera", MIRRORS, ids=lambda camera: camera.name)
+def test_a_mirror_comes_back_with_its_rays(camera: cameras.Camera) -> None:
+    again = calibration.read_kalibr(calibration.write_kalibr({"cam0": camera}))["cam0"]
+    assert again.name == camera.name
+    assert_same_rays(camera, again)
+
+
+@given(st.floats(0.05, 20), st.floats(0.05, 20), st.floats(5, 500), st.floats(0, 61))
+def test_any_hyperboloid_comes_back_with_its_rays(d: float, latus: float, focal: float, u: float) -> None:
+    camera = cameras.create(
+        "catadioptric-hyperbolic", **SIZE, distance=d, semi_latus_rectum=latus, focal=focal, center=(u, 20)
+    )
+    again = calibration.read_kalibr(calibration.write_kalibr({"cam0": camera}))["cam0"]
+    one, other = camera.unproject(), again.unproject()
+    both = one.valid & other.valid
+    assert np.count_nonzero(one.valid != other.valid) <= 4
+    # 1 - xi^2 is found again from a rounded xi: with d = 400 latus it has lost six digits.
+    np.testing.assert_allclose(one.directions[both], other.directions[both], rtol=0, atol=1e-11)
+
+
+def test_a_hyperboloid_that_xi_does_not_tell_from_a_paraboloid_is_refused() -> None:
+    """Its xi is 1 in 53 bits; read back it would be a paraboloid, which sees where this mirror has ended."""
+    camera = cameras.create("catadioptric-hyperbolic", **SIZE, distance=1.0, semi_latus_rectum=1e-9)
+    with pytest.raises(ArgumentError, match="xi rounds to 1"):
+        calibration.write_kalibr({"cam0": camera})
+
+
+@given(lenses)
+def test_equidistant_is_opencvs_fisheye(camera: cameras.Camera) -> None:
+    text = calibration.write_kalibr({"cam0": camera})
+    numbers = yaml.safe_load(text)["cam0"]
+    fu, fv, pu, pv = numbers["intrinsics"]
+    K, D = np.array([[fu, 0, pu], [0, fv, pv], [0, 0, 1]]), np.array(numbers["distortion_coeffs"])
+    pixels, directions = seen_in_front(camera)
+    if len(pixels):
+        theirs, _ = cv2.fisheye.projectPoints(directions[:, None], np.zeros(3), np.zeros(3), K, D)
+        np.testing.assert_allclose(theirs[:, 0], pixels - 0.5, rtol=0, atol=1e-9)  # as in test_opencv.py
+    assert_same_rays(camera, calibration.read_kalibr(text)["cam0"])
+
+
+@given(st.floats(10, 1e4), st.floats(0.5, 2), st.floats(-100, 100), st.floats(-100, 100))
+def test_pinhole_is_the_textbooks(fu: float, stretch: float, pu: float, pv: float) -> None:
+    fv = fu * stretch
+    text = chain("pinhole", [fu, fv, pu, pv])
+    camera = calibration.read_kalibr(text)["cam0"]
+    directions = camera.unproject().directions
+    x, y, z = np.moveaxis(directions, -1, 0)
+    theirs = np.stack([pu + fu * x / z, pv + fv * y / z], axis=-1)
+    # Directions are right to 2e-16, times the focal length and the square of 1 / z (at most 300 here).
+    np.testing.assert_allclose(theirs, camera.pixels() - 0.5, rtol=0, atol=1e-9)
+    again = calibration.read_kalibr(calibration.write_kalibr({"cam0": camera}))["cam0"]
+    assert_same_rays(camera, again)
+
+
+def test_a_chain_keeps_its_names() -> None:
+    text = calibration.write_kalibr({"cam1": MIRRORS[0], "cam0": MIRRORS[1]})
+    assert {name: camera.name for name, camera in calibration.read_kalibr(text).items()} == {
+        "cam1": "catadioptric-planar",
+        "cam0": "catadioptric-parabolic",
+    }
+    with pytest.raises(ArgumentError, match="cam0, cam1"):
+        calibration.write_kalibr({"left": MIRRORS[0]})
+
+
+@pytest.mark.parametrize(
+    ("intrinsics", "message"),
+    [
+        ([0.9, 30.0, 30.0, 29.5, 23.25], "xi = 0 or 1"),
+        ([1.3, 30.0, 30.0, 29.5, 23.25], "xi = 0 or 1"),
+        ([0.9, -30.0, -30.0, 29.5, 23.25], "at least one is positive"),
+        ([0.9, 30.0, -30.001, 29.5, 23.25], "focal lengths of one size"),
+        ([0.9, 0.0, 0.0, 29.5, 23.25], "at least one is positive"),
+        ([1.3, 30.0, -30.0, 29.5, 23.25], "0 <= xi <= 1"),
+        ([-0.1, 30.0, -30.0, 29.5, 23.25], "0 <= xi <= 1"),
+        ([30.0, 30.0, 29.5, 23.25], "5 finite numbers"),
+    ],
+)
+def test_an_omni_that_is_no_model_of_ours_is_refused(intrinsics: list[float], message: str) -> None:
+    with pytest.raises(ArgumentError, match=message) as caught:
+        calibration.read_kalibr(chain("omni", intrinsics))
+    assert str(caught.value).startswith("cam0: intrinsics: expected")
+
+
+@pytest.mark.parametrize(
+    ("model", "count", "distortion", "k"),
+    [("pinhole", 4, "radtan", (0, 0, 0, 0)), ("omni", 5, "radtan", (0, 0, 0, 0)), ("ds", 6, "none", ())],
+)
+def test_a_model_that_is_none_of_ours_is_named(
+    model: str, count: int, distortion: str, k: tuple[float, ...]
+) -> None:
+    with pytest.raises(ArgumentError, match=f"cam0: .*pinhole-none.*{model}.*{distortion}"):
+        calibration.read_kalibr(chain(model, [1.0] * count, distortion, k))
