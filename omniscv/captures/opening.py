@@ -18,7 +18,7 @@ def open_source(uri: str | Path, **options: Any) -> Source:
     Args:
         uri: ``unreal://host:port`` or ``unreal+unix:///path`` for a live server; ``mock://four-wall`` for the
             mock server, started for this source alone, with its options behind a question mark
-            (``mock://four-wall?latency_ms=5&depth=float32``, ``fault=delay=0.2@0.05`` any number of times, and
+            (``mock://four-wall?latency_ms=5&depth=float32``; ``fault=delay=0.2@0.05``, repeatable, and
             ``seed`` of the faults); else the path of a recorded file.
         options: for live sources: ``timeout_s``, ``retries``.
 
