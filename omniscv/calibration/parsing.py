@@ -12,7 +12,8 @@ import yaml
 
 from omniscv.errors import ArgumentError
 
-_SHORT = reprlib.Repr(maxlevel=2)
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2
 
 
 @contextmanager

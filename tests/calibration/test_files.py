@@ -34,9 +34,8 @@ def text_of(format: str, folder: Path) -> str:
 
 
 @pytest.fixture(scope="module", params=calibration.formats())
-def format_and_text(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[str, str]:
+def saved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """A format, and a file of it."""
     return request.param, text_of(request.param, tmp_path_factory.mktemp("saved"))
 
 
@@ -51,9 +50,9 @@ def assert_clear(error: pytest.ExceptionInfo[ArgumentError]) -> None:
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
 def test_the_format_is_told_by_the_content(
-    format_and_text: tuple[str, str], newline: str, mark: str, tmp_path: Path
+    saved: tuple[str, str], newline: str, mark: str, tmp_path: Path
 ) -> None:
-    format, text = format_and_text
+    format, text = saved
     path = tmp_path / "whatever"
     path.write_bytes((mark + text.replace("\n", newline)).encode())
     read = calibration.load(path)
@@ -151,23 +150,19 @@ def test_formats_of_one_camera_refuse_two(format: str, tmp_path: Path) -> None:
 
 
 @given(data=st.data())
-def test_a_file_cut_anywhere_is_read_or_refused(
-    format_and_text: tuple[str, str], data: st.DataObject
-) -> None:
+def test_a_file_cut_anywhere_is_read_or_refused(saved: tuple[str, str], data: st.DataObject) -> None:
     """Cut within its last number it is another file, not a wrong one; no other exception comes out."""
-    format, text = format_and_text
+    format, text = saved
     read_or_refuse(format, text[: data.draw(st.integers(0, len(text) - 1))])
 
 
 @given(data=st.data())
-def test_a_file_with_a_piece_replaced_is_read_or_refused(
-    format_and_text: tuple[str, str], data: st.DataObject
-) -> None:
-    format, text = format_and_text
+def test_a_file_with_a_piece_replaced_is_read_or_refused(saved: tuple[str, str], data: st.DataObject) -> None:
+    format, text = saved
     start = data.draw(st.integers(0, len(text)))
     end = data.draw(st.integers(start, min(len(text), start + 12)))
     pieces = st.sampled_from(
-        ["nan", "-", ".inf", "1e999", "[", "{", ":", "!!python/name:os.system", "~", "&a *a"]
+        ["nan", "-", ".inf", "1e999", "1e-320", "[", "{", ":", "!!python/name:os.system", "~", "&a *a"]
     )
     piece = data.draw(pieces | st.text(max_size=8) | st.integers(-(10**20), 10**20).map(str))
     read_or_refuse(format, text[:start] + piece + text[end:])
