@@ -1,60 +1,13 @@
-"""Truth for the tests of composition: a source that traces in this process, and the surfaces of a room."""
+"""What the tests of composition share: a server that sets nothing, a room's surfaces, the demo's cameras."""
 
 import numpy as np
 
 from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
-from mock_server.render import pinhole_rays
 from omniscv.cameras import create
-from omniscv.captures.source import Capabilities, ObjectTable, Source
-from omniscv.captures.view import Capture
+from omniscv.captures.source import Capabilities
 from omniscv.demo import _EVERY_MODEL
 
 FIXED = Capabilities(can_set_size=False, can_set_fov=False, image_size=(512, 512), fov_deg=90.0)
-
-
-def mask_color(label):
-    """(..., 3) uint8, a colour of its own for each label; the sky is black."""
-    label = np.asarray(label, dtype=np.uint32)
-    return np.stack([label * 37 % 256, label * 101 % 256, label % 256], axis=-1).astype(np.uint8)
-
-
-class ExactSource(Source):
-    """Captures by exact tracing: lit and depth float32, masks uint8, normals float32. Keeps what it made."""
-
-    def __init__(self, scene, capabilities=None, lit=np.float32):
-        self.scene, self._lit, self.made, self._kept = scene, lit, 0, {}
-        self._capabilities = capabilities or Capabilities()
-
-    @property
-    def capabilities(self):
-        return self._capabilities
-
-    def objects(self):
-        return ObjectTable({n: tuple(mask_color(self.scene.label(n)).tolist()) for n in self.scene.objects})
-
-    def capture(self, requests):
-        for request in requests:
-            if request.view not in self._kept:
-                self._kept[request.view] = self._trace(request.view)
-                self.made += 1
-            yield Capture(request, request.view, self._kept[request.view][request.mode], b"", "npy")
-
-    def _trace(self, view):
-        rays, length = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height)
-        hits = self.scene.trace(view.pose.t_w_c, rays)
-        lit = hits.color if self._lit == np.float32 else np.round(255 * np.clip(hits.color, 0, 1))
-        return {
-            "lit": lit.astype(self._lit),
-            "object_mask": mask_color(hits.label),
-            "depth": (hits.distance / length).astype(np.float32),
-            "normal": hits.normal.astype(np.float32),
-        }
-
-
-def traced(scene, camera, pose):
-    """What each pixel's own ray meets: Hits of shape (H, W); NaN rays meet nothing."""
-    rays = camera.unproject()
-    return scene.trace(pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T)
 
 
 def distance_to_surfaces(scene, points):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from exact import ExactSource, cameras_at, distance_to_surfaces, traced
+from exact import cameras_at, distance_to_surfaces
 
 import omniscv
 from mock_server import load_scene
@@ -10,10 +10,11 @@ from mock_server.scene import Scene
 from omniscv.cameras import create
 from omniscv.captures.source import Source
 from omniscv.captures.view import Capture
+from omniscv.chart.truth import TracedSource, traced
 from omniscv.geometry import Pose
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
-ROOMS = {name: ExactSource(load_scene(name)) for name in ("four-wall", "six-wall")}
+ROOMS = {name: TracedSource(load_scene(name)) for name in ("four-wall", "six-wall")}
 CENTRAL = {name: camera for name, camera in cameras_at(1024).items() if camera.central}
 
 
@@ -114,7 +115,7 @@ def test_a_thin_pole_keeps_its_depth():
             "objects": {"Pole": {"texture": red, "solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}},
         },
     )
-    source = ExactSource(scene)
+    source = TracedSource(scene)
     camera = create("equirectangular", width=1024, height=512)
     image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth", "object_mask"))
     pole = image.labels == scene.label("Pole")

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from exact import FIXED, ExactSource, cameras_at
+from exact import FIXED, cameras_at
 
 import omniscv
 from mock_server import load_scene
+from omniscv.chart.truth import TracedSource
 from omniscv.geometry import Pose
 from omniscv.plan import sampling
 
@@ -25,7 +26,7 @@ def error_px(image):
 
 @pytest.fixture(scope="module")
 def source():
-    return ExactSource(load_scene("direction"))
+    return TracedSource(load_scene("direction"))
 
 
 @pytest.mark.parametrize("filter", ["bilinear", "bicubic", "area"])
@@ -47,7 +48,7 @@ def test_pixels_show_their_own_rays(name, filter, source):
 @pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "catadioptric-hyperbolic"])
 def test_faces_without_overscan_serve_as_well(name):
     """A server that cannot set size or field of view: what lies beyond an edge comes from the next face."""
-    fixed = ExactSource(load_scene("direction"), FIXED)
+    fixed = TracedSource(load_scene("direction"), FIXED)
     error = error_px(omniscv.render(CAMERAS[name], POSE, fixed, filter="bilinear"))
     assert error.mean() <= 0.01
     assert error.max() <= 0.03

@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
-from exact import ExactSource, cameras_at, traced
+from exact import cameras_at
 from hypothesis import given
 from hypothesis import strategies as st
 
 import omniscv
 from mock_server import load_scene
 from omniscv.captures.source import ObjectTable
+from omniscv.chart.truth import TracedSource, traced
 from omniscv.compose.labels import bent, labels_of
 from omniscv.geometry import Pose
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
-SOURCE = ExactSource(load_scene("four-wall"))
+SOURCE = TracedSource(load_scene("four-wall"))
 CAMERAS = cameras_at(256)
 
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from exact import FIXED, ExactSource
+from exact import FIXED
 
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
+from omniscv.chart.truth import TracedSource
 from omniscv.geometry import Pose
 
 WAVES = load_scene("waves")
@@ -16,7 +17,7 @@ CAMERAS = {
     "fisheye-equidistant": create("fisheye-equidistant", width=512, height=512, fov_deg=240),
     "cylindrical": create("cylindrical", width=1024, height=512, fov_h_deg=360, fov_v_deg=150),
 }
-SOURCES = {"overscan": ExactSource(WAVES), "fixed 90 degrees": ExactSource(WAVES, FIXED)}
+SOURCES = {"overscan": TracedSource(WAVES), "fixed 90 degrees": TracedSource(WAVES, FIXED)}
 
 
 @pytest.mark.parametrize("filter", ["bilinear", "bicubic"])
