@@ -13,7 +13,7 @@ from omniscv.plan.groups import rays_of
 _QUANTILE = 0.98
 _MULTIPLE = 8
 _OVERSAMPLING = 1.2
-"""By measurement: with less, faces of twice the size gain a tenth and more (tests/compose/test_face_size.py)."""
+"""By measurement: with less, faces of twice the size gain a tenth and more (test_face_size.py)."""
 SMALLEST, LARGEST = 16, 8192
 
 
