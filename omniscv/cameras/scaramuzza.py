@@ -50,7 +50,12 @@ class Scaramuzza(Camera):
         self._slope = polyder(self.coefficients) if count > 1 else np.zeros(1)
         turning = first_positive_root((np.arange(len(self.coefficients)) - 1) * self.coefficients)
         corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64)
-        farthest = np.hypot(*np.linalg.solve(self._A, (corners - self.center).T)).max()
+        with np.errstate(all="ignore"):
+            farthest = np.hypot(*np.linalg.solve(self._A, (corners - self.center).T)).max()
+        if not np.isfinite(farthest):
+            raise ArgumentError(
+                f"affine: expected c - d e further from 0, got (c, d, e) = {self.affine.tolist()}"
+            )
         self._rho_end = float(min(turning, farthest))
         if self.fov_deg is not None:
             half = np.radians(self.fov_deg) / 2

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from omniscv import cameras
+from omniscv.errors import ArgumentError
 
 TINY = [5e-324, -5e-324, 1e-300, -1e-200, 1e-120, -1e-100]
 
@@ -28,3 +29,10 @@ def test_scaramuzza_is_as_without_them(tiny: float, second: float) -> None:
     with_them = cameras.create("scaramuzza", width=41, height=31, coefficients=[-20.0, 0.0, second, tiny])
     without = cameras.create("scaramuzza", width=41, height=31, coefficients=[-20.0, 0.0, second])
     np.testing.assert_array_equal(with_them.unproject().directions, without.unproject().directions)
+
+
+@pytest.mark.parametrize("c", [5e-324, -1e-310])
+def test_an_affine_part_of_next_to_nothing_is_refused(c: float) -> None:
+    """It put the image's corners at infinity, and warned; no ray of such a camera is finite."""
+    with pytest.raises(ArgumentError, match="affine: expected c - d e further from 0"):
+        cameras.create("scaramuzza", width=41, height=31, coefficients=[-20.0], affine=(c, 0, 0))
