@@ -87,11 +87,14 @@ def _png(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 def _normals(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Unit vectors in the world frame; 0 where the colour is no direction."""
-    n = rgb.astype(np.float32) * np.float32(2 / 255) - 1
+    n = rgb.astype(np.float32)
+    n *= np.float32(2 / 255)
+    n -= 1
     n[..., 1] *= -1  # Unreal's Y points right
-    length = np.linalg.norm(n, axis=-1, keepdims=True)
+    length = np.sqrt(np.einsum("...k,...k->...", n, n))
     known = np.abs(length - 1) < _UNIT_TOLERANCE
-    return np.asarray(np.divide(n, length, out=np.zeros_like(n), where=known))
+    n *= np.divide(1, length, out=np.zeros_like(length), where=known)[..., None]
+    return np.asarray(n)
 
 
 def _npy(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:

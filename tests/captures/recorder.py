@@ -11,7 +11,7 @@ from omniscv.captures.view import MODES, Request, View
 from omniscv.geometry import Pose, cube_rotations
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))
-SIZE = 48
+SIZE = 96
 
 
 def requests():
