@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
@@ -12,13 +13,15 @@ from omniscv.cameras.base import Array
 _TABLE = 2048
 _NEWTON_STEPS = 3
 _BISECTIONS = 60
+_HALVINGS = 70  # from a ratio of 1e300 to the last digit
+_EPS = np.finfo(np.float64).eps
 _BLOCK = 1 << 14  # values solved together: their arrays stay in the processor's cache
 
 
 def first_positive_root(coefficients: ArrayLike) -> float:
-    """The least x > 0 where ``c_0 + c_1 x + c_2 x^2 + ...`` crosses zero; infinite if it never does.
+    """The least x > 0 from which on ``c_0 + c_1 x + c_2 x^2 + ...``, positive at 0, is negative.
 
-    A root that the polynomial only touches is no crossing: the branch goes on.
+    Infinite if it never is. A root that the polynomial only touches is no crossing: the branch goes on.
     """
     trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
     if trimmed.size < 2:
@@ -26,19 +29,29 @@ def first_positive_root(coefficients: ArrayLike) -> float:
     constant, least = trimmed[0], 1e-300 * np.abs(trimmed).max()
     if abs(constant) < least:  # a root next to 0 stays next to 0, and its reciprocal finite
         trimmed = np.append(np.copysign(least, constant), trimmed[1:])
-    slope = np.polynomial.polynomial.polyder(trimmed)
     # Coefficients that are next to nothing have roots next to infinity, where all may overflow.
     with np.errstate(all="ignore"):
-        # The least root is the greatest reciprocal, which the solver finds best.
+        # The least root is the greatest reciprocal, which the solver finds best. Roots that coincide come
+        # out scattered in the complex plane; a crossing is next to the real part of one all the same.
         roots = 1 / np.roots(trimmed).astype(np.complex128)
-        near = np.isfinite(roots) & (np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots.real)))
-        for root in np.sort(roots.real[near & (roots.real > 0)]):
-            step = 1e-6 * root
-            before, after = np.polynomial.polynomial.polyval([root - step, root + step], trimmed)
-            flat = np.polynomial.polynomial.polyval(root, slope) == 0
-            if min(before, after) < 0 < max(before, after) or (flat and 0 < before < after):
-                return float(root)
-    return np.inf
+        near = np.sort(roots.real[np.isfinite(roots) & (roots.real > 0)])
+        if not near.size:
+            return np.inf
+        between = np.sqrt(near) * np.sqrt(np.append(near[1:], 4 * near[-1]))
+        rounding = _EPS * len(trimmed) * polyval(between, np.abs(trimmed))
+        negative = polyval(between, trimmed) < -rounding
+        if not negative.any():
+            return np.inf
+        first = int(np.argmax(negative))
+        return _crossing(trimmed, between[first - 1] if first else near[0] / 2, between[first])
+
+
+def _crossing(coefficients: Array, low: float, high: float) -> float:
+    """Where a polynomial, positive at ``low`` > 0, becomes negative before ``high``, by halving their ratio."""
+    for _ in range(_HALVINGS):
+        middle = np.sqrt(low) * np.sqrt(high)
+        low, high = (low, middle) if polyval(middle, coefficients) < 0 else (middle, high)
+    return float(low)
 
 
 def invert(
