@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import tempfile
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -29,7 +31,23 @@ def bmp(rgb: NDArray[np.uint8]) -> bytes:
 def npy(array: NDArray[np.generic]) -> bytes:
     """NPY 1.0 as the plugin writes it: header a multiple of 16, one block more when it fits exactly."""
     shape = ", ".join(map(str, array.shape))
-    text = f"{{'descr': '{array.dtype.str}', 'fortran_order': False, 'shape': ({shape}), }}"
+    kind = array.dtype.str.replace("|", "<")
+    text = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}"
     padding = 16 - (10 + len(text)) % 16
     text += " " * (padding - 1) + "\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode() + array.tobytes()
+
+
+def exr(rgb: NDArray[np.float32]) -> bytes:
+    """EXR of half floats, uncompressed, RGBA with alpha 1; one channel is repeated."""
+    import OpenImageIO
+
+    height, width = rgb.shape[:2]
+    rgba = np.ones((height, width, 4), dtype=np.float32)
+    rgba[..., :3] = rgb
+    buffer = OpenImageIO.ImageBuf(rgba)
+    buffer.specmod().attribute("compression", "none")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "image.exr"
+        buffer.write(str(path), OpenImageIO.HALF)
+        return path.read_bytes()

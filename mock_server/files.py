@@ -17,6 +17,7 @@ class OutputFolder:
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self._count = 0
 
     @property
     def path(self) -> Path:
@@ -25,6 +26,11 @@ class OutputFolder:
             self._temporary = tempfile.TemporaryDirectory(prefix="mock-unrealcv-")
             self._folder = Path(self._temporary.name)
         return self._folder
+
+    def next_name(self) -> str:
+        """A name for an image that was given none."""
+        self._count += 1
+        return f"{self._count:08d}.png"
 
     def write(self, name: str, data: bytes) -> bool:
         """Writes a file, and tells whether it could: a name that leads out of the folder cannot."""

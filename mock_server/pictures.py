@@ -27,6 +27,12 @@ def gray_depth(view: ViewHits) -> Bytes:
     return np.repeat(gray[..., None], 3, axis=2)
 
 
+def rescaled(distance: NDArray[np.float64]) -> Bytes:
+    """(H, W, 3) distances as gray from 0 to the picture's own largest: for the eye, not for measuring."""
+    limited = np.minimum(distance, LARGEST_HALF)
+    return np.repeat(np.round(255 * limited / limited.max()).astype(np.uint8)[..., None], 3, axis=2)
+
+
 def stored(depth: NDArray[np.float64], half: bool) -> NDArray[np.float32]:
     """Depth in the server's unit as it comes out of the engine's buffers: float32, through half floats."""
     limited = np.minimum(depth, LARGEST_HALF)

@@ -8,8 +8,8 @@ import socket
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -51,9 +51,9 @@ class _Pending:
     """A reply that waits for frames to pass."""
 
     frames: int
-    came: float
     identity: int
-    reply: Later
+    make: Callable[[], str | bytes]
+    came: float = 0.0
 
 
 Requests = queue.Queue[tuple[float, bytes] | None]
@@ -75,6 +75,7 @@ class Server:
         host: the address to listen on; loopback unless told.
         size: width and height of new cameras, px, as in the plugin's settings.
         fov_deg: horizontal field of view of new cameras.
+        window: width and height of the game's window, where dialect 0.3.10 takes its masks; None as ``size``.
         folder: where commands that name a file write; None takes a temporary one, removed at the end.
         faults: what goes wrong, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
         seed: of the faults' dice.
@@ -94,6 +95,7 @@ class Server:
         host: str = "127.0.0.1",
         size: tuple[int, int] = (640, 480),
         fov_deg: float = 90.0,
+        window: tuple[int, int] | None = None,
         folder: Path | None = None,
         faults: Iterable[str] = (),
         seed: int = 0,
@@ -111,7 +113,7 @@ class Server:
         self._listener.settimeout(_ACCEPT_S)
         self.host, self.port = self._listener.getsockname()[:2]
         half = depth == "half" or self.faults.get("half-depth") is not None
-        settings = Settings(self.port, *size, fov_deg, half, self.files)
+        settings = Settings(self.port, *size, fov_deg, window or size, half, self.files)
         self._dialect = BY_NAME[dialect](self._world, settings)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
@@ -170,31 +172,42 @@ class Server:
     def _replies(self, requests: Requests) -> Iterator[tuple[float, bytes]]:
         """The replies' payloads, frame after frame, each with the time its request came."""
         pending: list[_Pending] = []
+        held: list[tuple[float, bytes]] = []
+        self._dialect.held = 0
         while not self._stopping.is_set():
             for request in _come(requests, self._dialect.requests_per_frame):
                 if request is None:
                     return
-                came, payload = request
-                parsed = self._dialect.parse(payload)
-                if parsed is None:
-                    refusal = self._dialect.malformed(payload)
-                    if refusal is not None:
-                        yield came, refusal
+                held.append(request)
+                if len(held) < self._dialect.held:
                     continue
-                identity, text = parsed
-                self.statistics.note(text)
-                self._world.hear(text)
-                reply = self._dialect.answer(text)
-                if isinstance(reply, Later):
-                    pending.append(_Pending(reply.frames, came, identity, reply))
-                else:
-                    yield came, _payload(identity, reply)
+                self._dialect.held = 0
+                for came, payload in held:
+                    reply = self._reply(payload)
+                    if isinstance(reply, _Pending):
+                        pending.append(replace(reply, came=came))
+                    elif reply is not None:
+                        yield came, reply
+                held.clear()
             self._dialect.tick()
             for each in pending:
                 each.frames -= 1
             while pending and pending[0].frames < 0:
                 done = pending.pop(0)
-                yield done.came, _payload(done.identity, done.reply.make())
+                yield done.came, _payload(done.identity, done.make())
+
+    def _reply(self, payload: bytes) -> bytes | _Pending | None:
+        """The reply's payload, what becomes one later, or None where the plugin stays silent."""
+        parsed = self._dialect.parse(payload)
+        if parsed is None:
+            return self._dialect.malformed(payload)
+        identity, text = parsed
+        self.statistics.note(text)
+        self._world.hear(text)
+        reply = self._dialect.answer(text)
+        if isinstance(reply, Later):
+            return _Pending(reply.frames, identity, reply.make)
+        return _payload(identity, reply)
 
     @staticmethod
     def _read(connection: socket.socket, requests: Requests) -> None:

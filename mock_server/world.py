@@ -96,7 +96,7 @@ class World:
 
     def bounds(self, actor: SceneObject) -> NDArray[np.float64]:
         """(2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
-        return self._box_cm(self._placed(), self.scene.objects[self._actors.index(actor)])
+        return self._box_cm(self.placed(), self.scene.objects[self._actors.index(actor)])
 
     def look(self, camera: Camera) -> ViewHits:
         """What a camera sees, in every mode: traced once, kept while it is asked for in other modes."""
@@ -107,7 +107,7 @@ class World:
             t_w_c = MIRROR @ camera.location / 100.0
             fov_deg = horizontal_fov(camera)
             R_w_c = camera_to_world(camera.rotation)
-            self._views[key] = render_view(self._placed(), R_w_c, t_w_c, fov_deg, *camera.size, hidden)
+            self._views[key] = render_view(self.placed(), R_w_c, t_w_c, fov_deg, *camera.size, hidden)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS:
             self._views.popitem(last=False)
@@ -128,7 +128,7 @@ class World:
     def _places(self) -> tuple[tuple[Triple, Triple], ...]:
         return tuple((actor.location, actor.rotation) for actor in self._actors)
 
-    def _placed(self) -> Scene:
+    def placed(self) -> Scene:
         """The scene with its objects where commands have put them."""
         moves = {}
         for name, actor in zip(self.scene.objects, self._actors, strict=True):

@@ -39,6 +39,7 @@ class Settings:
     Attributes:
         port: where the server listens; told by the status.
         width, height, fov_deg: of new cameras, px and degrees.
+        window: width and height of the game's window, px.
         half_depth: whether depth goes through half floats, as in the engine.
         files: where file commands write.
     """
@@ -47,6 +48,7 @@ class Settings:
     width: int
     height: int
     fov_deg: float
+    window: tuple[int, int]
     half_depth: bool
     files: OutputFolder
 
@@ -56,6 +58,8 @@ class Dialect(ABC):
 
     version: ClassVar[str] = "0.3.10"
     unknown: ClassVar[str] = "error Can not find a handler for URI '{}'"
+    no_object: ClassVar[str] = "error Can not find object {}"
+    no_camera: ClassVar[str] = "error Camera {} can not be found."
     request: ClassVar[re.Pattern[bytes]] = re.compile(rb"(\d{1,8}):(.*)")
     """Where the id and the command are: searched, so of a longer id the last 8 digits count."""
     encoding: ClassVar[str] = "latin-1"
@@ -63,6 +67,8 @@ class Dialect(ABC):
 
     def __init__(self, world: World, settings: Settings) -> None:
         self.world, self.settings = world, settings
+        self.held = 0
+        """How many requests the next frames hold back until all of them have come."""
         self.commands = [command(template, text, handler) for template, text, handler in self.rows()]
 
     @abstractmethod
@@ -96,6 +102,26 @@ class Dialect(ABC):
     def match(self, each: Command, text: str) -> tuple[Any, ...] | None:
         """The arguments of a command, or None if it does not fit."""
         return each.match(text)
+
+    def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
+        """A handler that gets the camera of a number, or answers that it is missing."""
+
+        def handler(index: int, *arguments: Any) -> Reply:
+            if index >= len(self.world.cameras):
+                return (missing or self.no_camera).format(index)
+            return act(self.world.cameras[index], *arguments)
+
+        return handler
+
+    def with_object(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
+        """A handler that gets the object of a name, or answers that it is missing."""
+
+        def handler(name: str, *arguments: Any) -> Reply:
+            if name not in self.world.objects:
+                return (missing or self.no_object).format(name)
+            return act(self.world.objects[name], *arguments)
+
+        return handler
 
     def plugin_rows(self) -> list[Row]:
         """The commands about the plugin itself."""

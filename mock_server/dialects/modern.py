@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 from mock_server import encode, pictures
+from mock_server.dialects import objects
 from mock_server.dialects.common import Dialect, Reply, Row, numbers, ok
 from mock_server.render import ViewHits
 from mock_server.rotator import through_quaternion
 from mock_server.world import Camera, SceneObject
 
-NO_SENSOR = "error Invalid sensor id"
 BAD_ARGUMENT = "error Argument Invalid"
 NO_DATA = "error Captured data is empty"
 
@@ -22,7 +22,8 @@ _ENCODERS: dict[str, Callable[..., bytes]] = {"png": encode.png, "bmp": encode.b
 class Modern(Dialect):
     """The 1.x command set, as N1 has it; M and N2 say what they do otherwise."""
 
-    no_object: ClassVar[str] = "error Can not find object"
+    no_object = "error Can not find object"
+    no_camera = "error Invalid sensor id"
 
     def rows(self) -> list[Row]:
         return [
@@ -37,19 +38,19 @@ class Modern(Dialect):
 
     def object_rows(self) -> list[Row]:
         """Objects by name."""
-        obj, at = self._with_object, "/object/[str]"
+        obj, at = self.with_object, "/object/[str]"
         return [
             ("vget /objects", "Names of the objects", lambda: _listed(self.world.objects)),
             (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location))),
-            (f"vset {at}/location [float] [float] [float]", "Moves it", obj(_move_object)),
+            (f"vset {at}/location [float] [float] [float]", "Moves it", obj(objects.move)),
             (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
-            (f"vset {at}/rotation [float] [float] [float]", "Turns it", obj(_turn_object)),
+            (f"vset {at}/rotation [float] [float] [float]", "Turns it", obj(objects.turn)),
             (f"vget {at}/vertex_location", "Corners of its box, cm", obj(self._vertices)),
-            (f"vget {at}/color", "Colour in the mask", obj(color)),
-            (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(_paint)),
+            (f"vget {at}/color", "Colour in the mask", obj(objects.color)),
+            (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(objects.paint)),
             (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
-            (f"vset {at}/show", "Shows it", obj(lambda o: _hide(o, False))),
-            (f"vset {at}/hide", "Hides it from every mode", obj(lambda o: _hide(o, True))),
+            (f"vset {at}/show", "Shows it", obj(objects.show)),
+            (f"vset {at}/hide", "Hides it from every mode", obj(objects.hide)),
             (f"vset {at}/destroy", "Takes it out of the world", obj(self._destroy)),
             (f"vget {at}/uclass_name", "Its class", obj(self.class_name)),
             (f"vset {at}/name [str]", "Renames it", obj(self._rename)),
@@ -82,7 +83,7 @@ class Modern(Dialect):
 
     def camera_rows(self) -> list[Row]:
         """Cameras, their poses and images."""
-        camera, at = self._with_camera, "/camera/[uint]"
+        camera, at = self.with_camera, "/camera/[uint]"
         return [
             ("vget /cameras", "Names of the cameras", lambda: _listed(c.name for c in self.world.cameras)),
             ("vset /cameras/spawn", "Adds a camera", self.world.spawn),
@@ -120,22 +121,6 @@ class Modern(Dialect):
     def class_name(self, o: SceneObject) -> str:
         """An object's class."""
         return "Actor"
-
-    def _with_camera(self, act: Callable[..., Reply], missing: str = NO_SENSOR) -> Callable[..., Reply]:
-        def handler(index: int, *arguments: Any) -> Reply:
-            if index >= len(self.world.cameras):
-                return missing
-            return act(self.world.cameras[index], *arguments)
-
-        return handler
-
-    def _with_object(self, act: Callable[..., Reply]) -> Callable[..., Reply]:
-        def handler(name: str, *arguments: Any) -> Reply:
-            if name not in self.world.objects:
-                return self.no_object
-            return act(self.world.objects[name], *arguments)
-
-        return handler
 
     def _is_player(self, camera: Camera) -> bool:
         return camera is self.world.cameras[0]
@@ -234,31 +219,6 @@ def _kind(form: str, kinds: tuple[str, ...]) -> str | None:
     if form.lower() in kinds:
         return form.lower()
     return next((kind for kind in kinds if form.endswith(f".{kind}")), None)
-
-
-def _move_object(o: SceneObject, x: float, y: float, z: float) -> str:
-    o.location = (x, y, z)
-    return "ok"
-
-
-def _turn_object(o: SceneObject, pitch: float, yaw: float, roll: float) -> str:
-    o.rotation = (pitch, yaw, roll)
-    return "ok"
-
-
-def color(o: SceneObject) -> str:
-    """An object's colour in the mask."""
-    return "(R={},G={},B={},A=255)".format(*o.color)
-
-
-def _paint(o: SceneObject, r: int, g: int, b: int) -> str:
-    o.color = (r % 256, g % 256, b % 256)
-    return "ok"
-
-
-def _hide(o: SceneObject, hidden: bool) -> str:
-    o.hidden = hidden
-    return "ok"
 
 
 def _set_fov(camera: Camera, fov: float) -> str:
