@@ -18,7 +18,9 @@ Carried, by Kalibr's name for them:
       The mirror's size is not carried, and no ray depends on it: a hyperboloid comes back with
       ``distance`` 1, a paraboloid with ``semi_latus_rectum`` 1.
       Mei's formula takes such numbers, but Kalibr's own programs refuse a negative focal length: for
-      them flip the picture top to bottom, and write ``|fv|`` and ``height - 1 - pv``.
+      them flip the picture top to bottom, and write ``|fv|`` and ``height - 1 - pv``. The other way round,
+      what they made of a mirror's picture has both positive: negate fv, and if the picture had been
+      flipped top to bottom for them, turn pv back.
     - ``fu = fv > 0``: no mirror. xi = 0 is a ``pinhole`` and xi = 1 a ``fisheye-stereographic``
       of ``focal = fu / 2``; other xi are no model of ours.
 
@@ -130,8 +132,8 @@ def _omni(width: int, height: int, intrinsics: list[float], k: list[float]) -> C
     if xi == 1:
         return FisheyeStereographic(width, height, focal=focal / 2, center=center)
     raise ArgumentError(
-        "intrinsics: expected xi = 0 or 1 where both focal lengths are positive (a mirror's picture has "
-        f"one negative), got {got}"
+        "intrinsics: expected xi = 0 or 1 where both focal lengths are positive; if the picture is a "
+        f"mirror's, negate fv; got {got}"
     )
 
 
