@@ -47,7 +47,7 @@ def first_positive_root(coefficients: ArrayLike) -> float:
 
 
 def _crossing(coefficients: Array, low: float, high: float) -> float:
-    """Where a polynomial, positive at ``low`` > 0, becomes negative before ``high``, by halving their ratio."""
+    """Where a polynomial, positive at ``low`` > 0, becomes negative before ``high``: halves their ratio."""
     for _ in range(_HALVINGS):
         middle = np.sqrt(low) * np.sqrt(high)
         low, high = (low, middle) if polyval(middle, coefficients) < 0 else (middle, high)
