@@ -20,7 +20,7 @@ def open_source(uri: str | Path, **options: Any) -> Source:
             mock server, started for this source alone, with its options behind a question mark
             (``mock://four-wall?latency_ms=5&depth=float32``; ``fault=delay=0.2@0.05``, repeatable, and
             ``seed`` of the faults); else the path of a recorded file.
-        options: for live sources: ``timeout_s``, ``retries``.
+        options: for live sources: ``timeout_s``, ``retries``, ``fix_exposure``.
 
     Raises:
         ArgumentError: an address of another form, or an option that the source does not take.
@@ -57,7 +57,9 @@ def _open_live(endpoint: tuple[str, int] | str, options: dict[str, Any]) -> Sour
     try:
         return UnrealSource(endpoint, **options)
     except TypeError as cause:
-        raise ArgumentError(f"options: expected timeout_s, retries; got {', '.join(options)}") from cause
+        raise ArgumentError(
+            f"options: expected timeout_s, retries, fix_exposure; got {', '.join(options)}"
+        ) from cause
 
 
 _MOCK_OPTIONS = {"dialect": str, "depth": str, "latency_ms": float, "seed": int}

@@ -1,55 +1,70 @@
-"""The live source: a server's own camera, posed for every view, asked for every mode."""
+"""The live source: a camera of its own, posed for every view, asked for every mode."""
 
 from __future__ import annotations
 
 import itertools
-import re
 import time
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeVar
 
 from omniscv.captures.decode import decode
 from omniscv.captures.source import Capabilities, ObjectTable, Source
+from omniscv.captures.unreal.masks import colors, paint
+from omniscv.captures.unreal.motion import Motion
 from omniscv.captures.unreal.session import Reply, Session
+from omniscv.captures.unreal.steps import IMAGE, Step, Use, make_steps
 from omniscv.captures.view import Capture, Request, View
 from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, ServerRefused, SourceError
 
-_IMAGE = {
-    "lit": ("lit png", "png"),
-    "object_mask": ("object_mask png", "png"),
-    "depth": ("depth npy", "npy planar cm"),
-    "normal": ("normal png", "png normal"),
-}
-_BACKGROUND = (0, 0, 0)
-_EXACT = (135, 151, 167, 183, 199, 215, 231)
+T = TypeVar("T")
 
 _BATCH = 24
-"""Requests under way at once: enough to hide latency, few enough that a fault repeats little."""
+"""Requests under way at once: enough to hide latency, few enough to wait in memory."""
+_BATCH_PX = 1 << 24
+"""Pixels under way at once; a larger picture goes alone."""
+
+_VERSION = "vget /unrealcv/version"
+_CURES = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
+"""Against vignette and auto exposure (protocol reference, section 7.1)."""
+
+_FAULTS = (ConnectionFailed, DeadlineExceeded, BadReply)
+_FIRST_BACKOFF_S, _LONGEST_BACKOFF_S = 0.1, 2.0
 
 
 class UnrealSource(Source):
     """Captures from a UE4/UE5 editor or packaged game with plugin 1.x.
 
     It spawns a camera of its own, so that straight up and down are exact and no pose lags, and sets its
-    size and field of view. A broken connection is dropped, made anew, and the captures under way repeated.
+    size and field of view. After a fault the connection is dropped and made anew, the pose set again, and
+    the captures that were under way are repeated. A picture counts once it has the right id, signature,
+    length and size, the reply behind it is in step, and it is not the one from before the camera moved.
 
     Args:
         endpoint: (host, port), or the path of a Unix socket.
-        timeout_s: deadline of every request.
-        retries: how often a capture is repeated before it fails.
+        timeout_s: how long connecting, and each reply, may take.
+        retries: how often to try again while nothing comes at all, with pauses that grow from 0.1 s to 2 s.
+        fix_exposure: switches vignette and auto exposure off in the running game.
 
     Raises:
         ConnectionFailed: nobody answers, or not as an UnrealCV server does.
     """
 
-    def __init__(self, endpoint: tuple[str, int] | str, *, timeout_s: float = 30.0, retries: int = 3) -> None:
+    def __init__(
+        self,
+        endpoint: tuple[str, int] | str,
+        *,
+        timeout_s: float = 30.0,
+        retries: int = 5,
+        fix_exposure: bool = False,
+    ) -> None:
         self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
-        self._session = Session(endpoint, timeout_s)
-        try:
-            self._start()
-        except BaseException:
-            self._session.close()
-            raise
+        self._fix_exposure = fix_exposure
+        self._link: Session | None = None
+        self._camera: int | None = None
+        self._posed: View | None = None
+        self._motion = Motion()
+        self._persist(lambda _: None)
         self._capabilities = Capabilities(pipelines=True, dialect="1.x")
 
     @property
@@ -58,128 +73,143 @@ class UnrealSource(Source):
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         group: list[Request] = []
+        pixels = 0
         for request in requests:
+            size = request.view.width * request.view.height
+            if len(group) == _BATCH or (group and pixels + size > _BATCH_PX):
+                yield from self._delivered(group)
+                group, pixels = [], 0
             group.append(request)
-            if len(group) == _BATCH:
-                yield from self._repeated(group)
-                group = []
-        if group:
-            yield from self._repeated(group)
+            pixels += size
+        yield from self._delivered(group)
 
     def objects(self) -> ObjectTable:
-        return ObjectTable(self._colors())
+        return self._persist(lambda session: ObjectTable(colors(session)))
 
     def close(self) -> None:
-        self._session.close()
+        if self._link is not None:
+            self._link.close()
 
-    def _separate_colors(self) -> None:
-        """Repaints objects whose mask colour is black, the background's, or another object's.
-
-        Every server gives one object black (protocol reference, section 5.1).
-        """
-        taken = {_BACKGROUND}
-        free = iter(_spare_colors())
-        for name, color in self._colors().items():
-            if color in taken:
-                color = next(spare for spare in free if spare not in taken)
-                self._session.text("vset /object/{}/color {} {} {}".format(name, *color))
-            taken.add(color)
-
-    def _colors(self) -> dict[str, tuple[int, int, int]]:
-        reply = self._session.text("vget /objects")
-        names = [] if reply == "ok" else reply.split()  # ok is what an empty text becomes
-        replies = self._session.ask_all([f"vget /object/{name}/color" for name in names]) if names else []
-        return {name: _color(reply) for name, reply in zip(names, replies, strict=True)}
-
-    def _start(self) -> None:
-        """Finds out who answers, and spawns the camera."""
-        self._version = self._session.text("vget /unrealcv/version")
-        self._scene = self._session.text("vget /scene/name")
-        try:
-            before = len(self._session.text("vget /cameras").split())
-        except ServerRefused as refused:
-            raise ConnectionFailed(
-                f"{self._session.address}: expected plugin 1.x with 'vget /cameras', got: {refused}"
-            ) from refused
-        self._session.text("vset /cameras/spawn")
-        self._camera = before
-        self._posed: View | None = None
-        self._separate_colors()
-
-    def _repeated(self, group: list[Request]) -> list[Capture]:
-        for attempt in range(self._retries + 1):
+    def _persist(self, action: Callable[[Session], T]) -> T:
+        """Does something in a working session, again after faults."""
+        for failures in itertools.count(1):
             try:
-                if self._session.broken:
-                    self._session = Session(self._endpoint, self._timeout_s)
-                    self._start()
-                return self._captured(group)
-            except (ConnectionFailed, DeadlineExceeded, BadReply) as fault:
-                last: SourceError = fault
-                self._session.close()
-                time.sleep(min(2.0, 0.1 * 2**attempt))
-        raise last
+                return action(self._session())
+            except _FAULTS as fault:
+                nobody = isinstance(fault.__cause__, (ConnectionRefusedError, FileNotFoundError))
+                if self._camera is None and nobody:
+                    raise  # a game that was never there will not come back
+                self._after(fault, failures)
+        raise AssertionError("unreachable")
 
-    def _captured(self, group: list[Request]) -> list[Capture]:
-        """All captures of a group, asked for together."""
-        commands: list[str] = []
-        places: list[int] = []
-        posed = self._posed
-        for request in group:
-            commands += self._pose_commands(posed, request.view)
-            posed = request.view
-            places.append(len(commands))
-            commands.append(f"vget /camera/{self._camera}/{_IMAGE[request.mode][0]}")
-        replies = self._session.ask_all(commands)
-        for command, reply in zip(commands, replies, strict=True):
-            if command.startswith("vset") and reply != "ok":
-                raise BadReply(f"{self._session.address}: expected ok from {command!r}, got {reply!r}")
-        self._posed = posed
-        return [
-            self._checked(request, commands[i], replies[i]) for request, i in zip(group, places, strict=True)
-        ]
+    def _after(self, fault: SourceError, failures: int) -> None:
+        """Drops the connection and waits a while, so that late replies die; gives up in the end."""
+        self.close()
+        if failures > self._retries:
+            raise type(fault)(f"{fault}; gave up after {failures} attempts") from fault
+        time.sleep(min(_LONGEST_BACKOFF_S, _FIRST_BACKOFF_S * 2 ** (failures - 1)))
 
-    def _pose_commands(self, before: View | None, view: View) -> list[str]:
-        """What changes from one view to the next; numbers with fixed decimals, as the server parses them."""
-        camera, commands = f"vset /camera/{self._camera}", []
-        location, rotation = view.pose.to_unreal()
-        if before is None or (before.width, before.height) != (view.width, view.height):
-            commands.append(f"{camera}/size {view.width} {view.height}")
-        if before is None or before.fov_deg != view.fov_deg:
-            commands.append(f"{camera}/fov {view.fov_deg:.8f}")
-        if before is None or before.pose.to_unreal().location_cm != location:
-            commands.append("{}/location {:.6f} {:.6f} {:.6f}".format(camera, *location))
-        if before is None or before.pose.to_unreal().rotation_deg != rotation:
-            commands.append("{}/rotation {:.8f} {:.8f} {:.8f}".format(camera, *rotation))
-        return commands
+    def _session(self) -> Session:
+        """The session, made anew if it broke, with our camera in the game."""
+        if self._link is None or self._link.broken:
+            self._posed = None
+            self._motion.lost()
+            self._link = Session(self._endpoint, self._timeout_s)
+            self._set_up(self._link)
+        return self._link
 
-    def _checked(self, request: Request, command: str, reply: Reply) -> Capture:
-        """A capture, if the reply is what was asked for."""
+    def _set_up(self, session: Session) -> None:
+        """Finds our camera, or whatever game is there now, and makes it ready."""
+        try:
+            count = len(session.text("vget /cameras").split())
+        except ServerRefused as refused:
+            raise ServerRefused(
+                f"{session.address}: expected plugin 1.x with 'vget /cameras', got: {refused}"
+            ) from refused
+        if self._camera is not None and self._camera < count:
+            return
+        self._version = session.text(_VERSION)
+        self._scene = session.text("vget /scene/name")
+        if self._fix_exposure:
+            session.ask_all(_CURES)
+        paint(session)
+        self._camera = count
+        session.text("vset /cameras/spawn")
+
+    def _delivered(self, group: list[Request]) -> Iterator[Capture]:
+        """A group's captures; what came before a fault is kept, and progress earns new retries."""
+        waiting = deque(group)
+        failures = 0
+        while waiting:
+            done: list[Capture] = []
+            fault: SourceError | None = None
+            try:
+                self._collect(self._session(), waiting, done)
+            except _FAULTS as cause:
+                fault = cause
+            yield from done
+            failures = 0 if done else failures
+            if fault is not None:
+                failures += 1
+                self._after(fault, failures)
+
+    def _collect(self, session: Session, waiting: deque[Request], done: list[Capture]) -> None:
+        """Moves requests from ``waiting`` to captures in ``done``, until a picture comes late.
+
+        A short reply draws bytes of the next frame in, so a picture counts only once the reply behind it
+        is in step; the version, asked for at the end, stands behind the last.
+        """
+        assert self._camera is not None
+        steps = make_steps(self._camera, waiting, self._posed, self._motion)
+        self._posed = waiting[-1].view
+        replies = session.stream([*(step.command for step in steps), _VERSION])
+        late = False
+        held: Capture | None = None
+        for step in steps:
+            reply = next(replies)
+            if held is not None:
+                done.append(held)
+                waiting.popleft()
+                held = None
+            capture = self._judged(session, step, reply)
+            if capture is None:
+                continue
+            if late:
+                self._motion.note(capture.request, capture.payload)
+            elif not self._motion.shows(capture.request, capture.payload):
+                late = True
+            elif step.use is Use.KEEP:
+                held = capture
+        if (version := next(replies)) != self._version:
+            raise BadReply(
+                f"{session.address}: expected version {self._version!r} as before, got {version!r}"
+            )
+        if held is not None:
+            done.append(held)
+            waiting.popleft()
+
+    def _judged(self, session: Session, step: Step, reply: Reply) -> Capture | None:
+        """The picture of a step, if it has one that matters.
+
+        Raises:
+            BadReply: the reply is not what the step asks for.
+        """
+        if step.use is Use.CHECK and reply != "ok":
+            raise BadReply(f"{session.address}: expected ok from {step.command!r}, got {reply[:200]!r}")
+        if step.request is None or step.use is Use.SKIP:
+            return None
         if isinstance(reply, str):
             raise BadReply(
-                f"{self._session.address}: expected a picture from {command!r}, got {reply[:200]!r}"
+                f"{session.address}: expected a picture from {step.command!r}, got {reply[:200]!r}"
             )
-        encoding = _IMAGE[request.mode][1]
+        request, encoding = step.request, IMAGE[step.request.mode][1]
         pixels = decode(reply, encoding, request.mode, request.view)
         provenance: dict[str, Any] = {
-            "server": self._session.address,
+            "server": session.address,
             "scene": self._scene,
             "version": self._version,
             "dialect": self._capabilities.dialect,
-            "command": command,
+            "command": step.command,
             "time": time.time(),
         }
         return Capture(request, request.view, pixels, reply, encoding, provenance)
-
-
-def _spare_colors() -> Iterator[tuple[int, int, int]]:
-    """Colours far from each other, of channel values that every dialect shows exactly."""
-    yield from itertools.product(_EXACT, _EXACT, _EXACT)
-
-
-def _color(reply: Reply) -> tuple[int, int, int]:
-    """``(R=127,G=63,B=255,A=255)`` as three numbers."""
-    found = re.fullmatch(r"\(R=(\d+),G=(\d+),B=(\d+),A=\d+\)", reply) if isinstance(reply, str) else None
-    if found is None:
-        raise BadReply(f"expected a colour such as (R=127,G=63,B=255,A=255), got {reply!r}")
-    r, g, b = (int(value) for value in found.groups())
-    return r, g, b
