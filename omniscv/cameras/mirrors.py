@@ -48,9 +48,10 @@ class SphereModel(RadialCamera):
         return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        # xi - along, without subtracting like numbers where the ray looks far ahead and xi is near 1.
+        # xi - along, by what both lack to 1 where the ray looks far ahead and xi is near 1; but where both
+        # are next to 0, as for a nearly flat hyperboloid, from the numbers themselves.
         ahead = across * across / (1 + along) - self._one_less_xi_squared() / (1 + self.xi)
-        below = np.where(along <= 0, self.xi - along, ahead)
+        below = np.where(along <= 0.5, self.xi - along, ahead)
         return np.where(below > 0, -self.eta * across / below, np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
