@@ -73,12 +73,13 @@ class Recording(Source):
     Args:
         source: where new captures come from; closed with this.
         path: the file; made if it is not there.
+        anew: capture again what the file held before; the new capture takes the place of the old.
     """
 
-    def __init__(self, source: Source, path: Path | str) -> None:
+    def __init__(self, source: Source, path: Path | str, *, anew: bool = False) -> None:
         self._source = source
         self._store = Store(path, write=True)
-        self._known = self._store.keys()
+        self._known = set() if anew else self._store.keys()
         self._objects: ObjectTable | None = None
 
     @property
