@@ -1,4 +1,5 @@
 # Sourced by the scripts: makes .venv from the lock when it is missing or stale, and steps into it.
+# The package itself is installed again when pyproject.toml changes: its commands and plugins are in there.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -13,7 +14,11 @@ if [ "$(cat .venv/omniscv-stamp 2>/dev/null)" != "$stamp" ]; then
   rm -rf .venv
   "$python" -m venv .venv
   .venv/bin/pip install --quiet --disable-pip-version-check --requirement requirements.lock
-  .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
   echo "$stamp" > .venv/omniscv-stamp
+fi
+package=$(cksum < pyproject.toml)
+if [ "$(cat .venv/omniscv-package-stamp 2>/dev/null)" != "$package" ]; then
+  .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+  echo "$package" > .venv/omniscv-package-stamp
 fi
 export PATH="$PWD/.venv/bin:$PATH"
