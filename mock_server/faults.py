@@ -1,7 +1,8 @@
 """What a server can be told to do wrong: ``NAME[=VALUE][@PROBABILITY]``, such as ``delay=0.2@0.05``.
 
 Probability is 1 when left out. Every fault throws dice of its own, from the server's seed and its name:
-the same requests meet the same faults, whatever other faults are on.
+the same requests meet the same faults, whatever other faults are on. ``Server.faults`` turns faults that
+throw dice on and off while the server runs.
 
 Faults of the line; one throw for each reply, or for each connection where it says so:
 
@@ -74,7 +75,8 @@ DEFAULTS: dict[str, Value] = {
 """The faults, and their values where none is given; None: it takes no value."""
 
 _LARGEST = {"cut": 1.0, "exposure-drift": 1.0, "vignette": 1.0}
-_ALWAYS = ("vignette", "mask-gamma", "half-depth", "sky-dome", "object-missing")
+FIXED = ("vignette", "mask-gamma", "half-depth", "sky-dome", "object-missing")
+"""Faults that are there from the start, without dice."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def parse(text: str) -> Fault:
     name, equals, value = head.partition("=")
     if name not in DEFAULTS:
         raise ValueError(f"fault: expected one of {', '.join(DEFAULTS)}; got {name!r}")
-    if at and name in _ALWAYS:
+    if at and name in FIXED:
         raise ValueError(f"fault {name}: expected no probability, it is always there; got {text!r}")
     probability = _number(chance, 1.0, f"fault {name}: probability") if at else 1.0
     default = DEFAULTS[name]
@@ -138,6 +140,7 @@ class Faults:
 
     def __init__(self, texts: Iterable[str] = (), seed: int = 0) -> None:
         faults = [parse(text) for text in texts]
+        self._seed = seed
         self._faults = {fault.name: fault for fault in faults}
         self._dice = {name: random.Random(f"{seed} {name}") for name in self._faults}
         self.struck: dict[str, int] = dict.fromkeys(self._faults, 0)
@@ -145,6 +148,23 @@ class Faults:
 
     def __bool__(self) -> bool:
         return bool(self._faults)
+
+    def start(self, text: str) -> None:
+        """Turns a fault on, from now.
+
+        Raises:
+            ValueError: a text that is no fault, or one that is there from the start or not at all.
+        """
+        fault = parse(text)
+        if fault.name in FIXED:
+            raise ValueError(f"fault {fault.name}: expected when the server starts, not later")
+        self._dice[fault.name] = random.Random(f"{self._seed} {fault.name}")
+        self.struck.setdefault(fault.name, 0)
+        self._faults[fault.name] = fault
+
+    def stop(self, name: str) -> None:
+        """Turns a fault off."""
+        self._faults.pop(name, None)
 
     def get(self, name: str) -> Fault | None:
         """A fault, if it is on at all."""

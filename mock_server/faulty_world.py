@@ -75,6 +75,8 @@ class FaultyWorld(World):
             if drift is not None and self._adapts:
                 wanted = _MIDDLE_GREY / max(1 / 255, float(view.color.mean()) / 255)
                 self._gain += drift.amount() * (wanted - self._gain)
+        if self._gain == 1.0 and self._vignette is None:
+            return view.color
         light = view.color * self._gain
         if self._vignette is not None:
             light *= 1 - self._vignette.amount() * _squared_radius(view.label.shape)[..., None]

@@ -22,13 +22,11 @@ from mock_server.files import OutputFolder
 from mock_server.line import Line
 from mock_server.protocol import BadFrame, read_frame
 from mock_server.scene import Scene, load_scene
-from mock_server.world import World
 
 DIALECTS = tuple(BY_NAME)
 DEPTHS = ("half", "float32")
 _BACKLOG = 1
-_ACCEPT_S = 0.1
-_FRAME_S = 1 / 60
+_ACCEPT_S = 0.02
 
 
 class Statistics:
@@ -62,7 +60,7 @@ Requests = queue.Queue[tuple[float, bytes] | None]
 class Server:
     """A scene behind the UnrealCV protocol. A context manager; ``stop`` ends it.
 
-    A frame of the engine ends whenever the requests that have come are answered, and every 1/60 s while
+    A frame of the engine ends whenever the requests that have come are answered, and at the frame rate while
     none comes: so clients that wait for each reply see poses lag as with an engine, without its waiting.
 
     Args:
@@ -76,6 +74,7 @@ class Server:
         size: width and height of new cameras, px, as in the plugin's settings.
         fov_deg: horizontal field of view of new cameras.
         window: width and height of the game's window, where dialect 0.3.10 takes its masks; None as ``size``.
+        frames_per_s: the frame rate while no request comes.
         folder: where commands that name a file write; None takes a temporary one, removed at the end.
         faults: what goes wrong, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
         seed: of the faults' dice.
@@ -96,6 +95,7 @@ class Server:
         size: tuple[int, int] = (640, 480),
         fov_deg: float = 90.0,
         window: tuple[int, int] | None = None,
+        frames_per_s: float = 60.0,
         folder: Path | None = None,
         faults: Iterable[str] = (),
         seed: int = 0,
@@ -106,9 +106,9 @@ class Server:
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.statistics = Statistics()
         self.faults = Faults(faults, seed)
-        self._world = self._make_world(size, fov_deg)
+        self._world = FaultyWorld(self.scene, size, fov_deg, self.faults)
         self.files = OutputFolder(folder)
-        self._latency_s = latency_ms / 1000
+        self._latency_s, self._frame_s = latency_ms / 1000, 1 / frames_per_s
         self._listener = socket.create_server((host, port), backlog=_BACKLOG)
         self._listener.settimeout(_ACCEPT_S)
         self.host, self.port = self._listener.getsockname()[:2]
@@ -138,11 +138,6 @@ class Server:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
-
-    def _make_world(self, size: tuple[int, int], fov_deg: float) -> World:
-        if self.faults:
-            return FaultyWorld(self.scene, size, fov_deg, self.faults)
-        return World(self.scene, size, fov_deg)
 
     def _listen(self) -> None:
         while not self._stopping.is_set():
@@ -175,7 +170,7 @@ class Server:
         held: list[tuple[float, bytes]] = []
         self._dialect.held = 0
         while not self._stopping.is_set():
-            for request in _come(requests, self._dialect.requests_per_frame):
+            for request in _come(requests, self._frame_s, self._dialect.requests_per_frame):
                 if request is None:
                     return
                 held.append(request)
@@ -217,15 +212,14 @@ class Server:
         requests.put(None)
 
 
-def _come(requests: Requests, most: int | None) -> Iterator[tuple[float, bytes] | None]:
-    """The requests of a frame: what has come, or nothing after a while."""
-    count = 0
+def _come(requests: Requests, frame_s: float, most: int | None) -> list[tuple[float, bytes] | None]:
+    """The requests that a frame begins with; none if none comes for a frame's time."""
+    come: list[tuple[float, bytes] | None] = []
     with contextlib.suppress(queue.Empty):
-        yield requests.get(timeout=_FRAME_S)
-        count += 1
-        while most is None or count < most:
-            yield requests.get_nowait()
-            count += 1
+        come.append(requests.get(timeout=frame_s))
+        while most is None or len(come) < most:
+            come.append(requests.get_nowait())
+    return come
 
 
 def _payload(identity: int, body: str | bytes) -> bytes:

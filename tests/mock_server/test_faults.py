@@ -104,6 +104,21 @@ def test_strikes_are_counted(start, open_raw):
     assert frames.count(b"clicked") == server.faults.struck["clicked"] > 0
 
 
+def test_faults_come_and_go_while_the_server_runs(start, open_raw):
+    server = start()
+    client = open_raw(server)
+    send(client, "vget /viewmode")
+    assert client.frame() == b"7:lit"
+    server.faults.start("no-id")
+    send(client, "vget /viewmode")
+    assert client.frame() == b"lit"
+    server.faults.stop("no-id")
+    send(client, "vget /viewmode")
+    assert client.frame() == b"7:lit"
+    with pytest.raises(ValueError, match="expected when the server starts"):
+        server.faults.start("vignette")
+
+
 # Faults of the line. Times are lower bounds, which a busy machine only exceeds.
 
 
