@@ -1,0 +1,370 @@
+"""Dialect L, plugin 0.3.10 (columns L of the protocol reference), on the wire and by the official client."""
+
+import io
+import itertools
+import logging
+import threading
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import mock_server
+
+SIZE = (40, 30)
+WINDOW = (32, 20)
+# Palette values that vertex colours change, as the reference lists them; all others from 127 up are exact.
+BENT = {
+    23: 21,
+    31: 28,
+    47: 46,
+    55: 53,
+    63: 61,
+    71: 70,
+    79: 78,
+    103: 102,
+    119: 118,
+    35: 34,
+    120: 119,
+    15: 0,
+    145: 144,
+}
+EXACT = [39, 87, 95, 111, 127, 143, 151, 159, 167, 175, 183, 191, 199, 207, 215, 223, 231, 239, 255]
+
+
+@pytest.fixture
+def server(start, tmp_path):
+    return start(dialect="0.3.10", size=SIZE, window=WINDOW, folder=tmp_path)
+
+
+@pytest.fixture
+def raw(server, open_raw):
+    return open_raw(server)
+
+
+def png(data):
+    return np.asarray(Image.open(io.BytesIO(data)))
+
+
+def npy(data):
+    return np.load(io.BytesIO(data))
+
+
+def settle(raw):
+    """Three synchronous round trips: enough for pose and picture."""
+    for _ in range(3):
+        raw.ask("vget /unrealcv/version")
+
+
+def rays(size, yaw_deg=0.0, pitch_deg=0.0, fov_deg=90.0):
+    """Unit rays of a pinhole, in the scene's axes: X forward, Y left, Z up, yaw to the right."""
+    f = size[0] / 2 / np.tan(np.radians(fov_deg) / 2)
+    u, v = np.meshgrid(np.arange(size[0]) + 0.5 - size[0] / 2, np.arange(size[1]) + 0.5 - size[1] / 2)
+    x, y, z = np.full_like(u, f), -u, -v
+    p, w = np.radians(pitch_deg), -np.radians(yaw_deg)
+    x, z = np.cos(p) * x - np.sin(p) * z, np.sin(p) * x + np.cos(p) * z
+    x, y = np.cos(w) * x - np.sin(w) * y, np.sin(w) * x + np.cos(w) * y
+    r = np.stack([x, y, z], axis=-1)
+    return r / np.linalg.norm(r, axis=-1, keepdims=True)
+
+
+def seen(size, location_cm=(0, 0, 150), **angles):
+    scene = mock_server.load_scene("four-wall")
+    return scene.trace(np.array(location_cm) * (0.01, -0.01, 0.01), rays(size, **angles))
+
+
+def same_depth(got, location_cm=(0, 0, 150), **angles):
+    """Metres along the ray, through half floats; pixels on an edge aside."""
+    truth = seen(SIZE, location_cm, **angles).distance
+    return (np.abs(got - truth) <= 2.0**-11 * truth).mean() > 0.99
+
+
+# What a client finds out first
+
+
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        ("vget /unrealcv/version", "0.3.10"),
+        ("vget /cameras", "error Can not find a handler for URI 'vget /cameras'"),
+        ("vset /cameras/spawn", "error Can not find a handler for URI 'vset /cameras/spawn'"),
+        ("vget /unrealcv/commands", "error Can not find a handler for URI 'vget /unrealcv/commands'"),
+        ("vget /level/name", "error Can not find a handler for URI 'vget /level/name'"),
+        ("vbatch 3", "error Can not find a handler for URI 'vbatch 3'"),
+        ("vset /action/game/resume", "error Can not find a handler for URI 'vset /action/game/resume'"),
+        ("vrun a b c d", "error Can not find a handler for URI 'vrun a b c d'"),
+        ("vset /camera/0/fov 90.0", "error Can not find a handler for URI 'vset /camera/0/fov 90.0'"),
+        ("vget /camera/0/fov", "error Unrecognized capture mode fov"),
+        ("vget /camera/0/size", "error Unrecognized capture mode size"),
+        ("vget /camera/0/screenshot png", "error Unrecognized capture mode screenshot"),
+        ("vget /camera/0/nothing x.png", "error Unrecognized capture mode nothing"),
+        ("vget /camera/0/horizontal_fieldofview", "90.000"),
+        ("vget /camera/0/location", "0.000 0.000 150.000"),
+        ("vget /camera/0/rotation", "0.000 0.000 0.000"),
+        ("vget /camera/3/rotation", "0.000 0.000 0.000"),
+        ("vget /camera/0/pose", "0.000 0.000 150.000 0.000 0.000 0.000"),
+        ("vget /actor/location", "0.000 0.000 150.000"),
+        ("vget /camera/0/proj_matrix", "error Argument Invalid"),
+        ("vget /camera/3/location", "error Camera 3 can not be found."),
+        ("vget /camera/3/lit png", "error Invalid camera id 3"),
+        ("vget /camera/3/lit x.png", "error Invalid camera id 3"),
+        ("vget /camera/3/depth npy", "ok"),
+        ("vget /camera/0/plane_depth npy", "ok"),
+        ("vget /camera/0/vis_depth npy", "ok"),
+        ("vset /camera/1/horizontal_fieldofview 60.0",
+         "error Setting field of view is only supported for camera 0"),
+        ("vget /object/Nothing/location", "error Can not find object Nothing"),
+        ("vset /object/Nothing/hide", "error Can not find object Nothing"),
+        ("vget /object/Nothing/color", "error Object Nothing not exist"),
+        ("vget /object/Sofa/name", "Sofa"),
+        ("vset /viewmode nothing", "error Can not set ViewMode to nothing"),
+        ("vrun r.EyeAdaptationQuality 0", "ok"),
+        ("vexec Nobody Jump", "error Can not find actor with id 'Nobody'"),
+        ("vget /unrealcv/echo word", "word"),
+    ],
+)  # fmt: skip
+def test_replies(raw, command, reply):
+    assert raw.text(command) == reply
+
+
+def test_help_has_the_templates_of_the_plugin(raw):
+    templates = raw.text("vget /unrealcv/help").split("\n")[:-1:2]
+    assert templates[0] == "vrun [str]"
+    order = ["vget /objects", "vget /camera/[uint]/[str]", "vget /camera/[uint]/horizontal_fieldofview",
+             "vset /viewmode [str]", "vget /camera/[uint]/lit npy", "vget /unrealcv/status"]  # fmt: skip
+    places = [templates.index(template) for template in order]
+    assert places == sorted(places)
+
+
+def test_a_request_without_an_id_is_answered_without_an_id(raw):
+    raw.send(b"vget /unrealcv/version")
+    assert raw.frame() == b"error: Malformat raw message 'vget /unrealcv/version'"
+
+
+def test_of_a_long_id_the_last_eight_digits_count(raw):
+    raw.send(b"1234567890123:vget /unrealcv/version")
+    assert raw.frame() == b"67890123:0.3.10"
+
+
+def test_objects_are_listed_without_a_trailing_space(raw):
+    assert raw.text("vget /objects") == " ".join(mock_server.load_scene("four-wall").objects)
+    values = raw.text("vget /object/Sofa/location").split()
+    assert all(len(value.partition(".")[2]) == 2 for value in values)
+
+
+# Poses
+
+
+def test_the_controller_limits_pitch_and_roll_a_tick_later(raw):
+    raw.send(b"1:vset /camera/0/rotation -90 -30 95", b"2:vget /camera/0/rotation")
+    assert raw.frame() == b"1:ok"
+    assert raw.frame() in (b"2:-90.000 -30.000 95.000", b"2:270.100 330.000 89.900")
+    settle(raw)
+    assert raw.text("vget /camera/0/rotation") == "270.100 330.000 89.900"
+    assert raw.text("vset /camera/0/rotation 90 0 0") == "ok"
+    settle(raw)
+    assert raw.text("vget /camera/0/rotation") == "89.900 0.000 0.000"
+
+
+def test_location_is_read_back_at_once_and_any_id_moves_the_pawn(raw):
+    raw.ask("vset /camera/5/location 10 20 130")
+    assert raw.text("vget /camera/0/location") == "10.000 20.000 130.000"
+    raw.ask("vset /camera/0/pose 1 2 120 0 15 0")
+    assert raw.text("vget /actor/location") == "1.000 2.000 120.000"
+
+
+def test_moveto_stops_at_what_is_in_the_way(raw):
+    """Behind the front wall of the room, at x = 300 cm, one metre above the table."""
+    raw.ask("vset /camera/0/moveto 1000 0 150")
+    assert raw.text("vget /camera/0/location") == "300.000 0.000 150.000"
+    raw.ask("vset /camera/0/moveto 100 0 150")
+    assert raw.text("vget /camera/0/location") == "100.000 0.000 150.000"
+
+
+def test_pictures_lag_behind_the_pose_and_the_rotation_lags_more(start, open_raw):
+    raw = open_raw(start(dialect="L", size=SIZE, frames_per_s=1))  # no frame passes by itself
+    old = npy(raw.ask("vget /camera/0/depth npy"))
+    raw.ask("vset /camera/0/pose 50 0 150 0 90 0")
+    frames = [npy(raw.ask("vget /camera/0/depth npy")) for _ in range(4)]
+    np.testing.assert_array_equal(frames[0], old)
+    assert same_depth(frames[-1], (50, 0, 150), yaw_deg=90)
+
+
+def test_three_round_trips_or_a_file_command_settle_the_pose(raw):
+    raw.ask("vset /camera/0/pose 50 0 150 0 90 0")
+    settle(raw)
+    assert same_depth(npy(raw.ask("vget /camera/0/depth npy")), (50, 0, 150), yaw_deg=90)
+    raw.ask("vset /camera/0/pose 0 0 150 0 180 0")
+    raw.ask("vget /camera/0/lit x.png")
+    assert same_depth(npy(raw.ask("vget /camera/0/depth npy")), (0, 0, 150), yaw_deg=180)
+
+
+def test_straight_down_is_a_tenth_of_a_degree_off(raw):
+    raw.ask("vset /camera/0/rotation -90 0 0")
+    settle(raw)
+    depth = npy(raw.ask("vget /camera/0/depth npy"))
+    truth = seen(SIZE, pitch_deg=-89.9).distance
+    assert (np.abs(depth - truth) <= 2.0**-11 * truth).mean() > 0.99
+
+
+# Images
+
+
+def test_depth_is_distance_along_the_ray_in_metres(raw):
+    data = raw.ask("vget /camera/0/depth npy")
+    depth = npy(data)
+    assert (depth.shape, depth.dtype) == (SIZE[::-1], np.float32)
+    np.testing.assert_array_equal(depth, depth.astype(np.float16))
+    assert same_depth(depth)
+
+
+def test_lit(raw):
+    image, array = png(raw.ask("vget /camera/0/lit png")), npy(raw.ask("vget /camera/0/lit npy"))
+    assert b"'descr': '<u1'" in raw.ask("vget /camera/0/lit npy")[:80]
+    assert image.shape == (*SIZE[::-1], 4)
+    np.testing.assert_array_equal(image[..., :3], array[..., :3])
+    off = np.abs(image[..., :3] - 255 * seen(SIZE).color).max(axis=-1) > 0.51
+    assert off.mean() < 0.01
+
+
+def test_normals(raw):
+    image, array = png(raw.ask("vget /camera/0/normal png")), npy(raw.ask("vget /camera/0/normal npy"))
+    assert array.shape == (*SIZE[::-1], 3)
+    np.testing.assert_array_equal(image[..., :3], array)
+    expected = 255 * (0.5 + 0.5 * seen(SIZE).normal * (1, -1, 1))
+    assert (np.abs(array - expected).max(axis=-1) > 0.51).mean() < 0.01
+
+
+def test_three_arrays_in_one_reply(raw):
+    parts = io.BytesIO(raw.ask("vget /camera/0/lit_depth_normal npy"))
+    lit, depth, normal = (np.load(parts) for _ in range(3))
+    assert parts.read() == b""
+    np.testing.assert_array_equal(lit, npy(raw.ask("vget /camera/0/lit npy")))
+    np.testing.assert_array_equal(depth, npy(raw.ask("vget /camera/0/depth npy")))
+    np.testing.assert_array_equal(normal, npy(raw.ask("vget /camera/0/normal npy")))
+
+
+def test_depth_png_is_for_the_eye(raw):
+    image = png(raw.ask("vget /camera/0/depth png"))
+    assert image.shape == (*SIZE[::-1], 4)
+    assert image[..., 0].max() == 255
+
+
+def test_the_field_of_view_is_of_captures_only(raw):
+    window = raw.ask("vget /camera/0/object_mask png")
+    assert raw.text("vset /camera/0/horizontal_fieldofview 60.0") == "ok"
+    assert raw.text("vget /camera/0/horizontal_fieldofview") == "60.000"
+    assert same_depth(npy(raw.ask("vget /camera/0/depth npy")), fov_deg=60)
+    assert raw.ask("vget /camera/0/object_mask png") == window
+
+
+# Masks
+
+
+def shown_colors(raw, scene):
+    """Set colours by the reference's table of what vertex painting makes of them."""
+    colors = [(0, 0, 0)]
+    for name in scene.objects:
+        parts = raw.text(f"vget /object/{name}/color").strip("()").split(",")[:3]
+        colors.append(tuple(BENT.get(int(p[2:]), int(p[2:])) for p in parts))
+    return np.array(colors)
+
+
+def test_the_mask_is_the_windows_and_its_colours_are_bent(raw):
+    scene = mock_server.load_scene("four-wall")
+    image = png(raw.ask("vget /camera/0/object_mask png"))
+    assert image.shape == (*WINDOW[::-1], 4)
+    expected = shown_colors(raw, scene)[seen(WINDOW).label]
+    assert (image[..., :3] != expected).any(axis=-1).mean() < 0.01
+
+
+@pytest.mark.parametrize(("value", "shown"), [*BENT.items(), *((v, v) for v in EXACT)])
+def test_displayed_values_are_those_of_the_reference(value, shown):
+    from mock_server.dialects.l import _DISPLAYED
+
+    assert _DISPLAYED[value] == shown
+
+
+def test_the_displayed_values_as_a_whole_are_as_the_reference_counts_them():
+    from mock_server.dialects.l import _DISPLAYED
+    from mock_server.world import palette
+
+    assert len(set(_DISPLAYED.tolist())) == 183
+    assert not _DISPLAYED[:21].any()
+    assert _DISPLAYED[21] > 0
+    assert [v for v in range(122, 256) if _DISPLAYED[v] != v] == [145]
+    shown = [tuple(_DISPLAYED[list(color)]) for color in itertools.islice(palette(), 1000)]
+    first = next(i for i, color in enumerate(shown) if color in shown[:i])
+    assert (first, len(shown) - len(set(shown))) == (729, 271)
+
+
+def test_object_mask_leaves_the_window_in_its_view_mode_and_a_lit_file_resets_it(raw):
+    raw.ask("vget /camera/0/object_mask png")
+    assert raw.text("vget /viewmode") == "object_mask"
+    raw.ask("vget /camera/0/lit png")
+    assert raw.text("vget /viewmode") == "object_mask"
+    raw.ask("vget /camera/0/lit x.png")
+    assert raw.text("vget /viewmode") == "lit"
+
+
+# Files and order
+
+
+def test_files(raw, tmp_path):
+    assert raw.text("vget /camera/0/lit") == f"{tmp_path}/00000001.png"
+    assert raw.text("vget /camera/0/depth") == f"{tmp_path}/00000002.png"
+    assert raw.text("vget /camera/0/screenshot") == f"{tmp_path}/00000003.png"
+    assert raw.text("vget /camera/0/object_mask npy") == f"{tmp_path}/npy"
+    assert raw.text("vget /camera/0/lit x.jpg") == f"{tmp_path}/x.jpg"
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == {"00000001.png", "00000002.png", "00000003.png", "npy"}
+    assert (tmp_path / "00000001.png").read_bytes() == raw.ask("vget /camera/0/lit png")
+
+
+def test_exr_files_are_half_floats(raw, tmp_path):
+    import OpenImageIO
+
+    raw.ask("vget /camera/0/depth d.exr")
+    image = OpenImageIO.ImageBuf(str(tmp_path / "d.exr"))
+    assert (image.spec().format, image.nchannels) == (OpenImageIO.HALF, 4)
+    depth = npy(raw.ask("vget /camera/0/depth npy"))
+    np.testing.assert_array_equal(image.get_pixels(OpenImageIO.FLOAT)[..., 0], depth)
+
+
+def test_asynchronous_replies_come_after_later_synchronous_ones(start, open_raw):
+    raw = open_raw(start(dialect="L", frames_per_s=10))
+    raw.send(b"1:vget /camera/0/object_mask png", b"2:vget /unrealcv/echo late", b"3:vget /unrealcv/version")
+    ids = [raw.frame().partition(b":")[0] for _ in range(3)]
+    assert ids == [b"3", b"1", b"2"]
+
+
+def test_the_official_client_loses_its_way_when_replies_change_order(server, connect, monkeypatch):
+    """The reason never to mix asynchronous commands of L with others: its reading thread dies."""
+    died = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: died.append(args.exc_value))
+    client = connect(server)
+    client.request_async("vget /camera/0/object_mask png")
+    with pytest.raises(TimeoutError):
+        client.request("vget /unrealcv/version", timeout=1)
+    client.t.join(5)
+    assert "Message ID mismatch" in str(died[0])
+
+
+def test_the_official_client(server, connect):
+    client = connect(server)
+    assert client.request("vget /unrealcv/version") == "0.3.10"
+    assert client.request(["vget /camera/0/lit png", "vget /objects"])[1].startswith("Ball ")
+    assert png(client.request("vget /camera/0/object_mask png")).shape == (*WINDOW[::-1], 4)
+
+
+def test_the_official_api_does_not_construct(server, monkeypatch):
+    """It takes the ten words of the error for ten cameras, and then a word for a location."""
+    from unrealcv.api import UnrealCv_API
+
+    monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
+        with pytest.raises(ValueError, match="could not convert string to float"):
+            UnrealCv_API(server.port, server.host, SIZE)
+    assert server.statistics.counts["vget /camera/1/location"] == 1
