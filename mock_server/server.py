@@ -7,54 +7,25 @@ import queue
 import socket
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from mock_server.dialects import BY_NAME
-from mock_server.dialects.common import Later, Settings
+from mock_server.dialects.common import Settings
+from mock_server.engine import Engine, Requests, Statistics
 from mock_server.faults import Faults
 from mock_server.faulty_world import FaultyWorld
 from mock_server.files import OutputFolder
 from mock_server.line import Line
+from mock_server.listener import Listener
 from mock_server.protocol import BadFrame, read_frame
 from mock_server.scene import Scene, load_scene
 
 DIALECTS = tuple(BY_NAME)
 DEPTHS = ("half", "float32")
-_BACKLOG = 1
-_ACCEPT_S = 0.02
-
-
-class Statistics:
-    """How many requests of each kind came; kinds are commands with their numbers taken out."""
-
-    def __init__(self) -> None:
-        self.counts: Counter[str] = Counter()
-
-    def note(self, text: str) -> None:
-        """Counts a command."""
-        self.counts[text] += 1
-
-    def total(self, start: str) -> int:
-        """How many commands began with ``start``."""
-        return sum(count for text, count in self.counts.items() if text.startswith(start))
-
-
-@dataclass
-class _Pending:
-    """A reply that waits for frames to pass."""
-
-    frames: int
-    identity: int
-    make: Callable[[], str | bytes]
-    came: float = 0.0
-
-
-Requests = queue.Queue[tuple[float, bytes] | None]
+PLATFORMS = ("windows", "linux")
 
 
 class Server:
@@ -70,6 +41,7 @@ class Server:
         latency_ms: every reply is held back until this long after its request came, so that
             pipelined requests share the wait, as they share an engine's tick.
         depth: ``half``: depth goes through half floats as in the engine; ``float32``: it does not.
+        platform: ``linux``: dialects N1 and N2 leave TCP for ``unix_path`` once their first client has left.
         host: the address to listen on; loopback unless told.
         size: width and height of new cameras, px, as in the plugin's settings.
         fov_deg: horizontal field of view of new cameras.
@@ -91,6 +63,7 @@ class Server:
         *,
         latency_ms: float = 0.0,
         depth: str = "half",
+        platform: str = "windows",
         host: str = "127.0.0.1",
         size: tuple[int, int] = (640, 480),
         fov_deg: float = 90.0,
@@ -100,7 +73,11 @@ class Server:
         faults: Iterable[str] = (),
         seed: int = 0,
     ) -> None:
-        for key, value, known in (("dialect", dialect, DIALECTS), ("depth", depth, DEPTHS)):
+        for key, value, known in (
+            ("dialect", dialect, DIALECTS),
+            ("depth", depth, DEPTHS),
+            ("platform", platform, PLATFORMS),
+        ):
             if value not in known:
                 raise ValueError(f"{key}: expected one of {', '.join(known)}; got {value!r}")
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
@@ -108,13 +85,14 @@ class Server:
         self.faults = Faults(faults, seed)
         self._world = FaultyWorld(self.scene, size, fov_deg, self.faults)
         self.files = OutputFolder(folder)
-        self._latency_s, self._frame_s = latency_ms / 1000, 1 / frames_per_s
-        self._listener = socket.create_server((host, port), backlog=_BACKLOG)
-        self._listener.settimeout(_ACCEPT_S)
-        self.host, self.port = self._listener.getsockname()[:2]
+        self._latency_s = latency_ms / 1000
+        kind = BY_NAME[dialect]
+        self._listener = Listener(host, port, unix=platform == "linux" and kind.has_unix)
+        self.host, self.port = self._listener.host, self._listener.port
         half = depth == "half" or self.faults.get("half-depth") is not None
         settings = Settings(self.port, *size, fov_deg, window or size, half, self.files)
-        self._dialect = BY_NAME[dialect](self._world, settings)
+        self._dialect = kind(self._world, settings)
+        self._engine = Engine(self._dialect, self.statistics, 1 / frames_per_s)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
         self._thread.start()
@@ -123,6 +101,11 @@ class Server:
     def uri(self) -> str:
         """What ``omniscv.open_source`` takes."""
         return f"unreal://{self.host}:{self.port}"
+
+    @property
+    def unix_path(self) -> Path:
+        """Where the Unix socket is, once TCP has been left."""
+        return self._listener.unix_path
 
     def stop(self) -> None:
         """Drops the client and ends; calling it twice is fine."""
@@ -140,13 +123,9 @@ class Server:
         self.stop()
 
     def _listen(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                connection, _ = self._listener.accept()
-            except TimeoutError:
-                continue
+        while (connection := self._listener.accept(self._stopping)) is not None:
+            self._dialect.on_unix = self._listener.on_unix
             with connection:
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._serve(connection)
 
     def _serve(self, connection: socket.socket) -> None:
@@ -157,52 +136,12 @@ class Server:
         with contextlib.suppress(OSError):
             reader.start()
             line.greet(f"connected to {self.scene.name}")
-            for came, reply in self._replies(requests):
+            for came, reply in self._engine.replies(requests, self._stopping):
                 self._stopping.wait(max(0.0, came + self._latency_s - time.monotonic()))
                 line.send(reply)
         with contextlib.suppress(OSError):
             connection.shutdown(socket.SHUT_RD)  # wakes the reader, and tells the client nothing yet
         reader.join()
-
-    def _replies(self, requests: Requests) -> Iterator[tuple[float, bytes]]:
-        """The replies' payloads, frame after frame, each with the time its request came."""
-        pending: list[_Pending] = []
-        held: list[tuple[float, bytes]] = []
-        self._dialect.held = 0
-        while not self._stopping.is_set():
-            for request in _come(requests, self._frame_s, self._dialect.requests_per_frame):
-                if request is None:
-                    return
-                held.append(request)
-                if len(held) < self._dialect.held:
-                    continue
-                self._dialect.held = 0
-                for came, payload in held:
-                    reply = self._reply(payload)
-                    if isinstance(reply, _Pending):
-                        pending.append(replace(reply, came=came))
-                    elif reply is not None:
-                        yield came, reply
-                held.clear()
-            self._dialect.tick()
-            for each in pending:
-                each.frames -= 1
-            while pending and pending[0].frames < 0:
-                done = pending.pop(0)
-                yield done.came, _payload(done.identity, done.make())
-
-    def _reply(self, payload: bytes) -> bytes | _Pending | None:
-        """The reply's payload, what becomes one later, or None where the plugin stays silent."""
-        parsed = self._dialect.parse(payload)
-        if parsed is None:
-            return self._dialect.malformed(payload)
-        identity, text = parsed
-        self.statistics.note(text)
-        self._world.hear(text)
-        reply = self._dialect.answer(text)
-        if isinstance(reply, Later):
-            return _Pending(reply.frames, identity, reply.make)
-        return _payload(identity, reply)
 
     @staticmethod
     def _read(connection: socket.socket, requests: Requests) -> None:
@@ -210,20 +149,6 @@ class Server:
             while (payload := read_frame(connection)) is not None:
                 requests.put((time.monotonic(), payload))
         requests.put(None)
-
-
-def _come(requests: Requests, frame_s: float, most: int | None) -> list[tuple[float, bytes] | None]:
-    """The requests that a frame begins with; none if none comes for a frame's time."""
-    come: list[tuple[float, bytes] | None] = []
-    with contextlib.suppress(queue.Empty):
-        come.append(requests.get(timeout=frame_s))
-        while most is None or len(come) < most:
-            come.append(requests.get_nowait())
-    return come
-
-
-def _payload(identity: int, body: str | bytes) -> bytes:
-    return b"%d:%b" % (identity, body if isinstance(body, bytes) else body.encode())
 
 
 def serve(scene: Scene | str, port: int = 0, dialect: str = "1.x", **options: Any) -> Server:

@@ -64,9 +64,12 @@ class Dialect(ABC):
     """Where the id and the command are: searched, so of a longer id the last 8 digits count."""
     encoding: ClassVar[str] = "latin-1"
     requests_per_frame: ClassVar[int | None] = None
+    has_unix: ClassVar[bool] = False
+    """Whether the plugin on Linux goes on with a Unix socket after its first client."""
 
     def __init__(self, world: World, settings: Settings) -> None:
         self.world, self.settings = world, settings
+        self.on_unix = False
         self.held = 0
         """How many requests the next frames hold back until all of them have come."""
         self.commands = [command(template, text, handler) for template, text, handler in self.rows()]
@@ -155,10 +158,14 @@ class Dialect(ABC):
         """The status text."""
         s = self.settings
         return (
-            f"Is Listening\nClient Connected\n{s.port}\nConfiguration\nConfig file: /unrealcv.ini\n"
+            f"Is Listening\n{self.client_state()}\n{s.port}\nConfiguration\nConfig file: /unrealcv.ini\n"
             f"Port: {s.port}\nWidth: {s.width}\nHeight: {s.height}\nFOV: {s.fov_deg:f}\nEnableInput: true\n"
             "EnableRightEye: false\n"
         )
+
+    def client_state(self) -> str:
+        """The second line of the status."""
+        return "Client Connected"
 
     def viewport(self, view: ViewHits) -> pictures.Bytes:
         """What the window shows of a view, in the present view mode."""

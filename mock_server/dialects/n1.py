@@ -12,3 +12,8 @@ class N1(Modern):
 
     version = "1.0.1"
     request = re.compile(rb"(\d+):(.*)")
+    has_unix = True
+
+    def client_state(self) -> str:
+        """The plugin asks the TCP listener only."""
+        return "No Client Connected" if self.on_unix else super().client_state()

@@ -35,6 +35,7 @@ class N2(Modern):
     unknown = "error No handler found for URI '{}'"
     no_object = "error Cannot find object"
     request = re.compile(rb"(\d+):(.*)")
+    has_unix = True
     encoding = "utf-8"
     requests_per_frame = 32
 

@@ -1,49 +1,13 @@
 """Servers and clients for these tests."""
 
+import functools
 import logging
-import socket
-import struct
 import warnings
 
 import pytest
+from wire import RawClient, leave
 
 import mock_server
-
-
-class RawClient:
-    """Bytes as they are on the wire, by the protocol's own description."""
-
-    def __init__(self, server):
-        self.socket = socket.create_connection((server.host, server.port), timeout=20)
-        self.greeting = self.frame()
-        self._id = 100
-
-    def bytes(self, count):
-        data = b""
-        while len(data) < count:
-            block = self.socket.recv(count - len(data))
-            if not block:
-                raise EOFError(data)
-            data += block
-        return data
-
-    def frame(self):
-        assert self.bytes(4) == b"\xc1\x83\x2b\x9e"
-        return self.bytes(struct.unpack("<I", self.bytes(4))[0])
-
-    def send(self, *payloads):
-        self.socket.sendall(b"".join(b"\xc1\x83\x2b\x9e" + struct.pack("<I", len(p)) + p for p in payloads))
-
-    def ask(self, command):
-        """The body of the reply, with its id checked."""
-        self._id += 1
-        self.send(b"%d:%b" % (self._id, command.encode() if isinstance(command, str) else command))
-        identity, colon, body = self.frame().partition(b":")
-        assert (identity, colon) == (b"%d" % self._id, b":")
-        return body
-
-    def text(self, command):
-        return self.ask(command).decode()
 
 
 @pytest.fixture
@@ -60,13 +24,17 @@ def open_raw():
         client.socket.close()
 
 
+# Servers share scenes, which nothing changes: reading the file takes longer than most tests.
+load_scene = functools.cache(mock_server.load_scene)
+
+
 @pytest.fixture
 def start():
     """Starts servers, stopped after the test: ``start("four-wall", dialect="N1")``."""
     servers = []
 
     def start_one(scene="four-wall", **options):
-        servers.append(mock_server.serve(scene, **options))
+        servers.append(mock_server.serve(load_scene(scene), **options))
         return servers[-1]
 
     yield start_one
@@ -76,14 +44,15 @@ def start():
 
 @pytest.fixture
 def connect(monkeypatch):
-    """Connects the official client, and disconnects it after the test."""
+    """Connects the official client to a server, or a Unix socket, and disconnects it after the test."""
     import unrealcv
 
     monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
     clients = []
 
     def connect_one(server):
-        client = unrealcv.Client((server.host, server.port))
+        unix = isinstance(server, str)
+        client = unrealcv.Client(server if unix else (server.host, server.port), "unix" if unix else "inet")
         with warnings.catch_warnings():
             # Every public server is too old for the client's question about its commands.
             warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
@@ -94,10 +63,3 @@ def connect(monkeypatch):
     yield connect_one
     for client in clients:
         leave(client)
-
-
-def leave(client):
-    """Ends a client at once: its own ``disconnect`` waits for the thread that reads."""
-    if client.sock is not None:
-        client.sock.shutdown(socket.SHUT_RDWR)
-    client.disconnect()

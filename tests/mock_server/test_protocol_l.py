@@ -69,9 +69,11 @@ def rays(size, yaw_deg=0.0, pitch_deg=0.0, fov_deg=90.0):
     return r / np.linalg.norm(r, axis=-1, keepdims=True)
 
 
+FOUR_WALL = mock_server.load_scene("four-wall")
+
+
 def seen(size, location_cm=(0, 0, 150), **angles):
-    scene = mock_server.load_scene("four-wall")
-    return scene.trace(np.array(location_cm) * (0.01, -0.01, 0.01), rays(size, **angles))
+    return FOUR_WALL.trace(np.array(location_cm) * (0.01, -0.01, 0.01), rays(size, **angles))
 
 
 def same_depth(got, location_cm=(0, 0, 150), **angles):

@@ -1,10 +1,15 @@
 """What the 1.x dialects do otherwise than N1, and the player's camera that they share."""
 
 import io
+import logging
+import socket
+import time
+import warnings
 
 import numpy as np
 import pytest
 from PIL import Image
+from wire import leave
 
 import mock_server
 
@@ -222,10 +227,6 @@ def test_the_official_client(start, connect, dialect):
 
 @pytest.mark.parametrize("dialect", ["M", "N2"])
 def test_the_official_api(start, monkeypatch, dialect):
-    import logging
-    import warnings
-
-    from conftest import leave
     from unrealcv.api import UnrealCv_API
 
     monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
@@ -242,3 +243,61 @@ def test_the_official_api(start, monkeypatch, dialect):
         assert api.get_image(0, "object_mask", "png").shape == (30, 40, 3)
     finally:
         leave(api.client)
+
+
+# Linux: the plugin leaves TCP
+
+
+@pytest.fixture
+def unix_client(connect):
+    """Waits for the Unix socket, and connects the official client to it."""
+
+    def connect_to(server):
+        deadline = time.monotonic() + 20
+        while not server.unix_path.exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return connect(str(server.unix_path))
+
+    return connect_to
+
+
+@pytest.mark.parametrize(("dialect", "state"), [("N1", "No Client Connected"), ("N2", "Client Connected")])
+def test_on_linux_the_second_client_is_served_by_a_unix_socket(start, open_raw, unix_client, dialect, state):
+    server = start(dialect=dialect, platform="linux")
+    first = open_raw(server)
+    assert first.text("vget /unrealcv/status").split("\n")[1] == "Client Connected"
+    assert not server.unix_path.exists()
+    first.socket.close()
+    second = unix_client(server)
+    assert second.request("vget /unrealcv/version") == "1.0.1"
+    assert second.request("vget /unrealcv/status").split("\n")[1] == state
+    leave(second)
+    assert unix_client(server).request("vget /unrealcv/version") == "1.0.1"
+
+
+def test_on_linux_a_tcp_client_that_comes_back_waits_for_ever(start, open_raw, unix_client):
+    server = start(dialect="N1", platform="linux")
+    open_raw(server).socket.close()
+    unix_client(server)
+    with (
+        socket.create_connection((server.host, server.port), timeout=0.3) as again,
+        pytest.raises(TimeoutError),
+    ):
+        again.recv(1)
+
+
+@pytest.mark.parametrize(("dialect", "platform"), [("M", "linux"), ("0.3.10", "linux"), ("N1", "windows")])
+def test_elsewhere_tcp_goes_on(start, open_raw, dialect, platform):
+    server = start(dialect=dialect, platform=platform)
+    open_raw(server).socket.close()
+    assert open_raw(server).greeting == b"connected to four-wall"
+    assert not server.unix_path.exists()
+
+
+def test_the_unix_socket_is_removed_at_the_end(start, open_raw, unix_client):
+    server = start(dialect="N2", platform="linux")
+    open_raw(server).socket.close()
+    unix_client(server)
+    server.stop()
+    assert not server.unix_path.exists()

@@ -45,7 +45,7 @@ def seen_by_hand(scene, location, rotation, fov, width, height):
     return hits, hits.distance / np.linalg.norm(rays, axis=-1)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def truth():
     scene = mock_server.load_scene("four-wall")
     return scene, *seen_by_hand(scene, (10, -20, 150), (10, 30, 5), 75.5, 40, 30)
@@ -139,7 +139,7 @@ def fuzzed():
     st.lists(st.one_of(st.binary(min_size=1, max_size=200), st.text(min_size=1).map(str.encode)), max_size=5)
 )
 def test_no_payload_stops_the_server(fuzzed, payloads):
-    from conftest import RawClient
+    from wire import RawClient
 
     client = RawClient(fuzzed)
     try:

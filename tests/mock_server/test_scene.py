@@ -35,6 +35,9 @@ def alone(kind):
 SCENES = {kind: alone(kind) for kind in SOLIDS}
 
 
+FOUR_WALL = mock_server.load_scene("four-wall")
+
+
 def room_data(name):
     return yaml.safe_load((mock_server.scene._SCENES / f"{name}.yaml").read_text())
 
@@ -208,7 +211,7 @@ def test_a_ray_with_nan_meets_nothing():
 
 @given(st.integers(1, 40), st.integers(1, 40), st.floats(5, 170), st.tuples(angle, angle, angle))
 def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
-    scene = mock_server.load_scene("four-wall")
+    scene = FOUR_WALL
     (c, s), (e, g), (h, k) = [(np.cos(t), np.sin(t)) for t in turns]
     R_w_c = (
         np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
