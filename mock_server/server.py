@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import socket
 import threading
@@ -52,7 +53,7 @@ class Server:
         seed: of the faults' dice.
 
     Raises:
-        ValueError: an unknown scene, dialect, depth or fault.
+        ValueError: an unknown scene, dialect, depth, platform or fault, or a number out of its range.
     """
 
     def __init__(
@@ -73,13 +74,14 @@ class Server:
         faults: Iterable[str] = (),
         seed: int = 0,
     ) -> None:
-        for key, value, known in (
-            ("dialect", dialect, DIALECTS),
-            ("depth", depth, DEPTHS),
-            ("platform", platform, PLATFORMS),
-        ):
-            if value not in known:
-                raise ValueError(f"{key}: expected one of {', '.join(known)}; got {value!r}")
+        _check("dialect", dialect, DIALECTS)
+        _check("depth", depth, DEPTHS)
+        _check("platform", platform, PLATFORMS)
+        _check_range("port", port, 0, 65535)
+        _check_range("size", min(*size, *(window or size)), 1, math.inf)
+        _check_range("fov_deg", fov_deg, 1, 179)
+        _check_range("latency_ms", latency_ms, 0, math.inf)
+        _check_range("frames_per_s", frames_per_s, 1e-3, math.inf)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.statistics = Statistics()
         self.faults = Faults(faults, seed)
@@ -149,6 +151,16 @@ class Server:
             while (payload := read_frame(connection)) is not None:
                 requests.put((time.monotonic(), payload))
         requests.put(None)
+
+
+def _check(key: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ValueError(f"{key}: expected one of {', '.join(known)}; got {value!r}")
+
+
+def _check_range(key: str, value: float, least: float, most: float) -> None:
+    if not least <= value <= most:
+        raise ValueError(f"{key}: expected {least:g} to {most:g}, got {value!r}")
 
 
 def serve(scene: Scene | str, port: int = 0, dialect: str = "1.x", **options: Any) -> Server:
