@@ -8,6 +8,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_server import pictures
 from mock_server.faults import Faults
 from mock_server.render import ViewHits, pinhole_rays
 from mock_server.rotator import Triple, camera_to_world
@@ -88,7 +89,7 @@ class FaultyWorld(World):
             colors.append(self._dome.color)
         table = np.array(colors, dtype=np.uint8)
         if self._faults.get("mask-gamma"):
-            table = through_vertex_colors(table)
+            table = pictures.through_vertex_colors(table)
         return table[view.label]
 
     def bounds(self, actor: SceneObject) -> NDArray[np.float64]:
@@ -149,12 +150,6 @@ def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewH
         distance=np.where(sky, radius_m, view.distance),
         normal=np.where(sky[..., None], -rays, view.normal),
     )
-
-
-def through_vertex_colors(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """What painted vertices show (protocol reference, section 5.2): to linear light in 8 bits, and back."""
-    linear = np.floor((colors / 255.0) ** 2.2 * 255.999)
-    return np.asarray(np.round((linear / 255.0) ** (1 / 2.2) * 255), dtype=np.uint8)
 
 
 def _squared_radius(shape: tuple[int, ...]) -> NDArray[np.float64]:

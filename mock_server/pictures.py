@@ -37,3 +37,9 @@ def stored(depth: NDArray[np.float64], half: bool) -> NDArray[np.float32]:
     """Depth in the server's unit as it comes out of the engine's buffers: float32, through half floats."""
     limited = np.minimum(depth, LARGEST_HALF)
     return (limited.astype(np.float16) if half else limited).astype(np.float32)
+
+
+def through_vertex_colors(colors: Bytes) -> Bytes:
+    """What painted vertices show (protocol reference, section 5.2): to linear light in 8 bits, and back."""
+    linear = np.floor((colors / 255.0) ** 2.2 * 255.999)
+    return np.asarray(np.round((linear / 255.0) ** (1 / 2.2) * 255), dtype=np.uint8)

@@ -109,7 +109,7 @@ class World:
             R_w_c = camera_to_world(camera.rotation)
             self._views[key] = render_view(self.placed(), R_w_c, t_w_c, fov_deg, *camera.size, hidden)
         self._views.move_to_end(key)
-        while len(self._views) > _KEPT_VIEWS:
+        while len(self._views) > 1 and not self._fit():
             self._views.popitem(last=False)
         return self._views[key]
 
@@ -124,6 +124,11 @@ class World:
         """(H, W, 3) each object's colour; black where there is none."""
         colors = [(0, 0, 0), *(actor.color for actor in self._actors)]
         return np.array(colors, dtype=np.uint8)[view.label]
+
+    def _fit(self) -> bool:
+        """Whether the views that are kept are few enough, and small enough for memory."""
+        pixels = sum(view.label.size for view in self._views.values())
+        return len(self._views) <= _KEPT_VIEWS and pixels <= _MOST_PIXELS
 
     def _places(self) -> tuple[tuple[Triple, Triple], ...]:
         return tuple((actor.location, actor.rotation) for actor in self._actors)

@@ -9,9 +9,9 @@ import numpy as np
 
 from mock_server import encode, pictures
 from mock_server.dialects import objects
-from mock_server.dialects.common import Dialect, Later, Reply, Row, numbers, ok
+from mock_server.dialects.common import Dialect, Later, Reply, Row, Settings, numbers, ok
 from mock_server.rotator import MIRROR
-from mock_server.world import Camera
+from mock_server.world import Camera, World
 
 _CAPTURED = ("lit", "depth", "normal")
 _FILE_FRAMES = 2
@@ -22,6 +22,10 @@ _LOCATION_LAG, _ROTATION_LAG = 1, 2
 
 class L(Dialect):
     """One pawn; its view is captured every frame, and read as it was last finished."""
+
+    def __init__(self, world: World, settings: Settings) -> None:
+        super().__init__(world, settings)
+        self._camera = Camera("viewport", world.player.location, fov=settings.fov_deg, size=settings.window)
 
     def rows(self) -> list[Row]:
         return [
@@ -203,10 +207,11 @@ class L(Dialect):
 
     def _window(self) -> bytes:
         """PNG of the window: at its own size, and with the field of view it started with."""
-        s, (location, rotation) = self.settings, self.world.player.seen(0, 0)
-        camera = Camera("viewport", location, rotation, s.fov_deg, s.window)
-        shown = self.viewport(self.world.look(camera))
-        return encode.png(_DISPLAYED[shown] if self.world.viewmode == "object_mask" else shown)
+        self._camera.location, self._camera.rotation = self.world.player.seen(0, 0)
+        shown = self.viewport(self.world.look(self._camera))
+        if self.world.viewmode == "object_mask":
+            shown = pictures.through_vertex_colors(shown)
+        return encode.png(shown)
 
     def _saved(
         self, name: str, make: Callable[[], bytes], endings: tuple[str, ...] = (".png", ".exr")
@@ -220,13 +225,3 @@ class L(Dialect):
             return f"{self.settings.files.path}/{name}"
 
         return Later(_FILE_FRAMES, save)
-
-
-def _displayed() -> pictures.Bytes:
-    """(256,) what a channel's value looks like: painted on vertices linearly in 8 bits, shown with gamma."""
-    value = np.arange(256) / 255
-    painted = np.floor(value**2.2 * 255.999)
-    return np.round((painted / 255) ** (1 / 2.2) * 255).astype(np.uint8)
-
-
-_DISPLAYED = _displayed()

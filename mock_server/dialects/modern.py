@@ -41,6 +41,8 @@ class Modern(Dialect):
         obj, at = self.with_object, "/object/[str]"
         return [
             ("vget /objects", "Names of the objects", lambda: _listed(self.world.objects)),
+            ("vset /objects/spawn [str]", "Adds an object of a class", _no_class),
+            ("vset /objects/spawn [str] [str]", "The same, with a name", _no_class),
             (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location))),
             (f"vset {at}/location [float] [float] [float]", "Moves it", obj(objects.move)),
             (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
@@ -208,6 +210,11 @@ class Modern(Dialect):
     def _vertices(self, o: SceneObject) -> str:
         corners = itertools.product(*self.world.bounds(o).T)
         return "".join("     ".join(f"{value:.5f}" for value in corner) + "\n" for corner in corners)
+
+
+def _no_class(name: str, *_: str) -> str:
+    """There are no classes here to make objects of."""
+    return f"error Can not find a class with name '{name}'"
 
 
 def _listed(names: Any) -> str:

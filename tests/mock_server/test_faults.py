@@ -12,7 +12,7 @@ import pytest
 
 import mock_server
 from mock_server import faults
-from mock_server.faulty_world import through_vertex_colors
+from mock_server.pictures import through_vertex_colors
 
 IMAGE = "vget /camera/0/lit png"
 DEPTH = "vget /camera/0/depth npy"

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import mock_server
+from mock_server.pictures import through_vertex_colors
 
 SIZE = (40, 30)
 WINDOW = (32, 20)
@@ -69,6 +70,7 @@ def rays(size, yaw_deg=0.0, pitch_deg=0.0, fov_deg=90.0):
     return r / np.linalg.norm(r, axis=-1, keepdims=True)
 
 
+DISPLAYED = through_vertex_colors(np.arange(256, dtype=np.uint8))
 FOUR_WALL = mock_server.load_scene("four-wall")
 
 
@@ -283,20 +285,17 @@ def test_the_mask_is_the_windows_and_its_colours_are_bent(raw):
 
 @pytest.mark.parametrize(("value", "shown"), [*BENT.items(), *((v, v) for v in EXACT)])
 def test_displayed_values_are_those_of_the_reference(value, shown):
-    from mock_server.dialects.l import _DISPLAYED
-
-    assert _DISPLAYED[value] == shown
+    assert DISPLAYED[value] == shown
 
 
 def test_the_displayed_values_as_a_whole_are_as_the_reference_counts_them():
-    from mock_server.dialects.l import _DISPLAYED
     from mock_server.world import palette
 
-    assert len(set(_DISPLAYED.tolist())) == 183
-    assert not _DISPLAYED[:21].any()
-    assert _DISPLAYED[21] > 0
-    assert [v for v in range(122, 256) if _DISPLAYED[v] != v] == [145]
-    shown = [tuple(_DISPLAYED[list(color)]) for color in itertools.islice(palette(), 1000)]
+    assert len(set(DISPLAYED.tolist())) == 183
+    assert not DISPLAYED[:21].any()
+    assert DISPLAYED[21] > 0
+    assert [v for v in range(122, 256) if DISPLAYED[v] != v] == [145]
+    shown = [tuple(DISPLAYED[list(color)]) for color in itertools.islice(palette(), 1000)]
     first = next(i for i, color in enumerate(shown) if color in shown[:i])
     assert (first, len(shown) - len(set(shown))) == (729, 271)
 

@@ -239,6 +239,7 @@ def test_templates_are_not_anchored_and_may_be_followed_by_spaces(raw, command):
         ("vget /object/Nothing/color", "error Can not find object"),
         ("vset /object/Nothing/hide", "error Can not find object"),
         ("vget /object//color", "error Can not find object"),
+        ("vset /objects/spawn Cube MyCube", "error Can not find a class with name 'Cube'"),
         ("vset /viewmode Nothing", "error Can not set ViewMode to nothing"),
         ("vset /action/eyes_distance 3.0", "error Not Implemented"),
         ("vexec Nobody Jump", "error Can not find actor with id 'Nobody'"),
