@@ -8,10 +8,12 @@ from omniscv.cameras import Camera
 from omniscv.captures.source import Source
 from omniscv.captures.view import MODES
 from omniscv.compose import Composer
+from omniscv.compose.reproject import DEFAULT_ERROR_PX, reproject
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.output.image import OmniImage
 from omniscv.plan import make_plan
+from omniscv.plan.make import FEW
 
 
 def render(
@@ -54,6 +56,8 @@ def render(
     modes = tuple(modes)
     if not modes or len(set(modes)) != len(modes) or not set(modes) <= set(MODES):
         raise ArgumentError(f"modes: expected some of {', '.join(MODES)}, each once; got {list(modes)!r}")
+    if max_error_px is not None and strategy not in FEW:
+        raise ArgumentError(f"max_error_px: expected strategy {' or '.join(FEW)}, got {strategy!r}")
     plan = make_plan(
         camera,
         pose,
@@ -63,5 +67,9 @@ def render(
         face_size=face_size,
         recorded=source.recorded_views(),
     )
-    layers = (composer or Composer()).compose(plan, source, modes, filter=filter, progress=progress)
+    if plan.strategy in FEW:
+        error_px = DEFAULT_ERROR_PX if max_error_px is None else max_error_px
+        layers = reproject(plan, source, modes, max_error_px=error_px, filter=filter, progress=progress)
+    else:
+        layers = (composer or Composer()).compose(plan, source, modes, filter=filter, progress=progress)
     return OmniImage(camera=camera, pose=pose, layers=layers)

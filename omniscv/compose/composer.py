@@ -13,9 +13,8 @@ from omniscv.cameras import Camera
 from omniscv.captures.source import Source
 from omniscv.captures.view import Capture, Request, View
 from omniscv.compose.grid import Grid, averaged
-from omniscv.compose.labels import labels_of
-from omniscv.compose.layers import Layers
-from omniscv.compose.maps import Maps
+from omniscv.compose.layers import Layers, layers_of
+from omniscv.compose.maps import Maps, filter_for, unit
 from omniscv.errors import ArgumentError, BadReply, MissingCapture
 from omniscv.plan import Plan, Station
 
@@ -83,7 +82,10 @@ class Composer:
                 done += len(faces)
                 if progress:
                     progress(done, len(plan) * len(modes))
-        return self._layers(plan, source, grid, canvas.images(), canvas.centers_w, provenance)
+        centers_w = canvas.centers_w
+        if centers_w is None:
+            centers_w = plan.stations[0].center_w
+        return layers_of(plan, source, grid.valid, canvas.images(), centers_w, provenance)
 
     def _chosen(self, plan: Plan, whole: bool) -> str:
         """The filter for lit, one for the whole image: what its middle station asks for."""
@@ -122,39 +124,6 @@ class Composer:
             )
         return maps
 
-    @staticmethod
-    def _layers(
-        plan: Plan,
-        source: Source,
-        grid: Grid,
-        images: dict[str, NDArray[Any]],
-        centers_w: NDArray[np.float64] | None,
-        provenance: dict[str, Any],
-    ) -> Layers:
-        labels, objects = None, None
-        unknown: dict[tuple[int, int, int], int] = {}
-        if (mask := images.get("object_mask")) is not None:
-            objects = source.objects()
-            labels, unknown = labels_of(mask, objects)
-            labels[~grid.valid] = 0
-        normals = images.get("normal")
-        if normals is not None:
-            normals = (normals @ plan.pose.R_w_c).astype(np.float32)
-        shape = grid.valid.shape
-        centers = plan.stations[0].center_w if plan.stations else plan.pose.t_w_c
-        return Layers(
-            valid=grid.valid,
-            centers_w=centers if centers_w is None else centers_w.reshape(*shape, 3),
-            lit=images.get("lit"),
-            object_mask=mask,
-            labels=labels,
-            depth=images.get("depth"),
-            normals=normals,
-            unknown_colors=unknown,
-            objects=objects,
-            provenance=provenance,
-        )
-
 
 class _Canvas:
     """The layers while they are filled, one optical centre after another."""
@@ -171,20 +140,19 @@ class _Canvas:
             self.centers_w[station.pixels] = station.center_w
         pixels, filter = [face.pixels for face in faces], self._filter
         if mode == "depth":
-            self._put(mode, self._grid, station, maps.sample_depth(pixels, nearest=filter == "nearest"))
-        elif mode == "object_mask":
-            self._put(mode, self._grid, station, maps.sample("nearest", pixels))
-        elif mode == "normal":
-            self._put(mode, self._grid, station, _unit(maps.sample(_normal_filter(filter), pixels)))
+            values = maps.sample_depth(pixels, nearest=filter == "nearest")
         else:
-            values = maps.sample(filter, pixels)
-            if filter != "area":
-                self._put(mode, self._grid, station, values)
+            chosen = filter_for(mode, filter)
+            values = maps.sample(chosen, pixels)
+            if mode == "normal":
+                values = unit(values)
+            elif chosen == "area":
+                finer = self._finer()
+                seen = self._averaged.setdefault(mode, np.zeros(finer.valid.size, dtype=bool))
+                self._put(mode, finer, station, values)
+                seen[self._rays_of(finer, station)] = maps.finer_places.view >= 0
                 return
-            finer = self._finer()
-            seen = self._averaged.setdefault(mode, np.zeros(finer.valid.size, dtype=bool))
-            self._put(mode, finer, station, values)
-            seen[self._rays_of(finer, station)] = maps.finer_places.view >= 0
+        self._put(mode, self._grid, station, values)
 
     def images(self) -> dict[str, NDArray[Any]]:
         """The layers, (H, W, ...)."""
@@ -220,13 +188,3 @@ def _same_kind(faces: Sequence[Capture]) -> None:
     kinds = {(face.pixels.shape, face.pixels.dtype.name) for face in faces}
     if len(kinds) != 1:
         raise BadReply(f"expected captures of one size and type at a centre, got {sorted(kinds)}")
-
-
-def _normal_filter(filter: str) -> str:
-    return filter if filter in ("nearest", "bicubic") else "bilinear"
-
-
-def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Directions again; 0 where unknown surroundings outweigh the known."""
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    return np.asarray(np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.5))

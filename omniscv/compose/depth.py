@@ -76,7 +76,7 @@ def _sample(
         px, py = x[i] - 0.5, y[i] - 0.5
         z = 0.0
         c, r = int(np.floor(px)), int(np.floor(py))
-        if not nearest and 1 <= c < width - 2 and 1 <= r < height - 2 and _one_surface(face, r, c):
+        if not nearest and 1 <= c < width - 2 and 1 <= r < height - 2 and one_surface(face, r, c):
             a, b = px - c, py - r
             inverse = (1 - b) * ((1 - a) / face[r, c] + a / face[r, c + 1]) + b * (
                 (1 - a) / face[r + 1, c] + a / face[r + 1, c + 1]
@@ -91,8 +91,8 @@ def _sample(
 
 
 @njit(cache=True, nogil=True)
-def _one_surface(face: NDArray[np.float32], r: int, c: int) -> bool:
-    """Whether the 2 x 2 pixels at (r, c) belong to one smooth surface."""
+def one_surface(face: NDArray[np.float32], r: int, c: int) -> bool:
+    """Whether the 2 x 2 pixels at (r, c) belong to one smooth surface, for depths or distances."""
     for j in range(2):
         if not _continues(face[r + j, c - 1], face[r + j, c], face[r + j, c + 1], face[r + j, c + 2]):
             return False

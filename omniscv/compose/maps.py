@@ -16,6 +16,7 @@ from omniscv.compose.bicubic import sample_bicubic
 from omniscv.compose.border import REACH
 from omniscv.compose.depth import sample_depth
 from omniscv.compose.grid import Grid
+from omniscv.compose.listed import Listed
 from omniscv.geometry import Array
 from omniscv.plan.places import Places, locate
 
@@ -45,8 +46,8 @@ class Maps:
 
     def __init__(
         self,
-        grid: Grid,
-        finer: Callable[[], Grid],
+        grid: Grid | Listed,
+        finer: Callable[[], Grid | Listed],
         R_w_c: Array,
         views: Sequence[View],
         pixels: NDArray[np.int64] | None,
@@ -141,7 +142,7 @@ class Maps:
             )
         )
 
-    def _own(self, grid: Grid, values: NDArray[Any]) -> NDArray[Any]:
+    def _own(self, grid: Grid | Listed, values: NDArray[Any]) -> NDArray[Any]:
         """The values of the centre's rays, one after another."""
         flat = values.reshape(-1, *values.shape[2:])
         return flat if self._pixels is None else flat[grid.pixels(self._pixels, self._grid.valid.shape[1])]
@@ -165,3 +166,16 @@ def _whole(places: Places, view: View) -> Places:
     x = np.clip(np.floor(places.x), 0, view.width - 1) + np.float32(0.5)
     y = np.clip(np.floor(places.y), 0, view.height - 1) + np.float32(0.5)
     return Places(places.view, x, y, places.margin)
+
+
+def filter_for(mode: str, filter: str) -> str:
+    """The filter that a mode gets: masks are never blended, normals never averaged over areas."""
+    if mode == "object_mask":
+        return "nearest"
+    return "bilinear" if mode == "normal" and filter in ("auto", "area") else filter
+
+
+def unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Directions again; 0 where unknown surroundings outweigh the known."""
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.asarray(np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.5))

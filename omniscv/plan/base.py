@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,8 @@ class Plan:
         strategy: the name of the strategy that made the plan.
         stations: one per optical centre; every valid pixel of the camera is in exactly one.
         border_px: how many pixels beyond the pixels that rays hit each view holds, for filters.
+        more: gives the station of a further optical centre, (3,) world frame, for strategies that find out
+            while they capture what they need.
     """
 
     camera: Camera
@@ -44,6 +46,7 @@ class Plan:
     strategy: str
     stations: tuple[Station, ...]
     border_px: int = 0
+    more: Callable[[Array], Station] | None = None
 
     def views(self) -> Iterator[View]:
         """All views, in the order of their capture."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from omniscv.cameras import Camera
 from omniscv.captures.source import Capabilities
 from omniscv.captures.view import View
@@ -16,7 +19,12 @@ from omniscv.plan.groups import Group, pixel_groups
 from omniscv.plan.recorded import RecordedFaces
 from omniscv.plan.strips import strip_size, strip_views
 
-STRATEGIES = ("auto", "cube", "faces", "strips")
+STRATEGIES = ("auto", "cube", "faces", "strips", "reproject", "adaptive")
+FEW = ("reproject", "adaptive")
+"""Strategies that capture from fewer optical centres than the image has."""
+
+FEW_CENTERS = 8
+"""How many those begin with."""
 
 FACE_BORDER_PX = 4
 """What the widest filter reaches beyond a ray's place, and two for good measure."""
@@ -42,9 +50,12 @@ def make_plan(
         camera, pose: what is rendered.
         capabilities: what the source can do.
         strategy: ``cube``: six faces at every optical centre, as in the paper; ``faces``: only those
-            that rays hit; ``strips``: views turned and narrowed to the rays of each centre; ``auto``: the
+            that rays hit; ``strips``: views turned and narrowed to the rays of each centre; ``reproject``:
+            faces at a few centres, through whose depth rays are followed; ``adaptive``: the same, with more
+            centres where rays are lost (both: :mod:`omniscv.compose.reproject`); ``auto``: the
             cheapest that the source can do, ``strips`` where there are several centres, ``faces`` at one.
-        viewpoints: optical centres of a non-central camera; one per column or ring if not given.
+        viewpoints: optical centres of a non-central camera; one per column or ring if not given, and
+            ``FEW_CENTERS`` to begin with for ``reproject`` and ``adaptive``.
         face_size: edge of a 90 degree face in px; ``auto``: see :mod:`omniscv.plan.sampling`.
         border_px: how much wider views are captured on every side; chosen if not given.
         recorded: the views that a recorded source holds; faces of other sizes than the wanted ones are
@@ -63,7 +74,8 @@ def make_plan(
     free = capabilities.can_set_size and capabilities.can_set_fov
     if strategy == "strips" and not free:
         raise ArgumentError("strategy: strips need a source that can set size and field of view; use 'faces'")
-    groups = pixel_groups(camera, viewpoints)
+    few = strategy in FEW and not camera.central
+    groups = pixel_groups(camera, viewpoints or (FEW_CENTERS if few else None))
     if strategy == "strips" or (strategy == "auto" and free and len(groups) > 1):
         border = STRIP_BORDER_PX if border_px is None else border_px
         plan = Plan(
@@ -72,8 +84,31 @@ def make_plan(
         if strategy == "strips" or recorded is None or set(plan.views()) <= set(recorded):
             return plan
     face = Face.on(capabilities, edge, FACE_BORDER_PX if border_px is None else border_px)
+    if few and len(groups) > 1:
+        return _few(camera, pose, groups, _views(face, recorded), strategy, face.border_px)
     stations = _faces(groups, pose, _views(face, recorded), every=strategy == "cube")
     return Plan(camera, pose, "cube" if strategy == "cube" else "faces", stations, face.border_px)
+
+
+def _few(
+    camera: Camera,
+    pose: Pose,
+    groups: Sequence[Group],
+    views: Callable[[Array], tuple[View, ...]],
+    strategy: str,
+    border_px: int,
+) -> Plan:
+    """At each centre all faces that any of the camera's rays hits: a ray may be looked up at any centre."""
+    hit = np.any([faces_hit(group.directions, pose.R_w_c) for group in groups], axis=0)
+
+    def station(center_w: Array, pixels: NDArray[np.int64]) -> Station:
+        chosen = tuple(view for view, wanted in zip(views(center_w), hit, strict=True) if wanted)
+        return Station(center_w, chosen, pixels)
+
+    stations = tuple(station(pose.to_world(group.center_c), group.pixels) for group in groups)
+    none = np.zeros(0, np.int64)
+    more = (lambda center_w: station(center_w, none)) if strategy == "adaptive" else None
+    return Plan(camera, pose, strategy, stations, border_px, more)
 
 
 def _views(face: Face, recorded: Sequence[View] | None) -> Callable[[Array], tuple[View, ...]]:
