@@ -20,10 +20,10 @@ DIGITS = 50
 
 
 class Mirror(NamedTuple):
-    """A surface ``X^T Q X = 0``, the part of it with z >= ``nearest``, and the camera's rays."""
+    """A surface ``X^T Q X = 0``, the part of it with z > ``above``, and the camera's rays."""
 
     quadric: mp.matrix
-    nearest: mp.mpf
+    above: mp.mpf
     ray: Callable  # (x, y) in units of the focal length -> start, direction
 
 
@@ -31,7 +31,7 @@ class Mirror(NamedTuple):
 def paraboloid(q):
     q = mp.mpf(q)
     quadric = mp.matrix([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, -q], [0, 0, -q, -q * q]])
-    return Mirror(quadric, -q / 2, lambda x, y: (mp.matrix([x, y, -10 * q, 1]), mp.matrix([0, 0, 1, 0])))
+    return Mirror(quadric, -q, lambda x, y: (mp.matrix([x, y, -10 * q, 1]), mp.matrix([0, 0, 1, 0])))
 
 
 @mp.workdps(DIGITS)
@@ -43,7 +43,8 @@ def hyperboloid(d, q):
     # (z + c)^2 / a^2 - (x^2 + y^2) / b^2 = 1
     k = b2 / a**2
     quadric = mp.matrix([[-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, k, k * c], [0, 0, k * c, k * c * c - b2]])
-    return Mirror(quadric, a - c, lambda x, y: (mp.matrix([0, 0, -d, 1]), mp.matrix([x, y, 1, 0])))
+    # -c: midway between the two sheets
+    return Mirror(quadric, -c, lambda x, y: (mp.matrix([0, 0, -d, 1]), mp.matrix([x, y, 1, 0])))
 
 
 @mp.workdps(DIGITS)
@@ -51,7 +52,7 @@ def plane(half_distance):
     h = mp.mpf(half_distance)
     # z = -h, as a quadric: (z + h) w = 0
     quadric = mp.matrix([[0] * 4, [0] * 4, [0, 0, 0, mp.mpf(1) / 2], [0, 0, mp.mpf(1) / 2, h]])
-    return Mirror(quadric, -h, lambda x, y: (mp.matrix([0, 0, -2 * h, 1]), mp.matrix([x, y, 1, 0])))
+    return Mirror(quadric, -2 * h, lambda x, y: (mp.matrix([0, 0, -2 * h, 1]), mp.matrix([x, y, 1, 0])))
 
 
 @mp.workdps(DIGITS)
@@ -66,7 +67,7 @@ def bounce(mirror, x, y):
     # Not divided by a, which is 0 for the plane, and for rays along the paraboloid's axis.
     ways = [c / bottom for bottom in (-b + mp.sqrt(square), -b - mp.sqrt(square)) if bottom]
     ahead = [start + way * ray for way in ways if way > 0]
-    hits = [p for p in ahead if p[2] >= mirror.nearest * (1 + mp.eps)]
+    hits = [p for p in ahead if p[2] > mirror.above]
     if not hits:
         return None
     hit = min(hits, key=lambda p: p[2])

@@ -67,11 +67,14 @@ def test_rays(kind, q, d, spread, pixel):
 
 
 @kinds
-@given(metres, metres, spreads, place, st.floats(0, 9))
-def test_pixels(kind, q, d, spread, pixel, exponent):
+@given(metres, metres, spreads, st.floats(0, 1), st.floats(-np.pi, np.pi), st.floats(0, 9))
+def test_pixels(kind, q, d, spread, part, azimuth, exponent):
     """A point where the light of a pixel comes from is seen by that pixel."""
     camera, mirror = example(kind, q, d, spread)
-    assume(camera.valid(np.array(pixel)))
+    reach = SIZE / 2
+    if kind == "hyperbolic":
+        reach = min(reach, camera.focal * np.sqrt(2 * q * (np.hypot(d, q) + q)) / d)
+    pixel = camera.center + reach * part * (1 - 1e-12) * np.array([np.cos(azimuth), np.sin(azimuth)])
     with mp.workdps(DIGITS):
         _, direction = bounce(mirror, *off_axis(camera, pixel))
     point = 10**exponent * np.array(direction, dtype=float)
