@@ -192,7 +192,9 @@ def test_pictures_lag_behind_the_pose_and_the_rotation_lags_more(start, open_raw
     raw.ask("vset /camera/0/pose 50 0 150 0 90 0")
     frames = [npy(raw.ask("vget /camera/0/depth npy")) for _ in range(4)]
     np.testing.assert_array_equal(frames[0], old)
-    assert same_depth(frames[-1], (50, 0, 150), yaw_deg=90)
+    assert same_depth(frames[1], (50, 0, 150), yaw_deg=0)
+    assert same_depth(frames[2], (50, 0, 150), yaw_deg=90)
+    np.testing.assert_array_equal(frames[3], frames[2])
 
 
 def test_three_round_trips_or_a_file_command_settle_the_pose(raw):
@@ -202,6 +204,14 @@ def test_three_round_trips_or_a_file_command_settle_the_pose(raw):
     raw.ask("vset /camera/0/pose 0 0 150 0 180 0")
     raw.ask("vget /camera/0/lit x.png")
     assert same_depth(npy(raw.ask("vget /camera/0/depth npy")), (0, 0, 150), yaw_deg=180)
+
+
+def test_a_file_shows_the_pose_set_just_before(start, open_raw, tmp_path):
+    raw = open_raw(start(dialect="L", size=SIZE, folder=tmp_path, frames_per_s=10))
+    raw.send(b"1:vset /camera/0/pose 50 0 150 0 90 0", b"2:vget /camera/0/lit x.png")
+    assert [raw.frame()[:2], raw.frame()[:2]] == [b"1:", b"2:"]
+    settle(raw)
+    assert (tmp_path / "x.png").read_bytes() == raw.ask("vget /camera/0/lit png")
 
 
 def test_straight_down_is_a_tenth_of_a_degree_off(raw):
