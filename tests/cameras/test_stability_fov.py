@@ -93,3 +93,18 @@ def test_the_hyperboloids_limit_is_that_of_its_asymptote(distance, semi_latus_re
     np.testing.assert_allclose(2 * np.degrees(np.arctan2(rim[0], -rim[2])), limit, rtol=2e-9)
     with pytest.raises(ArgumentError, match=r"^fov_deg: expected a finite number > 0 and < "):
         cameras.create("catadioptric-hyperbolic", **SQUARE, **make, fov_deg=limit * (1 + 1e-9))
+
+
+@pytest.mark.parametrize(
+    ("name", "others"), [(name, others) for name, key, *_, others in LIMITS if key == "fov_deg"]
+)
+def test_points_beyond_the_field_of_view_are_not_seen(name, others):
+    """To 1e-9 of the angle, on either side of its edge, all around."""
+    camera = cameras.create(name, **SQUARE, **others, fov_deg=100)
+    ahead = -1 if name.startswith("catadioptric") else 1
+    azimuth = np.linspace(-np.pi, np.pi, 25) if name != "pinhole" else np.zeros(1)
+    around = np.stack([np.cos(azimuth), np.sin(azimuth), np.full_like(azimuth, ahead)], axis=-1)
+    for part, seen in ((1 - 1e-9, True), (1 + 1e-9, False)):
+        angle = np.radians(50) * part
+        points = around * [np.sin(angle), np.sin(angle), np.cos(angle)]
+        assert (camera.project(points)[1] == seen).all()
