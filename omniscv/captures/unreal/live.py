@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from omniscv.captures.decode import decode
 from omniscv.captures.source import Capabilities, ObjectTable, Source
+from omniscv.captures.unreal.link import FAULTS, Link
 from omniscv.captures.unreal.masks import colors, paint
 from omniscv.captures.unreal.motion import Motion
 from omniscv.captures.unreal.session import Reply, Session
 from omniscv.captures.unreal.steps import IMAGE, Step, Use, make_steps
 from omniscv.captures.view import Capture, Request, View
-from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, ServerRefused, SourceError
-
-T = TypeVar("T")
+from omniscv.errors import BadReply, ServerRefused, SourceError
 
 _BATCH = 24
 """Requests under way at once: enough to hide latency, few enough to wait in memory."""
@@ -27,9 +25,6 @@ _BATCH_PX = 1 << 24
 _VERSION = "vget /unrealcv/version"
 _CURES = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Against vignette and auto exposure (protocol reference, section 7.1)."""
-
-_FAULTS = (ConnectionFailed, DeadlineExceeded, BadReply)
-_FIRST_BACKOFF_S, _LONGEST_BACKOFF_S = 0.1, 2.0
 
 
 class UnrealSource(Source):
@@ -58,13 +53,17 @@ class UnrealSource(Source):
         retries: int = 5,
         fix_exposure: bool = False,
     ) -> None:
-        self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
+        self._link = Link(endpoint, timeout_s, retries)
         self._fix_exposure = fix_exposure
-        self._link: Session | None = None
+        self._ours: Session | None = None
         self._camera: int | None = None
         self._posed: View | None = None
         self._motion = Motion()
-        self._persist(lambda _: None)
+        try:
+            self._session()
+        except BaseException:
+            self._link.close()
+            raise
         self._capabilities = Capabilities(pipelines=True, dialect="1.x")
 
     @property
@@ -84,57 +83,34 @@ class UnrealSource(Source):
         yield from self._delivered(group)
 
     def objects(self) -> ObjectTable:
-        return self._persist(lambda session: ObjectTable(colors(session)))
+        return ObjectTable(colors(self._link))
 
     def close(self) -> None:
-        if self._link is not None:
-            self._link.close()
-
-    def _persist(self, action: Callable[[Session], T]) -> T:
-        """Does something in a working session, again after faults."""
-        for failures in itertools.count(1):
-            try:
-                return action(self._session())
-            except _FAULTS as fault:
-                nobody = isinstance(fault.__cause__, (ConnectionRefusedError, FileNotFoundError))
-                if self._camera is None and nobody:
-                    raise  # a game that was never there will not come back
-                self._after(fault, failures)
-        raise AssertionError("unreachable")
-
-    def _after(self, fault: SourceError, failures: int) -> None:
-        """Drops the connection and waits a while, so that late replies die; gives up in the end."""
-        self.close()
-        if failures > self._retries:
-            raise type(fault)(f"{fault}; gave up after {failures} attempts") from fault
-        time.sleep(min(_LONGEST_BACKOFF_S, _FIRST_BACKOFF_S * 2 ** (failures - 1)))
+        self._link.close()
 
     def _session(self) -> Session:
-        """The session, made anew if it broke, with our camera in the game."""
-        if self._link is None or self._link.broken:
+        """A connection over which our camera answers."""
+        while self._ours is None or self._ours.broken:
             self._posed = None
             self._motion.lost()
-            self._link = Session(self._endpoint, self._timeout_s)
-            self._set_up(self._link)
-        return self._link
+            self._find_camera()
+            self._ours = self._link.session
+        return self._ours
 
-    def _set_up(self, session: Session) -> None:
-        """Finds our camera, or whatever game is there now, and makes it ready."""
+    def _find_camera(self) -> None:
+        """Finds our camera, or makes whatever game is there now ready and spawns one."""
         try:
-            count = len(session.text("vget /cameras").split())
+            count = len(self._link.text("vget /cameras").split())
         except ServerRefused as refused:
-            raise ServerRefused(
-                f"{session.address}: expected plugin 1.x with 'vget /cameras', got: {refused}"
-            ) from refused
+            raise ServerRefused(f"expected plugin 1.x with 'vget /cameras', got: {refused}") from refused
         if self._camera is not None and self._camera < count:
             return
-        self._version = session.text(_VERSION)
-        self._scene = session.text("vget /scene/name")
+        self._version, self._scene = self._link.text(_VERSION), self._link.text("vget /scene/name")
         if self._fix_exposure:
-            session.ask_all(_CURES)
-        paint(session)
+            self._link.texts(_CURES)
+        paint(self._link)
         self._camera = count
-        session.text("vset /cameras/spawn")
+        self._link.text("vset /cameras/spawn")
 
     def _delivered(self, group: list[Request]) -> Iterator[Capture]:
         """A group's captures; what came before a fault is kept, and progress earns new retries."""
@@ -143,15 +119,16 @@ class UnrealSource(Source):
         while waiting:
             done: list[Capture] = []
             fault: SourceError | None = None
+            session = self._session()
             try:
-                self._collect(self._session(), waiting, done)
-            except _FAULTS as cause:
+                self._collect(session, waiting, done)
+            except FAULTS as cause:
                 fault = cause
             yield from done
             failures = 0 if done else failures
             if fault is not None:
                 failures += 1
-                self._after(fault, failures)
+                self._link.recover(fault, failures)
 
     def _collect(self, session: Session, waiting: deque[Request], done: list[Capture]) -> None:
         """Moves requests from ``waiting`` to captures in ``done``, until a picture comes late.
@@ -160,8 +137,9 @@ class UnrealSource(Source):
         is in step; the version, asked for at the end, stands behind the last.
         """
         assert self._camera is not None
-        steps = make_steps(self._camera, waiting, self._posed, self._motion)
-        self._posed = waiting[-1].view
+        requests = [waiting[0]] if self._motion.in_doubt else list(waiting)
+        steps = make_steps(self._camera, requests, self._posed, self._motion)
+        self._posed = requests[-1].view
         replies = session.stream([*(step.command for step in steps), _VERSION])
         late = False
         held: Capture | None = None
@@ -172,9 +150,9 @@ class UnrealSource(Source):
                 waiting.popleft()
                 held = None
             capture = self._judged(session, step, reply)
-            if capture is None:
+            if capture is None or late:
                 continue
-            if late:
+            if step.use is Use.REFERENCE:
                 self._motion.note(capture.request, capture.payload)
             elif not self._motion.shows(capture.request, capture.payload):
                 late = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 
-from omniscv.captures.unreal.session import Reply, Session
+from omniscv.captures.unreal.link import Link
 from omniscv.errors import BadReply, ServerRefused
 
 Color = tuple[int, int, int]
@@ -15,7 +15,7 @@ _EXACT = (135, 151, 167, 183, 199, 215, 231)
 """Channel values that every dialect shows as they are set, far apart."""
 
 
-def paint(session: Session) -> None:
+def paint(link: Link) -> None:
     """Sets every object's mask colour: its own, or another where that is the background's or taken.
 
     Every server gives one object black (protocol reference, section 5.1). Objects that were spawned late
@@ -28,29 +28,29 @@ def paint(session: Session) -> None:
     free = itertools.product(_EXACT, _EXACT, _EXACT)
     wanted: dict[str, Color] = {}
     changed = set()
-    for name, color in colors(session).items():
+    for name, color in colors(link).items():
         if color in taken:
             color = next(spare for spare in free if spare not in taken)
             changed.add(name)
         taken.add(color)
         wanted[name] = color
     commands = ["vset /object/{}/color {} {} {}".format(name, *color) for name, color in wanted.items()]
-    for name, command, reply in zip(wanted, commands, session.ask_all(commands), strict=True):
+    for name, command, reply in zip(wanted, commands, link.texts(commands), strict=True):
         if reply != "ok" and name in changed:
-            raise ServerRefused(f"{session.address}: {command!r} was refused: {reply!r}")
+            raise ServerRefused(f"{link.address}: {command!r} was refused: {reply!r}")
 
 
-def colors(session: Session) -> dict[str, Color]:
+def colors(link: Link) -> dict[str, Color]:
     """Every object's mask colour, as set."""
-    reply = session.text("vget /objects")
+    reply = link.text("vget /objects")
     names = [] if reply == "ok" else reply.split()  # ok is what an empty text becomes
-    replies = session.ask_all([f"vget /object/{name}/color" for name in names])
+    replies = link.texts([f"vget /object/{name}/color" for name in names])
     return {name: _color(reply) for name, reply in zip(names, replies, strict=True)}
 
 
-def _color(reply: Reply) -> Color:
+def _color(reply: str) -> Color:
     """``(R=127,G=63,B=255,A=255)`` as three numbers."""
-    found = re.fullmatch(r"\(R=(\d+),G=(\d+),B=(\d+),A=\d+\)", reply) if isinstance(reply, str) else None
+    found = re.fullmatch(r"\(R=(\d+),G=(\d+),B=(\d+),A=\d+\)", reply)
     if found is None:
         raise BadReply(f"expected a colour such as (R=127,G=63,B=255,A=255), got {reply[:200]!r}")
     r, g, b = (int(value) for value in found.groups())

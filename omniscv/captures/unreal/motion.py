@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from omniscv.captures.view import Request, View
 
-_WAITS = (0, 1, 3)
+SETTLED = 3
+"""After so many pictures in one place, the next is taken to show it."""
+_WAITS = (0, 1, SETTLED)
 """How many more pictures to skip when the one behind them seems late; after the last it is taken as true."""
 
 
@@ -26,17 +28,24 @@ class Motion:
         self.latest: Request | None = None
         self.shown: dict[str, View] = {}
         self._payloads: dict[str, bytes] = {}
+        self._settled: View | None = None  # where a picture has differed from the one before the move
         self._doubts = 0
         self._alike: set[int] = set()
 
     def lost(self) -> None:
         """The connection is new: the camera may be anywhere."""
-        self.latest = None
+        self.latest = self._settled = None
+        self._doubts = 0
         self.shown.clear()
         self._payloads.clear()
 
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the last picture that was judged did not count."""
+        return self._doubts > 0
+
     def skips(self) -> int:
-        """How many pictures to throw away after the next move."""
+        """How many pictures to throw away after the next move, or now, when in doubt."""
         # A first picture may be garbage in any case (protocol reference, section 7.2).
         return max(self.lag + _WAITS[self._doubts], 1 if self.latest is None else 0)
 
@@ -46,20 +55,25 @@ class Motion:
         Two places may look the same. Then waiting changes nothing, and the picture counts in the end;
         it is remembered, so that there is no waiting for it again.
         """
-        same = self._payloads.get(request.mode) == payload and self.shown[request.mode] != request.view
-        if same and hash(payload) not in self._alike:
-            if self._doubts + 1 < len(_WAITS):
-                self._doubts += 1
-                return False
-            self._alike.add(hash(payload))
-        else:
-            self.lag += _WAITS[self._doubts]  # waiting has helped
-        self._doubts = 0
+        before = self.shown.get(request.mode)
+        if self._settled != request.view and before is not None and before != request.view:
+            if self._payloads[request.mode] != payload:
+                self.lag += _WAITS[self._doubts]  # if there was waiting, it has helped
+                self._doubts = 0
+                self._settled = request.view
+            elif hash(payload) not in self._alike:
+                if self._doubts + 1 < len(_WAITS):
+                    self._doubts += 1
+                    return False
+                self._alike.add(hash(payload))
+                self._doubts = 0
         self.note(request, payload)
         return True
 
     def note(self, request: Request, payload: bytes) -> None:
         """A picture came that is not judged."""
+        if self._settled != request.view:
+            self._settled = None
         self.latest = request
         self.shown[request.mode] = request.view
         self._payloads[request.mode] = payload

@@ -10,7 +10,7 @@ import contextlib
 import socket
 from collections.abc import Iterator, Sequence
 
-from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, ServerRefused, SourceError
+from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, SourceError
 
 Reply = str | bytes
 
@@ -56,18 +56,6 @@ class Session:
         """The endpoint as a person writes it."""
         return self.endpoint if isinstance(self.endpoint, str) else "{}:{}".format(*self.endpoint)
 
-    def ask(self, command: str) -> Reply:
-        """The reply to one command, whatever it says.
-
-        Raises:
-            DeadlineExceeded, BadReply, ConnectionFailed: the session is broken from now on.
-        """
-        return self.ask_all([command])[0]
-
-    def ask_all(self, commands: Sequence[str]) -> list[Reply]:
-        """The replies to commands that are sent together, in order; errors as for ``ask``."""
-        return list(self.stream(commands))
-
     def stream(self, commands: Sequence[str]) -> Iterator[Reply]:
         """The replies to commands that are sent together, each as it comes.
 
@@ -95,20 +83,6 @@ class Session:
         finally:
             if came < len(commands):
                 self.close()
-
-    def text(self, command: str) -> str:
-        """The text that a command answers.
-
-        Raises:
-            ServerRefused: the server answered ``error ...``.
-            BadReply: it answered bytes.
-        """
-        reply = self.ask(command)
-        if not isinstance(reply, str):
-            raise BadReply(f"{self.address}: expected text from {command!r}, got {len(reply)} bytes")
-        if reply.startswith("error"):
-            raise ServerRefused(f"{self.address}: {command!r} was refused: {reply}")
-        return reply
 
     def close(self) -> None:
         """Leaves the server; closing twice is fine."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
-from omniscv.captures.unreal.motion import Motion, witness
+from omniscv.captures.unreal.motion import SETTLED, Motion, witness
 from omniscv.captures.view import Request, View
 
 IMAGE = {
@@ -23,6 +23,7 @@ class Use(Enum):
 
     CHECK = "it must be ok"
     SKIP = "it may be late or garbage, whatever it is"
+    REFERENCE = "it is what the camera shows before it moves"
     WITNESS = "it tells whether the camera is where it was sent"
     KEEP = "it is a capture"
 
@@ -48,7 +49,12 @@ def make_steps(camera: int, requests: Iterable[Request], posed: View | None, mot
     steps: list[Step] = []
     latest, shown, skips = motion.latest, dict(motion.shown), motion.skips()
     for request in requests:
-        if posed is None or posed != request.view:
+        if motion.in_doubt and posed is not None and posed != request.view:
+            before = Request(posed, request.mode)
+            steps += [_picture(camera, before, Use.SKIP)] * SETTLED
+            steps.append(_picture(camera, before, Use.REFERENCE))
+            latest, shown[request.mode] = before, posed
+        if motion.in_doubt or posed is None or posed != request.view:
             steps += [Step(command, Use.CHECK) for command in pose_commands(camera, posed, request.view)]
             first = witness(request, latest, shown)
             steps += [_picture(camera, first or request, Use.SKIP)] * skips

@@ -1,0 +1,100 @@
+"""A server, whatever becomes of the connection: made anew after every fault, with patience that ends."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Sequence
+
+from omniscv.captures.unreal.session import Session
+from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, ServerRefused, SourceError
+
+FAULTS = (ConnectionFailed, DeadlineExceeded, BadReply)
+"""What another connection may cure."""
+
+_NOBODY = (ConnectionRefusedError, FileNotFoundError, socket.gaierror)
+_FIRST_BACKOFF_S, _LONGEST_BACKOFF_S = 0.1, 2.0
+
+
+class Link:
+    """A way to a server.
+
+    Args:
+        endpoint: (host, port), or the path of a Unix socket.
+        timeout_s: how long connecting, and each reply, may take.
+        retries: how often to try again while nothing comes at all, with pauses that grow.
+    """
+
+    def __init__(self, endpoint: tuple[str, int] | str, timeout_s: float, retries: int) -> None:
+        self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
+        self.session: Session | None = None
+        """The connection in use; it may have broken."""
+
+    def connected(self) -> Session:
+        """A connection that is not known to be broken.
+
+        Raises:
+            ConnectionFailed: nobody answers, or not as an UnrealCV server does.
+        """
+        if self.session is None or self.session.broken:
+            self.session = Session(self._endpoint, self._timeout_s)
+        return self.session
+
+    def recover(self, fault: SourceError, failures: int) -> None:
+        """Drops the connection and pauses, so that late replies die.
+
+        Args:
+            fault: what went wrong; one of ``FAULTS``.
+            failures: how often in a row, this one included.
+
+        Raises:
+            SourceError: the fault, if it came too often, or if nobody was ever there.
+        """
+        if self.session is None and isinstance(fault.__cause__, _NOBODY):
+            raise fault
+        self.close()
+        if failures > self._retries:
+            raise type(fault)(f"{fault}; gave up after {failures} attempts") from fault
+        time.sleep(min(_LONGEST_BACKOFF_S, _FIRST_BACKOFF_S * 2 ** (failures - 1)))
+
+    def texts(self, commands: Sequence[str]) -> list[str]:
+        """The texts that commands answer, in order. After a fault, those without an answer are sent again.
+
+        Raises:
+            ConnectionFailed, DeadlineExceeded, BadReply: too many faults in a row.
+        """
+        replies: list[str] = []
+        failures = 0
+        while len(replies) < len(commands):
+            before = len(replies)
+            try:
+                for reply in self.connected().stream(commands[before:]):
+                    if not isinstance(reply, str):
+                        raise BadReply(f"expected text from {commands[len(replies)]!r}, got {reply[:80]!r}")
+                    replies.append(reply)
+            except FAULTS as fault:
+                failures = 1 if len(replies) > before else failures + 1
+                self.recover(fault, failures)
+        return replies
+
+    def text(self, command: str) -> str:
+        """The text that a command answers.
+
+        Raises:
+            ServerRefused: the server answered ``error ...``.
+            ConnectionFailed, DeadlineExceeded, BadReply: too many faults in a row.
+        """
+        (reply,) = self.texts([command])
+        if reply.startswith("error"):
+            raise ServerRefused(f"{self.address}: {command!r} was refused: {reply}")
+        return reply
+
+    @property
+    def address(self) -> str:
+        """The endpoint as a person writes it."""
+        return self._endpoint if isinstance(self._endpoint, str) else "{}:{}".format(*self._endpoint)
+
+    def close(self) -> None:
+        """Leaves the server; closing twice is fine."""
+        if self.session is not None:
+            self.session.close()
