@@ -17,6 +17,7 @@ def add_to(app: typer.Typer) -> None:
     """Adds the commands."""
     charts = typer.Typer(help="Measure speed against accuracy, and draw it.", no_args_is_help=True)
     charts.command(epilog="Example: omniscv chart central --out docs")(central)
+    charts.command(epilog="Example: omniscv chart noncentral --out docs")(noncentral)
     app.add_typer(charts, name="chart")
 
 
@@ -26,6 +27,19 @@ def central(
 ) -> None:
     """Filters x face sizes x central models, against exact tracing. Takes a minute or two."""
     from omniscv.chart.central import measure, write
+
+    with progress_bar("measuring") as progress:
+        rows = measure(width, progress)
+    for path in write(rows, out):
+        console.print(path, markup=False)
+
+
+def noncentral(
+    out: Out = Path("charts"),
+    width: Annotated[int, typer.Option(min=16, help="Width of the panorama, px.")] = 384,
+) -> None:
+    """Strategies x optical centres of the non-central models, against exact tracing. Takes minutes."""
+    from omniscv.chart.noncentral import measure, write
 
     with progress_bar("measuring") as progress:
         rows = measure(width, progress)

@@ -75,7 +75,7 @@ def make_plan(
     if strategy == "strips" and not free:
         raise ArgumentError("strategy: strips need a source that can set size and field of view; use 'faces'")
     few = strategy in FEW and not camera.central
-    groups = pixel_groups(camera, viewpoints or (FEW_CENTERS if few else None))
+    groups = pixel_groups(camera, FEW_CENTERS if few and viewpoints is None else viewpoints)
     if strategy == "strips" or (strategy == "auto" and free and len(groups) > 1):
         border = STRIP_BORDER_PX if border_px is None else border_px
         plan = Plan(

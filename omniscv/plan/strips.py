@@ -132,7 +132,7 @@ def _looking(rays: Array, toward: Array, axis: Array) -> tuple[Array, Array]:
         R_w_c = np.stack([x, _cross(z, x), z], axis=1)
         seen = rays @ R_w_c
         if (seen[:, 2] <= _GRAZING).any():
-            break
+            return R_w_c, np.full(2, np.inf)
         xy = seen[:, :2] / seen[:, 2:]
         low, high = xy.min(axis=0), xy.max(axis=0)
         half = np.maximum(-low, high)
