@@ -43,7 +43,7 @@ def test_docstring(name):
     check_docstring(cameras.model(name))
 
 
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 50), (50, 1), (2, 2), (7, 5), (3001, 3), (2, 999)])
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 50), (50, 1), (2, 2), (7, 5), (1001, 2), (2, 499)])
 @every_example
 def test_sizes(name, parameters, width, height):
     """The image's middle is on the lens axis in images of any size, and the rest of the contract holds."""

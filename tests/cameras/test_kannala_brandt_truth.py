@@ -70,7 +70,7 @@ def test_rays_are_opencvs(k):
 def theta_by_bisection(k, d):
     """theta in [0, pi] with d(theta) = d, for coefficients that increase there."""
     low, high = mp.mpf(0), mp.pi
-    for _ in range(80):  # 1e-24
+    for _ in range(64):  # 1e-19
         middle = (low + high) / 2
         value = middle + sum(mp.mpf(c) * middle ** (2 * i + 3) for i, c in enumerate(k))
         low, high = (middle, high) if value < d else (low, middle)

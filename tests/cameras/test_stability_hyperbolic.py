@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from omniscv import cameras
 
-SIZE = 401
+SIZE = 201
 RATIOS = [10.0**k for k in range(-15, 16, 3)]
 ratios = pytest.mark.parametrize("ratio", RATIOS)  # 2p / d
 
@@ -43,7 +43,7 @@ def test_rays_are_reflected_ones(ratio, scale):
     """Over the whole mirror, to 1e-14 rad: a few roundings, beside a mirror that turns rays by up to pi."""
     camera = create(scale, ratio * scale)
     rng = np.random.default_rng(7)
-    for pixel in rng.uniform(60, 341, (12, 2)):
+    for pixel in rng.uniform(30, 171, (12, 2)):
         rays = camera.unproject(pixel)
         assert rays.valid
         with mp.workdps(DIGITS):
