@@ -5,6 +5,7 @@ import logging
 import warnings
 
 import pytest
+from sight import seen_by_hand
 from wire import RawClient, leave
 
 import mock_server
@@ -63,3 +64,25 @@ def connect(monkeypatch):
     yield connect_one
     for client in clients:
         leave(client)
+
+
+@pytest.fixture
+def raw(start, open_raw):
+    """A raw client of dialect 1.x."""
+    return open_raw(start())
+
+
+@pytest.fixture
+def camera(raw):
+    """A client with a spawned camera 1 of 40 x 30 pixels, turned and moved."""
+    raw.ask("vset /cameras/spawn")
+    for command in ("size 40 30", "fov 75.5", "location 10.0 -20.0 150.0", "rotation 10.0 30.0 5.0"):
+        assert raw.ask(f"vset /camera/1/{command}") == b"ok"
+    return raw
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The scene, hits and planar depth of ``camera``."""
+    scene = load_scene("four-wall")
+    return scene, *seen_by_hand(scene, (10, -20, 150), (10, 30, 5), 75.5, 40, 30)

@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from PIL import Image
+from sight import npy, png, seen_by_hand
 
 import mock_server
 from mock_server.pictures import through_vertex_colors
@@ -44,38 +44,18 @@ def raw(server, open_raw):
     return open_raw(server)
 
 
-def png(data):
-    return np.asarray(Image.open(io.BytesIO(data)))
-
-
-def npy(data):
-    return np.load(io.BytesIO(data))
-
-
 def settle(raw):
     """Three synchronous round trips: enough for pose and picture."""
     for _ in range(3):
         raw.ask("vget /unrealcv/version")
 
 
-def rays(size, yaw_deg=0.0, pitch_deg=0.0, fov_deg=90.0):
-    """Unit rays of a pinhole, in the scene's axes: X forward, Y left, Z up, yaw to the right."""
-    f = size[0] / 2 / np.tan(np.radians(fov_deg) / 2)
-    u, v = np.meshgrid(np.arange(size[0]) + 0.5 - size[0] / 2, np.arange(size[1]) + 0.5 - size[1] / 2)
-    x, y, z = np.full_like(u, f), -u, -v
-    p, w = np.radians(pitch_deg), -np.radians(yaw_deg)
-    x, z = np.cos(p) * x - np.sin(p) * z, np.sin(p) * x + np.cos(p) * z
-    x, y = np.cos(w) * x - np.sin(w) * y, np.sin(w) * x + np.cos(w) * y
-    r = np.stack([x, y, z], axis=-1)
-    return r / np.linalg.norm(r, axis=-1, keepdims=True)
-
-
 DISPLAYED = through_vertex_colors(np.arange(256, dtype=np.uint8))
 FOUR_WALL = mock_server.load_scene("four-wall")
 
 
-def seen(size, location_cm=(0, 0, 150), **angles):
-    return FOUR_WALL.trace(np.array(location_cm) * (0.01, -0.01, 0.01), rays(size, **angles))
+def seen(size, location_cm=(0, 0, 150), yaw_deg=0, pitch_deg=0, fov_deg=90):
+    return seen_by_hand(FOUR_WALL, location_cm, (pitch_deg, yaw_deg, 0), fov_deg, *size)[0]
 
 
 def same_depth(got, location_cm=(0, 0, 150), **angles):

@@ -1,6 +1,5 @@
 """What the 1.x dialects do otherwise than N1, and the player's camera that they share."""
 
-import io
 import logging
 import socket
 import time
@@ -8,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from PIL import Image
+from sight import npy, png
 from wire import leave
 
 import mock_server
@@ -62,7 +61,7 @@ def test_straight_down_is_exact_only_for_spawned_cameras(raw, dialect):
         client.ask(f"vset /camera/{camera}/location 0 0 150")
         client.ask(f"vset /camera/{camera}/rotation -90 0 0")
     settle(client)
-    player, own = (np.load(io.BytesIO(client.ask(f"vget /camera/{i}/depth npy"))) for i in (0, 1))
+    player, own = (npy(client.ask(f"vget /camera/{i}/depth npy")) for i in (0, 1))
     floor = np.isclose(own, 150, atol=1e-4)
     assert floor.mean() > 0.3
     assert np.ptp(player[floor]) > 0.1
@@ -131,7 +130,7 @@ def test_m_cannot_tell_the_size_but_sets_it(raw):
     client = raw("M")
     assert client.text("vget /camera/0/size") == "error Argument Invalid"
     assert client.text("vset /camera/0/size 20 10") == "ok"
-    assert np.asarray(Image.open(io.BytesIO(client.ask("vget /camera/0/lit png")))).shape == (10, 20, 4)
+    assert png(client.ask("vget /camera/0/lit png")).shape == (10, 20, 4)
 
 
 def test_m_does_not_know_the_levels_name(raw):

@@ -1,0 +1,142 @@
+"""The images of dialect 1.x, judged by rays made from the reference's formulas."""
+
+import struct
+
+import numpy as np
+import pytest
+from sight import nearly_all_equal, npy, png, seen_by_hand
+
+import mock_server
+
+
+def test_png_is_rgba(camera, truth):
+    _, hits, _ = truth
+    image = png(camera.ask("vget /camera/1/lit png"))
+    assert image.shape == (30, 40, 4)
+    assert image.dtype == np.uint8
+    nearly_all_equal(image[..., :3], 255 * hits.color, tolerance=0.51)
+
+
+def test_mask_shows_the_objects_colours(camera, truth):
+    scene, hits, _ = truth
+    image = png(camera.ask("vget /camera/1/object_mask PNG"))
+    assert (image[..., 3] == 255).all()
+    colors = [(0, 0, 0)]
+    for name in scene.objects:
+        text = camera.text(f"vget /object/{name}/color")
+        colors.append(tuple(int(part[2:]) for part in text.strip("()").split(",")[:3]))
+    nearly_all_equal(image[..., :3], np.array(colors)[hits.label])
+    assert camera.ask("vget /camera/1/seg png") == camera.ask("vget /camera/1/object_mask png")
+
+
+def test_normals_are_in_unreals_world_axes(camera, truth):
+    _, hits, _ = truth
+    image = png(camera.ask("vget /camera/1/normal png"))
+    nearly_all_equal(image[..., :3], 255 * (0.5 + 0.5 * hits.normal * (1, -1, 1)), tolerance=0.51)
+
+
+def test_bmp_repeats_its_byte_count_before_the_pixels(camera):
+    image = png(camera.ask("vget /camera/1/lit png"))
+    data = camera.ask("vget /camera/1/lit bmp")
+    count = 4 * 40 * 30
+    assert len(data) == 58 + count
+    fields = struct.unpack("<2sIHHIIiiHHIIii", data[:46])
+    assert fields == (b"BM", 54 + count, 0, 0, 54, 40, 40, -30, 1, 32, 0, 0, 1024, 1024)
+    assert data[54:58] == struct.pack("<i", count)
+    pixels = np.frombuffer(data[58:], np.uint8).reshape(30, 40, 4)
+    np.testing.assert_array_equal(pixels[..., 2::-1], image[..., :3])
+
+
+def test_depth_is_planar_centimetres_through_half_floats(camera, truth):
+    _, _, planar = truth
+    data = camera.ask("vget /camera/1/depth npy")
+    assert data[:8] == b"\x93NUMPY\x01\x00"
+    length = struct.unpack("<H", data[8:10])[0]
+    assert (10 + length) % 16 == 0
+    header = data[10 : 10 + length]
+    assert header.rstrip() == b"{'descr': '<f4', 'fortran_order': False, 'shape': (30, 40), }"
+    assert header.endswith(b" \n")
+    depth = npy(data)
+    np.testing.assert_array_equal(depth, depth.astype(np.float16).astype(np.float32))
+    # Half floats have 11 bits: at most half a step, 2^-11 relative.
+    nearly_all_equal(depth[..., None], 100 * planar[..., None], tolerance=2.0**-11 * 100 * planar.max())
+
+
+def test_depth_may_be_asked_for_without_half_floats(start, open_raw):
+    raw = open_raw(start(depth="float32"))
+    raw.ask("vset /camera/0/size 40 30")
+    scene = mock_server.load_scene("four-wall")
+    _, planar = seen_by_hand(scene, (0, 0, 150), (0, 0, 0), 90, 40, 30)
+    depth = npy(raw.ask("vget /camera/0/depth npy"))
+    nearly_all_equal(depth[..., None] / 100, planar[..., None], tolerance=1e-6 * planar.max())
+
+
+def test_npy_headers_get_another_block_when_they_fit(raw):
+    """The header of (480, 640) takes 80 bytes; one that fits exactly grows by 16 all the same."""
+    lengths = {}
+    for width in (1, 10, 100, 1000):
+        for height in (1, 10, 100):
+            raw.ask(f"vset /camera/0/size {width} {height}")
+            data = raw.ask("vget /camera/0/depth npy")
+            text = len(f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}")
+            lengths[text] = 10 + struct.unpack("<H", data[8:10])[0]
+            assert npy(data).shape == (height, width)
+    assert all(total == (10 + text) // 16 * 16 + 16 for text, total in lengths.items())
+
+
+def test_the_sky_is_the_largest_half_float(start, open_raw):
+    raw = open_raw(start("direction"))
+    raw.ask("vset /camera/0/size 8 8")
+    np.testing.assert_array_equal(npy(raw.ask("vget /camera/0/depth npy")), np.float32(65504))
+    mask = png(raw.ask("vget /camera/0/object_mask png"))
+    assert not mask[..., :3].any()
+
+
+def test_field_of_view_is_of_the_longer_side(camera):
+    camera.ask("vset /camera/1/size 20 60")
+    depth = npy(camera.ask("vget /camera/1/depth npy"))
+    scene = mock_server.load_scene("four-wall")
+    across = np.degrees(2 * np.arctan(np.tan(np.radians(75.5) / 2) * 20 / 60))
+    _, planar = seen_by_hand(scene, (10, -20, 150), (10, 30, 5), across, 20, 60)
+    nearly_all_equal(depth[..., None], 100 * planar[..., None], tolerance=2.0**-11 * 100 * planar.max())
+
+
+@pytest.mark.parametrize(
+    "command", ["size 0 10", "size 4000000000 1", "size 100000 100000", "fov 0", "fov 180"]
+)
+def test_captures_without_pixels_are_refused(camera, command):
+    assert camera.text(f"vset /camera/1/{command}") == "ok"
+    assert camera.text("vget /camera/1/lit png") == "error Captured data is empty"
+    assert camera.text("vget /camera/1/depth npy") == "error Captured data is empty"
+
+
+def test_files_are_written_in_the_servers_folder(start, open_raw, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    raw = open_raw(start(folder=folder))
+    raw.ask("vset /camera/0/size 16 16")
+    assert raw.text("vget /camera/0/lit a.png") == "a.png"
+    assert raw.text("vget /camera/0/depth a.npy") == "a.npy"
+    assert (folder / "a.png").read_bytes() == raw.ask("vget /camera/0/lit png")
+    assert (folder / "a.npy").read_bytes() == raw.ask("vget /camera/0/depth npy")
+
+
+def test_file_names_cannot_leave_the_folder(start, open_raw, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path)
+    raw = open_raw(start(folder=folder))
+    raw.ask("vset /camera/0/size 4 4")
+    for name in ("../a.png", f"{tmp_path}/a.png", "link/a.png", "missing/a.png", "x/../../a.png"):
+        assert raw.text(f"vget /camera/0/lit {name}") == name
+    assert sorted(tmp_path.rglob("*.png")) == []
+
+
+def test_the_view_mode_contaminates_captures(camera):
+    """A depth or normal view mode puts a post-process into the world, which capture cameras obey."""
+    clean = camera.ask("vget /camera/1/lit png")
+    assert camera.text("vset /viewmode Normal") == "ok"
+    assert camera.text("vget /viewmode") == "normal"
+    assert camera.ask("vget /camera/1/lit png") != clean
+    assert camera.text("vset /viewmode lit") == "ok"
+    assert camera.ask("vget /camera/1/lit png") == clean
