@@ -9,8 +9,6 @@ import numpy as np
 from omniscv.cameras.base import Array, Camera, Mask, sin_cos_of_half
 from omniscv.errors import ArgumentError
 
-_ROUNDING = 1e-12  # relative: what rounding may add to an angle
-
 
 class Equirectangular(Camera):
     """The whole sphere in a rectangle of angles.
@@ -98,7 +96,5 @@ class Cylindrical(Camera):
         else:
             row = -y / from_axis / self._wall
         column = np.arctan2(x, z) / self._half[0]
-        seen = (np.abs(row) <= 1 + _ROUNDING) & (np.abs(column) <= 1 + _ROUNDING)
-        row, column = np.clip(row, -1, 1), np.clip(column, -1, 1)
         pixels = np.stack([(column + 1) * self.width / 2, (1 - row) * self.height / 2], axis=-1)
-        return pixels, seen
+        return pixels, np.ones(points.shape[:-1], dtype=bool)  # the band is the rectangle
