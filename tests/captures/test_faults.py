@@ -8,6 +8,7 @@ from faces import face_requests
 
 import mock_server
 import omniscv
+from omniscv.captures.unreal.motion import SETTLED
 from omniscv.captures.view import MODES, Request, View
 from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, OmniscvError, SourceError
 from omniscv.geometry import Pose
@@ -17,7 +18,7 @@ TIMEOUT_S = 0.4
 SLACK_S = 20  # what a busy machine may add to a deadline before we call it a hang
 
 
-def requests_by_station(stations=8):
+def requests_by_station(stations=5):
     """All modes at places in the room that look alike from nowhere else."""
     rng = np.random.default_rng(7)
     views = [
@@ -25,6 +26,11 @@ def requests_by_station(stations=8):
         for x, y, yaw, pitch in rng.uniform((-1, -1, -180, -60), (1, 1, 180, 60), (stations, 4))
     ]
     return [Request(view, mode) for view in views for mode in MODES]
+
+
+def resized(view, size):
+    """The same place in pictures of another size."""
+    return View(view.pose, view.fov_deg, size, size)
 
 
 REQUESTS = requests_by_station()
@@ -89,7 +95,7 @@ LINE = [
     "zero-size@0.05",
     "huge@0.05",
     "reset@0.05",
-    "no-greeting@0.3",
+    "no-greeting@0.2",
     "second-client=0.2@0.5",
 ]
 
@@ -108,9 +114,9 @@ def test_a_fault_now_and_then_loses_and_spoils_nothing(server, truth, fault):
 
 def test_after_faults_the_camera_is_found_again_not_spawned_anew(server, truth):
     with live(server) as source:
-        server.faults.start("reset@0.1")
+        server.faults.start("reset@0.05")
         assert payloads(source, REQUESTS) == truth
-    assert server.faults.struck["reset"] > 3
+    assert server.faults.struck["reset"] > 1
     assert server.statistics.total("vset /cameras/spawn") == 1
 
 
@@ -207,26 +213,32 @@ def test_captures_from_before_a_fault_are_delivered_before_its_error(server, tru
 
 
 @pytest.mark.parametrize("fault", ["stale=1", "stale=2", "stale=3", "stale=1@0.5", "stale=2@0.5"])
-@pytest.mark.parametrize("order", ["by station", "by mode", "lit only", "depth only"])
+@pytest.mark.parametrize("order", ["by station", "in sizes", "by mode", "lit only", "depth only"])
 def test_stale_pictures_never_count(server, truth, fault, order):
-    server.faults.start(fault)
     wanted = dict(zip(REQUESTS, truth, strict=True))
     requests = {
         "by station": REQUESTS,
         "by mode": [r for mode in MODES for r in REQUESTS if r.mode == mode],
         "lit only": [r for r in REQUESTS if r.mode == "lit"],
+        "in sizes": [
+            Request(resized(r.view, SIZE + 8 * (i // 2 % 2)), r.mode) for i, r in enumerate(REQUESTS)
+        ],
         "depth only": [r for r in REQUESTS if r.mode == "depth"],
     }[order]
+    if order == "in sizes":
+        with live(server) as source:
+            wanted = dict(zip(requests, payloads(source, requests), strict=True))
+    server.faults.start(fault)
     with live(server) as source:
         assert payloads(source, requests) == [wanted[request] for request in requests]
     assert server.faults.struck["stale"]
 
 
-def test_a_camera_without_lag_costs_no_more_than_a_picture(server):
+def test_a_camera_without_lag_costs_no_more_than_its_first_pictures(server):
     with live(server) as source:
         payloads(source, REQUESTS)
     pictures = sum(server.statistics.total(f"vget /camera/1/{mode}") for mode in MODES)
-    assert pictures == len(REQUESTS) + 1
+    assert pictures == len(REQUESTS) + SETTLED
 
 
 def test_places_that_look_alike_are_captured_and_soon_not_doubted():

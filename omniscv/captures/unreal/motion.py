@@ -46,8 +46,8 @@ class Motion:
 
     def skips(self) -> int:
         """How many pictures to throw away after the next move, or now, when in doubt."""
-        # A first picture may be garbage in any case (protocol reference, section 7.2).
-        return max(self.lag + _WAITS[self._doubts], 1 if self.latest is None else 0)
+        # The first pictures of a connection may be garbage, and there is nothing to compare them with.
+        return max(self.lag + _WAITS[self._doubts], SETTLED if self.latest is None else 0)
 
     def shows(self, request: Request, payload: bytes) -> bool:
         """Whether a picture counts. False: it may be from before the move; ask again, and skip more.

@@ -49,11 +49,12 @@ def make_steps(camera: int, requests: Iterable[Request], posed: View | None, mot
     steps: list[Step] = []
     latest, shown, skips = motion.latest, dict(motion.shown), motion.skips()
     for request in requests:
-        if motion.in_doubt and posed is not None and posed != request.view:
-            before = Request(posed, request.mode)
-            steps += [_picture(camera, before, Use.SKIP)] * SETTLED
-            steps.append(_picture(camera, before, Use.REFERENCE))
-            latest, shown[request.mode] = before, posed
+        reference = _reference(request, posed, motion.in_doubt)
+        if reference is not None:
+            steps += [Step(c, Use.CHECK) for c in pose_commands(camera, posed, reference.view)]
+            steps += [_picture(camera, reference, Use.SKIP)] * (SETTLED if motion.in_doubt else 0)
+            steps.append(_picture(camera, reference, Use.REFERENCE))
+            posed, latest, shown[request.mode] = reference.view, reference, reference.view
         if motion.in_doubt or posed is None or posed != request.view:
             steps += [Step(command, Use.CHECK) for command in pose_commands(camera, posed, request.view)]
             first = witness(request, latest, shown)
@@ -65,6 +66,16 @@ def make_steps(camera: int, requests: Iterable[Request], posed: View | None, mot
         steps.append(_picture(camera, request, Use.KEEP))
         posed, latest, shown[request.mode] = request.view, request, request.view
     return steps
+
+
+def _reference(request: Request, posed: View | None, in_doubt: bool) -> Request | None:
+    """A picture to take before a move, where there is none of the same size that the next could equal."""
+    if posed is None:
+        return None
+    wanted = request.view
+    before = View(posed.pose, wanted.fov_deg, wanted.width, wanted.height)
+    needed = before != wanted and (in_doubt or before != posed)
+    return Request(before, request.mode) if needed else None
 
 
 def _picture(camera: int, request: Request, use: Use) -> Step:
