@@ -65,23 +65,25 @@ class Composer:
         if filter == "auto" and "lit" in modes and plan.stations:
             filter = self._chosen(plan, whole)
         canvas = _Canvas(grid, self._finer_grid, whole, filter)
+        # View by view: a server poses its camera once for all modes.
         captures = source.capture(
-            Request(view, mode) for station in plan.stations for mode in modes for view in station.views
+            Request(view, mode) for station in plan.stations for view in station.views for mode in modes
         )
         done, provenance = 0, {}
         for station in plan.stations:
             maps: Maps | None = None
-            for mode in modes:
-                faces = list(islice(captures, len(station.views)))
+            found = list(islice(captures, len(station.views) * len(modes)))
+            for index, mode in enumerate(modes):
+                faces = found[index :: len(modes)]
                 _same_kind(faces)
                 views = tuple(capture.view for capture in faces)
                 if maps is None or maps.views != views:
                     maps = self._maps_of(plan, station, views, whole)
                 canvas.add(mode, station, maps, faces)
-                provenance = faces[0].provenance
-                done += len(faces)
-                if progress:
-                    progress(done, len(plan) * len(modes))
+            provenance = found[0].provenance
+            done += len(found)
+            if progress:
+                progress(done, len(plan) * len(modes))
         centers_w = canvas.centers_w
         if centers_w is None:
             centers_w = plan.stations[0].center_w

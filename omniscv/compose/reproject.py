@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -139,10 +140,11 @@ def _captured(
     source: Source, stations: Sequence[Station], modes: Sequence[str], before: int, progress: Progress | None
 ) -> Iterator[_Seen]:
     captures = source.capture(
-        Request(view, mode) for station in stations for mode in modes for view in station.views
+        Request(view, mode) for station in stations for view in station.views for mode in modes
     )
     for number, station in enumerate(stations, start=1):
-        found = {mode: [next(captures) for _ in station.views] for mode in modes}
+        taken = list(islice(captures, len(station.views) * len(modes)))
+        found = {mode: taken[index :: len(modes)] for index, mode in enumerate(modes)}
         views = tuple(capture.view for capture in found["depth"])
         planes = [capture.pixels for capture in found["depth"]]
         yield _Seen(station, shell(station.center_w, views, planes), found)
