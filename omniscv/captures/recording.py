@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -90,8 +91,16 @@ class Recording(Source):
         return self._source.recorded_views()
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for few in batched(requests, _WINDOW):
-            yield from self._serve(few)
+        """As :meth:`Source.capture`; what is new is in the file before it is handed out."""
+        waiting: deque[Request] = deque()
+        for fresh in self._source.capture(self._new(requests, waiting)):
+            self._store.add(fresh)
+            self._known.add(key_of(fresh.request))
+            while (request := waiting.popleft()) != fresh.request:
+                yield self._stored(request)
+            yield fresh
+        while waiting:
+            yield self._stored(waiting.popleft())
 
     def objects(self) -> ObjectTable:
         if self._objects is None:
@@ -103,24 +112,25 @@ class Recording(Source):
         self._store.close()
         self._source.close()
 
-    def _serve(self, requests: list[Request]) -> Iterator[Capture]:
-        """Captures of a window of requests: what is new is written before any is handed out."""
-        new = [request for request in dict.fromkeys(requests) if key_of(request) not in self._known]
-        fresh: dict[Request, Capture] = {}
-        for capture in self._source.capture(new):
-            self._store.add(capture)
-            self._known.add(key_of(capture.request))
-            fresh[capture.request] = capture
+    def _new(self, requests: Iterable[Request], waiting: deque[Request]) -> Iterator[Request]:
+        """The requests that the file cannot answer, each once; all of them go to ``waiting``."""
+        asked: set[str] = set()
         for request in requests:
-            stored = fresh.get(request) or self._store.get(request)
-            if stored is None:
-                raise MissingCapture(
-                    f"{self._store.path}: expected a capture that was just known; was it removed?"
-                )
-            yield stored
+            waiting.append(request)
+            key = key_of(request)
+            if key not in self._known and key not in asked:
+                asked.add(key)
+                yield request
+
+    def _stored(self, request: Request) -> Capture:
+        stored = self._store.get(request)
+        if stored is None:
+            raise MissingCapture(
+                f"{self._store.path}: expected a capture that was just known; was it removed?"
+            )
+        return stored
 
 
-_WINDOW = 24
 _READ_AHEAD = 6
 """Captures decoded together: all faces of a centre in a mode."""
 
