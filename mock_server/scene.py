@@ -122,15 +122,22 @@ class Scene:
             d = np.broadcast_to(d / np.linalg.norm(d, axis=-1, keepdims=True), shape).reshape(-1, 3)
         d = np.ascontiguousarray(d)
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
-        distance, row, normal = _nearest(o, d, np.ascontiguousarray(self._solids[kept]))
-        row = np.where(row < 0, -1, kept[row] if kept.size else -1)
-        color = self._color(o, d, distance, row, normal)
+        solids, count = np.ascontiguousarray(self._solids[kept]), len(d)
+        color, normal = np.empty((count, 3)), np.zeros((count, 3))
+        distance, label = np.full(count, np.inf), np.zeros(count, dtype=np.uint16)
+
+        def chunk(start: int) -> None:
+            part = slice(start, start + _CHUNK)
+            row = np.full(len(d[part]), -1, dtype=np.int64)
+            nearest_hits(o[part], d[part], solids, distance[part], row, normal[part])
+            row = np.where(row < 0, -1, kept[row] if kept.size else -1)
+            label[part] = self._labels[row + 1]
+            color[part] = self._color(o[part], d[part], distance[part], row, normal[part])
+
+        list(_THREADS.map(chunk, range(0, count, _CHUNK)))
         outer = shape[:-1]
         return Hits(
-            color.reshape(shape),
-            self._labels[row + 1].reshape(outer),
-            distance.reshape(outer),
-            normal.reshape(shape),
+            color.reshape(shape), label.reshape(outer), distance.reshape(outer), normal.reshape(shape)
         )
 
     def _color(self, o: Array, d: Array, distance: Array, row: NDArray[np.int64], normal: Array) -> Array:
@@ -172,17 +179,3 @@ def load_scene(name_or_path: str | Path) -> Scene:
 def scene_names() -> list[str]:
     """The scenes that come with the server."""
     return sorted(path.stem for path in _SCENES.glob("*.yaml"))
-
-
-def _nearest(o: Array, d: Array, solids: Array) -> tuple[Array, NDArray[np.int64], Array]:
-    """The kernel over all rays, in chunks on two threads."""
-    count = len(o)
-    distance, row, normal = np.full(count, np.inf), np.full(count, -1, dtype=np.int64), np.zeros((count, 3))
-
-    def chunk(start: int) -> None:
-        part = slice(start, start + _CHUNK)
-        nearest_hits(o[part], d[part], solids, distance[part], row[part], normal[part])
-
-    if len(solids):
-        list(_THREADS.map(chunk, range(0, count, _CHUNK)))
-    return distance, row, normal

@@ -131,6 +131,42 @@ def test_rooms_agree_with_the_reference_tracer(name):
     assert set(names) == set(scene.objects), "the rays should have met every object"
 
 
+def rays_of_a_picture(fov_deg, radius):
+    """Neighbours side by side, as cameras send them: from one point, or from a circle about it."""
+    azimuth = np.radians(np.linspace(-fov_deg / 2, fov_deg / 2, 160))[None, :]
+    elevation = np.radians(np.linspace(-fov_deg / 4, fov_deg / 4, 80))[:, None]
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    level = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1).reshape(-1, 3)
+    d = level * np.cos(elevation).reshape(-1, 1) + (0, 0, 1) * np.sin(elevation).reshape(-1, 1)
+    return radius * level + (-0.2, 0.1, 1.3), d
+
+
+@pytest.mark.parametrize("name", ROOMS)
+@pytest.mark.parametrize(("fov_deg", "radius"), [(5, 0.0), (90, 0.0), (360, 0.0), (360, 0.5)])
+def test_neighbouring_rays_are_looked_at_together_but_meet_what_each_meets_alone(name, fov_deg, radius):
+    scene = mock_server.load_scene(name)
+    o, d = rays_of_a_picture(fov_deg, radius)
+    hits = scene.trace(o, d)
+    distance, names, _ = reference_tracer.trace(room_data(name), o, d)
+    np.testing.assert_allclose(hits.distance, distance, rtol=1e-10)
+    np.testing.assert_array_equal(hits.label, [scene.label(n) for n in names])
+    order = np.random.default_rng(15).permutation(len(d))
+    shuffled = scene.trace(o[order], d[order])
+    for field in ("distance", "label", "normal", "color"):
+        np.testing.assert_array_equal(getattr(shuffled, field), getattr(hits, field)[order])
+
+
+def test_a_ray_with_nan_among_others_leaves_them_alone():
+    o, d = rays_of_a_picture(60, 0.0)
+    spoiled = d.copy()
+    spoiled[::97] = np.nan
+    clean, hits = FOUR_WALL.trace(o, d), FOUR_WALL.trace(o, spoiled)
+    good = np.isfinite(spoiled).all(axis=1)
+    np.testing.assert_array_equal(hits.distance[good], clean.distance[good])
+    assert np.isinf(hits.distance[~good]).all()
+    assert not hits.label[~good].any()
+
+
 @pytest.mark.parametrize("name", ROOMS)
 def test_inside_a_room_no_ray_meets_the_sky_and_normals_face_it(name):
     scene = mock_server.load_scene(name)
