@@ -66,7 +66,7 @@ class Line:
         """The frame's bytes, with at most one thing wrong."""
         struck = [fault for name in _SPOILS_FRAME if (fault := self._faults.strike(name))]
         name = struck[0].name if struck else ""
-        identity, _, body = payload.partition(b":")
+        identity, _, body = payload.partition(b":")  # "error:", where the request had no id either
         if name == "missing":
             return b""
         if name == "zero-size":
@@ -75,7 +75,7 @@ class Line:
             return struct.pack("<II", MAGIC, _HUGE) + payload
         if name == "bad-magic":
             return struct.pack("<I", MAGIC ^ 1) + frame(payload)[4:]
-        if name == "wrong-id":
+        if name == "wrong-id" and identity.isdigit():
             return frame(b"%d:%b" % (int(identity) + 1, body))
         if name == "no-id":
             return frame(body)

@@ -71,10 +71,13 @@ def _uint(digits: str) -> int:
     return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
 
 
+_EDGE = 1e9
+"""cm, or degrees. Beyond it is no world; nearer, no arithmetic overflows."""
+
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
     "[uint]": (r"(\d*)", _uint),
-    "[float]": (r"([-+]?\d*\.?\d+)", float),
+    "[float]": (r"([-+]?\d*\.?\d+)", lambda text: min(max(float(text), -_EDGE), _EDGE)),
 }
 
 

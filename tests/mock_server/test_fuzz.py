@@ -1,0 +1,148 @@
+"""Whatever bytes come, the server keeps its feet: no crash, no hang, no memory for what is only claimed."""
+
+import contextlib
+import re
+import struct
+import tracemalloc
+
+import pytest
+from cases import cases
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mock_server import faults
+from mock_server.dialects import BY_NAME
+from mock_server.protocol import MAGIC, MAX_PAYLOAD, BadFrame, frame, read_frame
+
+SIZES = st.sampled_from([0, 1, 2, 7, 8, 1 << 20, MAX_PAYLOAD, MAX_PAYLOAD + 1, (1 << 31) - 1, (1 << 32) - 1])
+HEADERS = st.builds(
+    lambda magic, size: struct.pack("<II", magic, size),
+    st.sampled_from([MAGIC, MAGIC, MAGIC, 0, int.from_bytes(struct.pack("<I", MAGIC), "big")]),
+    SIZES | st.integers(0, (1 << 32) - 1),
+)
+FRAMES = st.binary(min_size=1, max_size=40).map(frame)
+STREAMS = st.lists(FRAMES | HEADERS | st.binary(max_size=40), max_size=6).map(b"".join)
+
+
+class Wire:
+    """A connection that has received some bytes, handed out in pieces, and then ends."""
+
+    def __init__(self, data, piece=7):
+        self.data, self.piece, self.most = data, piece, 0
+
+    def recv(self, most):
+        self.most = max(self.most, most)
+        block, self.data = self.data[: min(most, self.piece)], self.data[min(most, self.piece) :]
+        return block
+
+
+@cases(1500)
+@given(STREAMS, st.integers(1, 50))
+def test_any_stream_is_read_to_its_end_or_refused(data, piece):
+    wire = Wire(data, piece)
+    payloads = []
+    with contextlib.suppress(BadFrame):
+        while (payload := read_frame(wire)) is not None:
+            payloads.append(payload)
+    assert data.startswith(b"".join(map(frame, payloads)))
+    assert wire.most <= 1 << 16
+
+
+@cases(300)
+@given(st.lists(st.binary(min_size=1, max_size=200), max_size=8), st.integers(1, 50))
+def test_frames_come_out_as_they_went_in(payloads, piece):
+    wire = Wire(b"".join(map(frame, payloads)), piece)
+    assert [read_frame(wire) for _ in payloads] == payloads
+    assert read_frame(wire) is None
+
+
+@pytest.mark.parametrize("size", [0, MAX_PAYLOAD + 1, (1 << 32) - 1])
+def test_a_frame_that_claims_4_gb_or_nothing_is_refused(size):
+    with pytest.raises(BadFrame):
+        read_frame(Wire(struct.pack("<II", MAGIC, size) + b"x" * 100))
+
+
+def test_memory_follows_what_comes_not_what_is_claimed():
+    tracemalloc.start()
+    assert read_frame(Wire(struct.pack("<II", MAGIC, MAX_PAYLOAD) + b"x" * 1000, 1000)) is None
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 20
+
+
+# Commands: templates with arguments of every kind, and sheer nonsense.
+
+NAMES = ["Table", "Vase", "Nobody", "", "../../etc/passwd", "é", "a/b", "FusionCameraActor_0"]
+WORDS = st.sampled_from([*NAMES, "png", "npy", "bmp", "x.png", "../x.png", "/x.npy", "lit", "object_mask"])
+COUNTS = st.sampled_from(["0", "1", "2", "16", "", "-1", "255", "99999999", "9" * 30])
+DECIMALS = st.sampled_from(["0", "-0.0", "1.5", "90", "-90", "1e5", "nan", "inf", ".5", "5.", "9" * 400])
+
+
+def filled(template):
+    """Strategy of commands of a template."""
+    parts = re.split(r"(\[\w+\])", template)
+    kinds = {"[str]": WORDS, "[uint]": COUNTS, "[float]": DECIMALS}
+    return st.tuples(*(kinds.get(part, st.just(part)) for part in parts)).map("".join)
+
+
+@pytest.mark.parametrize("name", ["L", "M", "N1", "N2"])
+def test_any_command_is_answered(name, start, open_raw):
+    """Over a socket, so that a handler that raises ends the connection and is seen."""
+    client = open_raw(start(dialect=name, size=(8, 8)))
+    templates = client.text("vget /unrealcv/help").split("\n")[::2]
+    known = st.sampled_from([t for t in templates if t and "vbatch" not in t]).flatmap(filled)
+    anything = st.text(st.characters(exclude_characters="\n\0", exclude_categories=["Cs"]), max_size=30)
+
+    @cases(500)
+    @given(known | anything)
+    def answered(command):
+        assert client.ask(command.encode())
+
+    answered()
+    assert client.text("vget /unrealcv/version") in ("0.3.10", "1.0.1")
+
+
+@pytest.mark.parametrize("name", ["L", "M", "N1", "N2"])
+@cases(250)
+@given(payload=st.binary(max_size=60) | st.from_regex(rb"\d{0,12}:vget /[a-z/0-9]{0,20}", fullmatch=True))
+def test_any_request_is_parsed_or_not(name, payload):
+    kind = BY_NAME[name]
+    parsed = kind.parse(OBJECTS[name], payload)
+    refusal = kind.malformed(OBJECTS[name], payload)
+    if parsed is None:
+        assert refusal is None or isinstance(refusal, bytes)
+    else:
+        identity, text = parsed
+        assert -(1 << 31) <= identity < 1 << 31
+        assert isinstance(text, str)
+
+
+OBJECTS = {name: object.__new__(kind) for name, kind in BY_NAME.items()}
+"""Dialects without a world: parsing needs none."""
+
+
+def test_a_server_serves_on_after_any_stream(start, open_raw):
+    server = start(size=(8, 8))
+
+    @cases(150)
+    @given(STREAMS)
+    def survives(data):
+        rude = open_raw(server)
+        with contextlib.suppress(OSError):
+            rude.socket.sendall(data)
+        rude.socket.close()
+
+    survives()
+    assert open_raw(server).text("vget /scene/name") == "four-wall"
+
+
+@cases(500)
+@given(
+    st.text(max_size=30)
+    | st.builds("{}={}@{}".format, st.sampled_from(list(faults.DEFAULTS)), DECIMALS | WORDS, DECIMALS)
+)
+def test_any_text_is_a_fault_or_is_refused(text):
+    with contextlib.suppress(ValueError):
+        fault = faults.parse(text)
+        assert fault.name in faults.DEFAULTS
+        assert 0 <= fault.probability <= 1
