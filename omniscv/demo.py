@@ -26,11 +26,11 @@ POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
 
 _WIDE = {"width": 512, "height": 256}
 _ROUND = {"width": 384, "height": 384}
-_RINGS = {"width": 256, "height": 256}  # their captures grow with the rings
+_RINGS = {"width": 192, "height": 192}  # their captures grow with the rings
 _EVERY_MODEL: dict[str, dict[str, Any]] = {
     "equirectangular": _WIDE,
     "cylindrical": {**_WIDE, "fov_h_deg": 360, "fov_v_deg": 120},
-    "noncentral-panorama": {**_WIDE, "radius": 1.0},
+    "noncentral-panorama": {"width": 384, "height": 192, "radius": 1.0},
     "fisheye-equidistant": {**_ROUND, "fov_deg": 185},
     "fisheye-stereographic": {**_ROUND, "fov_deg": 220},
     "fisheye-equisolid": {**_ROUND, "fov_deg": 240},

@@ -2,7 +2,7 @@
 
 ::
 
-    source: mock://four-wall            # or unreal://host:port, or a recorded file
+    source: mock://four-wall            # or unreal://host:port, a recorded file, or a list: several games
     record: kitchen.sqlite              # optional: captures are kept here, and taken from here
     cameras:                            # stem of the files: model and parameters
       fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
@@ -27,9 +27,9 @@ from typing import Any
 import yaml
 
 from omniscv.cameras import Camera, from_dict
-from omniscv.captures import open_source, record
+from omniscv.captures import record
+from omniscv.captures.shared import open_shared
 from omniscv.captures.source import Source
-from omniscv.captures.view import Request
 from omniscv.compose import Composer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -45,7 +45,7 @@ _POSE_KEYS = {"position", "yaw_deg", "pitch_deg", "roll_deg"}
 class Job:
     """What to render; see the module's text for the fields."""
 
-    source: str
+    source: str | tuple[str, ...]
     cameras: dict[str, Camera]
     poses: tuple[Pose, ...]
     out: Path
@@ -64,7 +64,8 @@ class Job:
 
     def open(self) -> Source:
         """The job's source, recorded where the job says so. The caller closes it."""
-        source = open_source(self.source, **self.source_options)
+        uris = (self.source,) if isinstance(self.source, str) else self.source
+        source = open_shared(uris, **self.source_options)
         if self.record is None:
             return source
         try:
@@ -145,7 +146,7 @@ def capture(job: Job, path: Path, progress: Callable[[int, int], None] | None = 
     with replace(job, record=path).open() as source:
         source.objects()
         requests = dict.fromkeys(
-            Request(view, mode) for plan in job.plans(source) for view in plan.views() for mode in job.modes
+            request for plan in job.plans(source) for request in plan.requests(job.modes)
         )
         for done, _ in enumerate(source.capture(requests), start=1):
             if progress:
@@ -156,7 +157,7 @@ def capture(job: Job, path: Path, progress: Callable[[int, int], None] | None = 
 def costs(job: Job) -> list[Cost]:
     """What every strategy would ask of the job's source, side by side, without capturing anything."""
     found = []
-    with open_source(job.source, **job.source_options) as source:
+    with replace(job, record=None).open() as source:
         latency_s = measure_latency(source)
         for strategy in STRATEGIES:
             try:
@@ -201,10 +202,18 @@ def load(path: Path) -> Job:
     )
 
 
-def _source(value: Any, folder: Path) -> str:
+def _source(value: Any, folder: Path) -> str | tuple[str, ...]:
+    if isinstance(value, list) and value and all(isinstance(each, str) for each in value):
+        return tuple(_address(each, folder) for each in value)
     if not isinstance(value, str):
-        raise ArgumentError(f"source: expected an address or a recorded file, got {value!r}")
-    return value if "://" in value else str(folder / value)
+        raise ArgumentError(f"source: expected an address, a recorded file, or a list of them, got {value!r}")
+    return _address(value, folder)
+
+
+def _address(text: str, folder: Path) -> str:
+    if text.startswith("launch:"):
+        return f"launch:{folder / text.removeprefix('launch:')}"
+    return text if "://" in text else str(folder / text)
 
 
 def _cameras(value: Any) -> dict[str, Camera]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
 from omniscv.captures.source import Source
-from omniscv.captures.view import Capture, Request, View
+from omniscv.captures.view import Capture, View
 from omniscv.compose.grid import Grid, averaged
 from omniscv.compose.layers import Layers, layers_of
 from omniscv.compose.maps import Maps, filter_for, unit
@@ -65,23 +64,18 @@ class Composer:
         if filter == "auto" and "lit" in modes and plan.stations:
             filter = self._chosen(plan, whole)
         canvas = _Canvas(grid, self._finer_grid, whole, filter)
-        # View by view: a server poses its camera once for all modes.
-        captures = source.capture(
-            Request(view, mode) for station in plan.stations for view in station.views for mode in modes
-        )
+        captures = source.capture(plan.requests(modes))
         done, provenance = 0, {}
         for station in plan.stations:
             maps: Maps | None = None
-            found = list(islice(captures, len(station.views) * len(modes)))
-            for index, mode in enumerate(modes):
-                faces = found[index :: len(modes)]
+            for mode, faces in station.by_mode(modes, captures).items():
                 _same_kind(faces)
                 views = tuple(capture.view for capture in faces)
                 if maps is None or maps.views != views:
                     maps = self._maps_of(plan, station, views, whole)
                 canvas.add(mode, station, maps, faces)
-            provenance = found[0].provenance
-            done += len(found)
+                provenance = faces[0].provenance
+                done += len(faces)
             if progress:
                 progress(done, len(plan) * len(modes))
         centers_w = canvas.centers_w

@@ -15,14 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.captures.source import Source
-from omniscv.captures.view import Capture, Request
+from omniscv.captures.view import Capture
 from omniscv.compose.grid import Grid
 from omniscv.compose.layers import Layers, layers_of
 from omniscv.compose.listed import Listed
@@ -139,12 +138,9 @@ def _rays_of(plan: Plan, grid: Grid) -> _Rays:
 def _captured(
     source: Source, stations: Sequence[Station], modes: Sequence[str], before: int, progress: Progress | None
 ) -> Iterator[_Seen]:
-    captures = source.capture(
-        Request(view, mode) for station in stations for view in station.views for mode in modes
-    )
+    captures = source.capture(request for station in stations for request in station.requests(modes))
     for number, station in enumerate(stations, start=1):
-        taken = list(islice(captures, len(station.views) * len(modes)))
-        found = {mode: taken[index :: len(modes)] for index, mode in enumerate(modes)}
+        found = station.by_mode(modes, captures)
         views = tuple(capture.view for capture in found["depth"])
         planes = [capture.pixels for capture in found["depth"]]
         yield _Seen(station, shell(station.center_w, views, planes), found)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
-from omniscv.captures.view import View
+from omniscv.captures.view import Capture, Request, View
 from omniscv.geometry import Array, Pose
 
 
@@ -26,6 +27,22 @@ class Station:
     center_w: Array
     views: tuple[View, ...]
     pixels: NDArray[np.int64]
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """What is captured, view by view: a server then poses its camera once for all modes.
+
+        Depth comes first, because it differs between places where colours may be alike: a live source
+        can tell by it that its camera has moved.
+        """
+        order = sorted(modes, key=lambda mode: mode != "depth")
+        return [Request(view, mode) for view in self.views for mode in order]
+
+    def by_mode(self, modes: Sequence[str], captures: Iterator[Capture]) -> dict[str, list[Capture]]:
+        """The next captures, those of :meth:`requests`, as one list for each mode in the views' order."""
+        found: dict[str, list[Capture]] = {mode: [] for mode in modes}
+        for capture in islice(captures, len(self.views) * len(modes)):
+            found[capture.mode].append(capture)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +69,11 @@ class Plan:
         """All views, in the order of their capture."""
         for station in self.stations:
             yield from station.views
+
+    def requests(self, modes: Sequence[str]) -> Iterator[Request]:
+        """What is captured, station by station."""
+        for station in self.stations:
+            yield from station.requests(modes)
 
     def __len__(self) -> int:
         """How many views the plan has."""
