@@ -78,9 +78,10 @@ class Composer:
                 done += len(faces)
             if progress:
                 progress(done, len(plan) * len(modes))
-        centers_w = canvas.centers_w
-        if centers_w is None:
+        if canvas.centers_w is None:
             centers_w = plan.stations[0].center_w
+        else:
+            centers_w = canvas.centers_w.reshape(*grid.valid.shape, 3)
         return layers_of(plan, source, grid.valid, canvas.images(), centers_w, provenance)
 
     def _chosen(self, plan: Plan, whole: bool) -> str:
