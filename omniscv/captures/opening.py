@@ -9,15 +9,16 @@ from urllib.parse import parse_qs, urlsplit
 from omniscv.captures.source import Source
 from omniscv.errors import ArgumentError
 
-_FORMS = "unreal://host:port, unreal+unix:///path, mock://scene, or a recorded file"
+_FORMS = "unreal://host:port, unreal+unix:///path, launch:PATH, mock://scene, or a recorded file"
 
 
 def open_source(uri: str | Path, **options: Any) -> Source:
     """Opens a source of captures.
 
     Args:
-        uri: ``unreal://host:port`` or ``unreal+unix:///path`` for a live server; ``mock://four-wall`` for the
-            mock server, started for this source alone, with its options behind a question mark
+        uri: ``unreal://host:port`` or ``unreal+unix:///path`` for a live server; ``launch:PATH`` for a
+            packaged game, started for this source alone (``omniscv.captures.unreal.launch``);
+            ``mock://four-wall`` for the mock server, likewise, with its options behind a question mark
             (``mock://four-wall?latency_ms=5&depth=float32``; ``fault=delay=0.2@0.05``, repeatable, and
             ``seed`` of the faults); else the path of a recorded file.
         options: for live sources: ``timeout_s``, ``retries``, ``fix_exposure``.
@@ -28,6 +29,10 @@ def open_source(uri: str | Path, **options: Any) -> Source:
         RecordError: the file is not there, or is no recording.
     """
     text = str(uri)
+    if text.startswith("launch:"):
+        from omniscv.captures.unreal.launch import open_launched
+
+        return open_launched(text, **options)
     if "://" not in text:
         from omniscv.captures.recording import RecordedSource
 

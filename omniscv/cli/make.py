@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -151,7 +152,14 @@ def render(
 
 def record(
     job: JobFile = None,
-    source: SourceUri = "mock://four-wall",
+    source: Annotated[
+        list[str] | None,
+        typer.Option("--source", help="As for render; repeatable: several games share the captures out."),
+    ] = None,
+    launch: Annotated[
+        list[Path] | None,
+        typer.Option("--launch", help="A packaged game, to start and to stop at the end; repeatable."),
+    ] = None,
     position: Annotated[
         list[str] | None, typer.Option("--position", help="X,Y,Z in metres; repeatable.")
     ] = None,
@@ -162,13 +170,17 @@ def record(
     """Capture cube maps at positions (or all that a job needs) into a file; goes on where it stopped."""
     from omniscv.job import capture, load
 
+    edge = options.face_size(face_size)
+    launched = [options.launched(path, edge) for path in launch or []]
+    sources = (*(source or []), *launched)
     if job is not None:
         wanted = load(job)
+        if sources:
+            wanted = replace(wanted, source=sources)
     else:
-        edge = options.face_size(face_size)
         width = 2 * edge if isinstance(edge, int) else 2048
         wanted = Job(
-            source=source,
+            source=sources or "mock://four-wall",
             cameras={"cube": options.camera("equirectangular", f"{width}x{width // 2}", None, [])},
             poses=tuple(
                 Pose.from_angles(options.numbers("--position", text, 3)) for text in position or ["0,0,1.5"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -45,6 +46,11 @@ def face_size(text: str) -> int | str:
     if not text.isdigit() or int(text) < 1:
         raise ArgumentError(f"--face-size: expected 'auto' or a whole number of pixels >= 1, got {text!r}")
     return int(text)
+
+
+def launched(path: Path, edge: int | str) -> str:
+    """The address of a game that is to be started, with images of a face's size where it sets its own."""
+    return f"launch:{path}" + (f"?size={edge}x{edge}" if isinstance(edge, int) else "")
 
 
 def pixels(option: str, text: str) -> float:
