@@ -5,6 +5,7 @@ import time
 from collections import Counter
 
 import pytest
+import yaml
 from faces import face_requests
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ from omniscv.captures.shared import SharedSource, open_shared
 from omniscv.captures.source import Capabilities, ObjectTable, Source
 from omniscv.captures.store import Store
 from omniscv.captures.view import Capture
+from omniscv.cli import run
 from omniscv.errors import ArgumentError, ConnectionFailed
 
 REQUESTS = [
@@ -158,6 +160,29 @@ def test_a_game_that_dies_has_its_share_done_by_the_others(tmp_path, caplog):
     assert verify(together).ok
     assert contents(together) == contents(alone)
     assert len(servers(together)) == 2
+
+
+@pytest.mark.parametrize("way", ["options", "job"])
+def test_several_sources_of_one_command(way, tmp_path):
+    out = tmp_path / "room.sqlite"
+    with mock_server.serve("four-wall") as first, mock_server.serve("four-wall") as second:
+        if way == "options":
+            places = [f"--position={0.1 * step},0,1.5" for step in range(8)]
+            sources = [f"--source={server.uri}" for server in (first, second)]
+            assert run(["record", *sources, *places, "--face-size", "16", f"--out={out}"]) == 0
+        else:
+            job = {
+                "source": [first.uri, second.uri],
+                "record": out.name,
+                "cameras": {"pano": {"model": "equirectangular", "width": 64, "height": 32}},
+                "poses": [{"position": [0.1 * step, 0, 1.5]} for step in range(8)],
+                "modes": ["lit", "object_mask", "depth"],
+                "strategy": "cube",
+            }
+            (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
+            assert run(["record", str(tmp_path / "job.yaml")]) == 0
+    assert servers(out).total() == 8 * 6 * 3
+    assert len(servers(out)) == 2
 
 
 def stop_amidst_pictures(server):
