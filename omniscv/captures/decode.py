@@ -10,7 +10,8 @@ Encodings
 
 from __future__ import annotations
 
-import io
+import math
+import re
 import struct
 from typing import Any
 
@@ -35,6 +36,11 @@ SKY = 65504.0
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _NPY = b"\x93NUMPY"
+_NPY_HEADER = re.compile(
+    rb"\{'descr': '([<>|=](?:f[248]|u[1248]))', 'fortran_order': False, "
+    rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
+)
+"""As every writer writes it. NumPy's own reader takes any Python literal, and trips over some."""
 _UNIT_TOLERANCE = 0.1
 """How far from length 1 an 8-bit normal can be and still be one; the sky's grey is near 0."""
 
@@ -76,6 +82,8 @@ def _png(payload: bytes, view: View) -> NDArray[np.uint8]:
         raise BadReply(
             f"expected an 8-bit PNG of {view.width} x {view.height}, got {bits}-bit {width} x {height}"
         )
+    if not _chunks_fit(payload):
+        raise BadReply(f"expected a PNG, got one whose chunks do not add up to its {len(payload)} bytes")
     image = cv2.imdecode(np.frombuffer(payload, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise BadReply(f"expected a PNG, got one that does not decode, {len(payload)} bytes")
@@ -83,6 +91,15 @@ def _png(payload: bytes, view: View) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB))
     code = cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(image, code))
+
+
+def _chunks_fit(payload: bytes) -> bool:
+    """Whether the chunks end where the bytes do. OpenCV makes room for what a chunk claims, up to 4 GB."""
+    at, kind = len(_PNG), b""
+    while kind != b"IEND" and at + 12 <= len(payload):
+        length, kind = struct.unpack_from(">I4s", payload, at)
+        at += 12 + length
+    return at == len(payload)
 
 
 def _normals(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -123,23 +140,27 @@ def _read_npy(payload: bytes, view: View) -> NDArray[Any]:
     """An array whose header has the view's size and whose bytes are all there; never a pickle."""
     if not payload.startswith(_NPY):
         raise BadReply(f"expected NPY, got {_start(payload)}")
-    stream = io.BytesIO(payload)
-    try:
-        version = np.lib.format.read_magic(stream)
-        read = (
-            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        )
-        shape, fortran, dtype = read(stream)
-    except ValueError as cause:
-        raise BadReply(f"expected NPY, got a header that does not parse: {cause}") from cause
-    if shape[:2] != (view.height, view.width) or len(shape) > 3 or fortran or dtype.kind not in "fu":
+    header, start = _npy_header(payload)
+    found = _NPY_HEADER.fullmatch(header)
+    if found is None:
+        raise BadReply(f"expected NPY of numbers in C order, got the header {header[:120]!r}")
+    dtype, shape = np.dtype(found[1].decode()), tuple(map(int, found[2].split(b", ")))
+    if shape[:2] != (view.height, view.width):
         raise BadReply(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
-    count = int(np.prod(shape))
-    if len(payload) - stream.tell() != count * dtype.itemsize:
-        raise BadReply(
-            f"expected {count * dtype.itemsize} bytes of pixels, got {len(payload) - stream.tell()}"
-        )
-    return np.frombuffer(payload, dtype=dtype, offset=stream.tell()).reshape(shape).copy()
+    size = math.prod(shape) * dtype.itemsize
+    if len(payload) - start != size:
+        raise BadReply(f"expected {size} bytes of pixels, got {len(payload) - start}")
+    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape).copy()
+
+
+def _npy_header(payload: bytes) -> tuple[bytes, int]:
+    """The text of the header, and where the pixels start."""
+    form = "<H" if payload[6:7] == b"\x01" else "<I"
+    start = 8 + struct.calcsize(form)
+    if len(payload) < start:
+        raise BadReply(f"expected NPY, got {_start(payload)}")
+    end = start + struct.unpack_from(form, payload, 8)[0]
+    return payload[start:end], end
 
 
 def _start(payload: bytes | str) -> str:
