@@ -8,7 +8,7 @@ hands every fault of its receiving thread to the caller. Framing, ids and text s
 from __future__ import annotations
 
 import logging
-import random
+import secrets
 import socket
 import threading
 import time
@@ -41,7 +41,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
     def __init__(self, endpoint: tuple[str, int] | str, timeout_s: float) -> None:
         super().__init__(endpoint, "unix" if isinstance(endpoint, str) else "inet")
         self._timeout_s = timeout_s
-        self.send_message_id = self.recv_message_id = random.randrange(_FIRST_IDS)
+        self.send_message_id = self.recv_message_id = secrets.randbelow(_FIRST_IDS)
 
     def open(self) -> bytes:
         """Connects, and returns the greeting.

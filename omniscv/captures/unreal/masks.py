@@ -50,7 +50,7 @@ def colors(link: Link) -> dict[str, Color]:
 
 def _color(reply: str) -> Color:
     """``(R=127,G=63,B=255,A=255)`` as three numbers."""
-    found = re.fullmatch(r"\(R=(\d+),G=(\d+),B=(\d+),A=\d+\)", reply)
+    found = re.fullmatch(r"\(R=(\d+),G=(\d+),B=(\d+),A=\d+\)", reply, re.ASCII)
     if found is None:
         raise BadReply(f"expected a colour such as (R=127,G=63,B=255,A=255), got {reply[:200]!r}")
     r, g, b = (int(value) for value in found.groups())
