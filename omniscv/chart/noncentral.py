@@ -22,9 +22,8 @@ from omniscv.render import render
 
 WAYS: tuple[tuple[str, int | None], ...] = (
     ("cube", None),
-    ("faces", None),
+    *(("faces", count) for count in (4, 16, 64, None)),
     ("strips", None),
-    *(("faces", count) for count in (4, 16, 64)),
     *(("reproject", count) for count in (2, 4, 8, 16)),
     *(("adaptive", count) for count in (2, 4, 8)),
 )

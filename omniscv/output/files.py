@@ -5,6 +5,7 @@ STEM.object_mask.png           mask colours
 STEM.labels.png                16-bit labels
 STEM.depth.exr                 float32 metres along the ray
 STEM.normals.exr               float32, camera frame
+STEM.unsure.png                255 where a strategy with few optical centres could not verify a pixel
 STEM.json                      camera, pose, source, versions
 objects.json                   label to object name and mask colour
 """
@@ -50,6 +51,7 @@ def write(image: OmniImage, out: Path, stem: str, image_format: str = "png") -> 
         ("labels.png", image.labels),
         ("depth.exr", image.depth),
         ("normals.exr", image.normals),
+        ("unsure.png", None if image.unsure is None else image.unsure.astype(np.uint8) * 255),
     )
     pictures = [(out / f"{stem}.{name}", layer) for name, layer in layers if layer is not None]
     written = side_by_side(lambda picture: _picture(*picture), pictures)

@@ -57,6 +57,11 @@ class OmniImage:
         """(H, W) bool: inside the field of view."""
         return self.layers.valid
 
+    @property
+    def unsure(self) -> NDArray[np.bool_] | None:
+        """(H, W) bool: not verified by any capture; None where every pixel has a capture of its own."""
+        return self.layers.unsure
+
     def points(self) -> Array:
         """(N, 3) world points, metres, of the pixels with finite depth, row by row.
 
