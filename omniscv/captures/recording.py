@@ -12,7 +12,7 @@ import numpy as np
 from omniscv.captures.source import Capabilities, ObjectTable, Source
 from omniscv.captures.store import Row, Store, key_of
 from omniscv.captures.view import Capture, Request, View
-from omniscv.errors import MissingCapture
+from omniscv.errors import MissingCapture, RecordNotWritable
 from omniscv.parallel import side_by_side
 
 
@@ -103,14 +103,41 @@ class Recording(Source):
             yield self._stored(waiting.popleft())
 
     def objects(self) -> ObjectTable:
+        """As :meth:`Source.objects`.
+
+        Raises:
+            RecordNotWritable: the file's object masks were captured with other colours.
+        """
         if self._objects is None:
-            self._objects = self._source.objects()
-            self._store.set_objects(self._objects)
+            objects = self._source.objects()
+            self._refuse_other_colors(objects)
+            self._store.set_objects(objects)
+            self._objects = objects
         return self._objects
 
     def close(self) -> None:
-        self._store.close()
-        self._source.close()
+        try:
+            self._store.close()
+        finally:
+            self._source.close()
+
+    def _refuse_other_colors(self, objects: ObjectTable) -> None:
+        """One colour that means two objects, or the reverse, would spoil the labels of what is recorded."""
+        if next(self._store.views("object_mask"), None) is None:
+            return
+        before = self._store.objects().colors
+        names = {color: name for name, color in before.items()}
+        for name, color in objects.colors.items():
+            if name in before and before[name] != color:
+                conflict = f"{name} is {color} and was {before[name]}"
+            elif name not in before and color in names:
+                conflict = f"{name} is {color}, which was {names[color]}"
+            else:
+                continue
+            raise RecordNotWritable(
+                f"{self._store.path}: expected the mask colours that its object masks have, but {conflict}; "
+                "record into another file"
+            )
 
     def _new(self, requests: Iterable[Request], waiting: deque[Request]) -> Iterator[Request]:
         """The requests that the file cannot answer, each once; all of them go to ``waiting``."""

@@ -100,8 +100,8 @@ def test_a_game_that_ends_is_quoted(game):
 
 def test_a_game_that_never_answers_is_stopped(game):
     behave(game, wait_s=600)
-    with pytest.raises(ConnectionFailed, match=r"expected an answer at port \d+ within 2 s, got none"):
-        LaunchedSource(game, patience_s=2)
+    with pytest.raises(ConnectionFailed, match=r"expected an answer at port \d+ within 1 s, got none"):
+        LaunchedSource(game, patience_s=1)
     assert waited_for(lambda: not is_running(game))
 
 

@@ -10,6 +10,7 @@ from permissions import as_somebody_who_may_only_read
 
 import omniscv
 from omniscv.captures.inspection import info, verify
+from omniscv.captures.source import ObjectTable
 from omniscv.captures.store import Store
 from omniscv.errors import DamagedRecord, MissingCapture, NewerRecord, NotARecord, RecordNotWritable
 
@@ -125,6 +126,25 @@ def test_recording_again_asks_for_nothing_twice(copy, tmp_path):
     after = contents(copy)
     assert {key: after[0][key] for key in before[0]} == before[0]
     assert len(after[0]) == len(before[0]) + len(new)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"Sofa": (9, 9, 9)}, r"Sofa is \(9, 9, 9\) and was \("),
+        ({"Cat": "Sofa"}, r"Cat is \(.*\), which was Sofa"),
+    ],
+)
+def test_other_mask_colours_are_refused(change, says, copy):
+    """They would turn one object's recorded pixels into another's."""
+    live = omniscv.open_source("mock://four-wall")
+    colors = live.objects().colors
+    changed = {name: colors.get(color, color) for name, color in change.items()}
+    live.objects = lambda: ObjectTable({**colors, **changed})
+    before = contents(copy)
+    with omniscv.record(live, copy) as source, pytest.raises(RecordNotWritable, match=says):
+        source.objects()
+    assert contents(copy) == before
 
 
 def test_a_read_only_folder_is_one_clear_error(open_folder):
