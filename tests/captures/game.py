@@ -28,6 +28,5 @@ if __name__ == "__main__":
     (HERE / "settings.json").write_text(json.dumps(dict(core)))
     threading.Event().wait(behaviour["wait_s"])
     size, fov_deg = (int(core["Width"]), int(core["Height"])), float(core["FOV"])
-    dialect = behaviour.get("dialect", "1.x")
-    with mock_server.serve("four-wall", int(core["Port"]), dialect, size=size, fov_deg=fov_deg):
+    with mock_server.serve("four-wall", int(core["Port"]), size=size, fov_deg=fov_deg):
         threading.Event().wait()
