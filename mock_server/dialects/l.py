@@ -190,7 +190,10 @@ class L(Dialect):
         return self._saved(name, lambda: self._exr(mode) if name.endswith(".exr") else self._png(mode))
 
     def _exr(self, mode: str) -> bytes:
-        view = self.world.look(self.world.cameras[0])
+        camera = self.world.cameras[0]
+        if not camera.can_see():
+            return b""
+        view = self.world.look(camera)
         if mode == "depth":
             return encode.exr(pictures.stored(view.distance, half=True)[..., None])
         picture = self.world.lit(view) if mode == "lit" else pictures.normals(view)
@@ -220,8 +223,9 @@ class L(Dialect):
         name = name or self.settings.files.next_name()
 
         def save() -> str:
-            if name.endswith(endings):
-                self.settings.files.write(name, make())
+            data = make() if name.endswith(endings) else b""
+            if data:
+                self.settings.files.write(name, data)
             return f"{self.settings.files.path}/{name}"
 
         return Later(_FILE_FRAMES, save)

@@ -253,6 +253,15 @@ def test_the_field_of_view_is_of_captures_only(raw):
     assert raw.ask("vget /camera/0/object_mask png") == window
 
 
+def test_an_impossible_field_of_view_gives_no_data(raw, tmp_path):
+    """Which becomes the text ok where bytes are expected, and no file where a path is."""
+    raw.ask("vset /camera/0/horizontal_fieldofview 0")
+    assert raw.text("vget /camera/0/lit png") == raw.text("vget /camera/0/depth npy") == "ok"
+    for name in ("x.png", "x.exr"):
+        assert raw.text(f"vget /camera/0/depth {name}") == f"{tmp_path}/{name}"
+    assert list(tmp_path.iterdir()) == []
+
+
 # Masks
 
 
