@@ -15,21 +15,20 @@ import omniscv
 from omniscv.captures.view import MODES, Request, View
 from omniscv.geometry import Pose
 
-TIMEOUT_S = 0.5
+TIMEOUT_S = 0.3
 RETRIES = 10
 FAULTS = (
-    "delay=0.02@0.02",
-    "delay=1@0.002",
-    "drip=0.05@0.01",
-    "missing@0.002",
-    "wrong-id@0.003",
-    "no-id@0.003",
+    "delay=0.6@0.001",
+    "drip=0.05@0.005",
+    "missing@0.001",
+    "wrong-id@0.002",
+    "no-id@0.002",
     "clicked@0.01",
-    "cut=0.7@0.003",
-    "bad-magic@0.003",
-    "zero-size@0.003",
-    "huge@0.003",
-    "reset@0.005",
+    "cut=0.7@0.002",
+    "bad-magic@0.002",
+    "zero-size@0.002",
+    "huge@0.002",
+    "reset@0.003",
     "no-greeting@0.1",
     "second-client=0.1@0.1",
     "stale=2@0.05",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 from omniscv.captures.unreal.session import Session
 from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, ServerRefused, SourceError
@@ -13,6 +15,7 @@ FAULTS = (ConnectionFailed, DeadlineExceeded, BadReply)
 """What another connection may cure."""
 
 _NOBODY = (ConnectionRefusedError, FileNotFoundError, socket.gaierror)
+_THIS_MACHINE = ("localhost", "127.0.0.1", "::1")
 _FIRST_BACKOFF_S, _LONGEST_BACKOFF_S = 0.1, 2.0
 
 
@@ -37,8 +40,22 @@ class Link:
             ConnectionFailed: nobody answers, or not as an UnrealCV server does.
         """
         if self.session is None or self.session.broken:
-            self.session = Session(self._endpoint, self._timeout_s)
+            self.session = self._over_unix() or Session(self._endpoint, self._timeout_s)
         return self.session
+
+    def _over_unix(self) -> Session | None:
+        """A connection to a game on this machine that has left TCP.
+
+        Plugin 1.0 on Linux does so when its first client leaves; who connects by TCP then waits for ever
+        (protocol reference, section 1.2).
+        """
+        if isinstance(self._endpoint, str) or self._endpoint[0] not in _THIS_MACHINE:
+            return None
+        path = Path(f"/tmp/unrealcv_{self._endpoint[1]}.socket")
+        if path.is_socket():
+            with contextlib.suppress(ConnectionFailed):  # a game that crashed leaves it behind
+                return Session(str(path), self._timeout_s)
+        return None
 
     def recover(self, fault: SourceError, failures: int) -> None:
         """Drops the connection and pauses, so that late replies die.

@@ -183,7 +183,7 @@ class UnrealSource(Source):
         request, encoding = step.request, IMAGE[step.request.mode][1]
         pixels = decode(reply, encoding, request.mode, request.view)
         provenance: dict[str, Any] = {
-            "server": session.address,
+            "server": self._link.address,
             "scene": self._scene,
             "version": self._version,
             "dialect": self._capabilities.dialect,
