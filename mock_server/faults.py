@@ -34,6 +34,7 @@ Faults of the picture; one throw for each look of a camera, or none where it say
 ``vignette``       0.4      always: lit pictures darken as ``(1 - VALUE t)``, t the squared distance from the
                             centre, 1 in the corners. Ended by ``vrun r.Tonemapper.Quality 1`` (or 0)
 ``mask-gamma``              always: mask colours go through 8-bit linear vertex colours, so dark ones collide
+                            (dialect 0.3.10 does so without being told)
 ``half-depth``              always: depth goes through half floats, also with ``depth="float32"``
 ``sky-dome``       500      always: the sky is the object SkyDome, a sphere of this radius, metres, around the
                             camera

@@ -45,9 +45,9 @@ class FaultyWorld(World):
             self.objects[DOME] = self._dome
         self._missing = self._missing_object()
         self._gain = 1.0
-        self._vignette, self._adapts = faults.get("vignette"), faults.get("exposure-drift") is not None
-        self._shown: dict[int, Pose] = {}
-        self._lag: dict[int, int] = {}
+        self._vignette, self._adapts = faults.get("vignette"), True
+        self._shown: dict[int | str, Pose] = {}
+        self._lag: dict[int | str, int] = {}
 
     def hear(self, text: str) -> None:
         """Takes note of a command that cures a fault."""
@@ -71,11 +71,10 @@ class FaultyWorld(World):
         return view
 
     def lit(self, view: ViewHits) -> NDArray[np.uint8]:
-        if self._faults.get("exposure-drift"):
-            drift = self._faults.strike("exposure-drift")
-            if drift is not None and self._adapts:
-                wanted = _MIDDLE_GREY / max(1 / 255, float(view.color.mean()) / 255)
-                self._gain += drift.amount() * (wanted - self._gain)
+        drift = self._faults.strike("exposure-drift")
+        if drift is not None and self._adapts:
+            wanted = _MIDDLE_GREY / max(1 / 255, float(view.color.mean()) / 255)
+            self._gain += drift.amount() * (wanted - self._gain)
         if self._gain == 1.0 and self._vignette is None:
             return view.color
         light = view.color * self._gain
@@ -110,7 +109,9 @@ class FaultyWorld(World):
 
     def _pose_shown(self, camera: Camera) -> Pose:
         """Where a picture is taken from: where the camera is, or where it was."""
-        key, pose = id(camera), (camera.location, camera.rotation)
+        numbers = (i for i, each in enumerate(self.cameras) if each is camera)
+        key = next(numbers, camera.name)  # the window's camera has no number
+        pose = camera.location, camera.rotation
         shown = self._shown.setdefault(key, pose)
         if shown == pose:
             self._lag.pop(key, None)
