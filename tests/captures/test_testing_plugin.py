@@ -28,8 +28,12 @@ def test_room(recorded_source):
 
 
 @pytest.fixture
-def suite(pytester):
-    """Runs the tests of a module ``test_room.py``, which must end as told."""
+def suite(recorded, pytester):
+    """Runs the tests of a module ``test_room.py``, which must end as told.
+
+    pytester forgets the modules that such a run has imported. Numba cannot be imported twice, so ``recorded``
+    has done all before that these tests do: else later tests of this process failed.
+    """
 
     def run(source, *options, **outcomes):
         pytester.makepyfile(test_room=HEAD + textwrap.dedent(source))
