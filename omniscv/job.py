@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from omniscv.cameras import Camera, from_dict
@@ -95,12 +96,17 @@ class Job:
             )
 
 
-def run(job: Job, progress: Callable[[int, int], None] | None = None) -> list[Path]:
+def run(
+    job: Job,
+    progress: Callable[[int, int], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> list[Path]:
     """Renders a job's images and writes them.
 
     Args:
         job: what to render.
         progress: called with (images done, images in all).
+        warn: called with a line for each image that has unsure pixels.
 
     Returns:
         The files written.
@@ -127,6 +133,11 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> list[Pa
                 max_error_px=job.max_error_px,
                 composer=composer,
             )
+            if warn and image.unsure is not None and image.unsure.any():
+                warn(
+                    f"{stem}: {np.count_nonzero(image.unsure)} of {np.count_nonzero(image.valid)} pixels are unsure "
+                    f"({stem}.unsure.png): their optical centre is not in the open, or no capture verified them"
+                )
             if saving:
                 written += saving.result()
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)

@@ -1,5 +1,6 @@
 """The command line as a person meets it: help with examples, and one clear line when something is wrong."""
 
+import json
 import re
 import socket
 
@@ -169,3 +170,13 @@ def test_a_job_renders_every_camera_at_every_pose(capsys, tmp_path):
     capsys.readouterr()
     assert run(["plan", str(tmp_path / "job.yaml")]) == 0
     assert "cube" in capsys.readouterr().out
+
+
+def test_columns_beyond_the_walls_are_told(capsys, tmp_path):
+    """The room is 5 m wide: with a radius of 2.7 m some columns of the panorama begin outside."""
+    arguments = ["render", "--camera", "noncentral-panorama", "--param", "radius=2.7", "--size", "32x16"]
+    assert run([*arguments, "--modes", "depth", "--out", str(tmp_path / "out")]) == 0
+    assert "pixels are unsure" in capsys.readouterr().err
+    written = json.loads((tmp_path / "out" / "noncentral-panorama.json").read_text())
+    assert 0 < written["unsure_pixels"] < 32 * 16
+    assert (tmp_path / "out" / "noncentral-panorama.unsure.png").exists()

@@ -10,7 +10,7 @@ import typer
 
 from omniscv.cli import options
 from omniscv.cli.progress import out as console
-from omniscv.cli.progress import progress_bar
+from omniscv.cli.progress import err, progress_bar
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
@@ -145,7 +145,7 @@ def render(
         strategy, viewpoints, face_size, filter, max_error, image_format,
     )  # fmt: skip
     with progress_bar("images") as progress:
-        files = run(wanted, progress)
+        files = run(wanted, progress, warn=lambda line: err.print(f"omniscv: {line}", markup=False))
     for path in files:
         console.print(str(path), markup=False)
 

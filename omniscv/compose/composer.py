@@ -14,8 +14,9 @@ from omniscv.captures.view import Capture, View
 from omniscv.compose.grid import Grid, averaged
 from omniscv.compose.layers import Layers, layers_of
 from omniscv.compose.maps import Maps, filter_for, unit
+from omniscv.compose.reachable import look_around, reachable
 from omniscv.errors import ArgumentError, BadReply, MissingCapture
-from omniscv.plan import Plan, Station
+from omniscv.plan import PROBE_MODES, Plan, Station
 
 FILTERS = ("auto", "nearest", "bilinear", "bicubic", "area")
 
@@ -65,8 +66,13 @@ class Composer:
             filter = self._chosen(plan, whole)
         canvas = _Canvas(grid, self._finer_grid, whole, filter)
         captures = source.capture(plan.requests(modes))
+        around = None
+        if plan.probe is not None:
+            around = look_around(plan, plan.probe.by_mode(PROBE_MODES, captures))
         done, provenance = 0, {}
         for station in plan.stations:
+            if around is not None and not reachable(around, station.center_w[None])[0]:
+                canvas.unsure[station.pixels] = True
             maps: Maps | None = None
             for mode, faces in station.by_mode(modes, captures).items():
                 _same_kind(faces)
@@ -82,7 +88,8 @@ class Composer:
             centers_w = plan.stations[0].center_w
         else:
             centers_w = canvas.centers_w.reshape(*grid.valid.shape, 3)
-        return layers_of(plan, source, grid.valid, canvas.images(), centers_w, provenance)
+        unsure = None if plan.probe is None else canvas.unsure.reshape(grid.valid.shape)
+        return layers_of(plan, source, grid.valid, canvas.images(), centers_w, provenance, unsure)
 
     def _chosen(self, plan: Plan, whole: bool) -> str:
         """The filter for lit, one for the whole image: what its middle station asks for."""
@@ -130,6 +137,7 @@ class _Canvas:
         self._flat: dict[str, NDArray[Any]] = {}
         self._averaged: dict[str, NDArray[np.bool_]] = {}
         self.centers_w = None if whole else np.zeros((grid.valid.size, 3))
+        self.unsure = np.zeros(grid.valid.size, np.bool_)
 
     def add(self, mode: str, station: Station, maps: Maps, faces: Sequence[Capture]) -> None:
         """Samples a mode along the rays of a station."""

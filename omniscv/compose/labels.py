@@ -1,8 +1,6 @@
 """From mask colours to labels, by lookup: a colour that no object can have shown is counted, never guessed.
 
-Plugin 0.3.10 bends colours: it paints ``floor((c/255)^2.2 * 255.999)`` and shows
-``round((v/255)^(1/2.2) * 255)`` (protocol reference, section 5.2); later ones deviate by up to three in a
-channel. A colour that is nobody's own is the object's whose own or bent colour it is nearest to, if that is
+Plugin 0.3.10 bends colours (:mod:`omniscv.captures.gamma`); later ones deviate by up to three in a channel. A colour that is nobody's own is the object's whose own or bent colour it is nearest to, if that is
 within the tolerance and no other object's is.
 """
 
@@ -12,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from omniscv.captures.gamma import bent
 from omniscv.captures.source import ObjectTable
 
 Color = tuple[int, int, int]
@@ -42,12 +41,6 @@ def labels_of(mask: NDArray[np.uint8], table: ObjectTable) -> tuple[NDArray[np.u
         if label == 0 and (r, g, b) != _BLACK
     }
     return labels[inverse].reshape(mask.shape[:-1]), unknown
-
-
-def bent(colors: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N, 3) what plugin 0.3.10 shows for colours 0..255."""
-    painted = np.floor((colors / 255) ** 2.2 * 255.999)
-    return np.asarray(np.rint((painted / 255) ** (1 / 2.2) * 255), dtype=np.int64)
 
 
 def _label(color: NDArray[np.int64], own: NDArray[np.int64]) -> int:

@@ -28,8 +28,9 @@ class Layers:
         labels: (H, W) uint16, 0 where nothing is known.
         depth: (H, W) float32 metres along the ray; +inf no surface, 0 outside the field of view.
         normals: (H, W, 3) float32 unit vectors, camera frame; 0 where unknown.
-        unsure: (H, W) bool, pixels that a strategy with few optical centres could not verify; None where
-            every pixel was captured from its own centre.
+        unsure: (H, W) bool, pixels whose optical centre is not in the open as seen from the camera's
+            position (:mod:`omniscv.compose.reachable`), or that a strategy with few centres could not verify;
+            None for a single centre, or where a record cannot tell.
         unknown_colors: mask colours that no object has, and on how many pixels.
         objects: names and mask colours.
         provenance: where the captures came from.
@@ -55,6 +56,7 @@ def layers_of(
     images: dict[str, NDArray[Any]],
     centers_w: Array,
     provenance: dict[str, Any],
+    unsure: Mask | None = None,
 ) -> Layers:
     """The layers of what was sampled.
 
@@ -65,6 +67,7 @@ def layers_of(
         images: mode to (H, W, ...); normals in the world frame.
         centers_w: as in :class:`Layers`.
         provenance: of one capture.
+        unsure: (H, W) as in :class:`Layers`.
     """
     labels, objects = None, None
     unknown: dict[tuple[int, int, int], int] = {}
@@ -86,4 +89,5 @@ def layers_of(
         unknown_colors=unknown,
         objects=objects,
         provenance=provenance,
+        unsure=unsure,
     )

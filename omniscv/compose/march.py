@@ -104,6 +104,24 @@ def march(seen: Shell, origins_w: Array, directions_w: Array) -> tuple[Array, ND
     return reach, sure, error
 
 
+def distances(seen: Shell, directions_w: Array) -> Array:
+    """(N,) captured distance in directions (N, 3), nearest pixel; 0 where no view looks."""
+    out = np.zeros(len(directions_w))
+    _distances(directions_w, *seen[1:7], out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _distances(
+    directions: Any, distance: Any, slot: Any, R_c_w: Any, focal: float, cx: float, cy: float, out: Any
+) -> None:
+    for i in range(directions.shape[0]):
+        k, u, v = _lookup(
+            directions[i, 0], directions[i, 1], directions[i, 2], distance, slot, R_c_w, focal, cx, cy
+        )
+        out[i] = _nearest(distance[k], u, v) if k >= 0 else 0.0
+
+
 @njit(cache=True, nogil=True)
 def _lookup(
     x: float, y: float, z: float, distance: Any, slot: Any, R_c_w: Any, focal: float, cx: float, cy: float

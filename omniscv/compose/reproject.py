@@ -14,7 +14,7 @@ where the nearest pixel may show the other side; surfaces seen at a grazing angl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,10 @@ from omniscv.compose.layers import Layers, layers_of
 from omniscv.compose.listed import Listed
 from omniscv.compose.maps import Maps, filter_for, unit
 from omniscv.compose.march import Shell, march, shell
+from omniscv.compose.reachable import look_around, reachable
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.plan import Plan, Station
+from omniscv.plan import PROBE_MODES, Plan, Station
 
 FILTERS = ("auto", "nearest", "bilinear", "bicubic")
 DEFAULT_ERROR_PX = 0.5
@@ -103,6 +104,10 @@ def reproject(
         raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {max_error_px!r}")
     grid = Grid(plan.camera)
     rays = _rays_of(plan, grid)
+    open_air = np.ones(len(rays.pixels), np.bool_)
+    if plan.probe is not None:
+        taken = plan.probe.by_mode(PROBE_MODES, iter(source.capture(plan.probe.requests(PROBE_MODES))))
+        open_air = reachable(look_around(plan, taken), rays.origins_w)
     asked = tuple(dict.fromkeys((*modes, "depth")))
     seen: list[_Seen] = []
     waiting: list[Station] = list(plan.stations)
@@ -114,6 +119,7 @@ def reproject(
         waiting = [] if plan.more is None else [plan.more(center_w) for center_w in _wanted(rays)]
         if not waiting:
             break
+    rays.sure &= open_air
     return _composed(plan, source, modes, grid, rays, seen, "bilinear" if filter == "auto" else filter)
 
 
@@ -227,12 +233,12 @@ def _composed(
     shape = grid.valid.shape
     centers_w, unsure = np.zeros((grid.valid.size, 3)), np.zeros(grid.valid.size, np.bool_)
     centers_w[rays.pixels], unsure[rays.pixels] = rays.origins_w, ~rays.sure
-    layers = layers_of(
+    return layers_of(
         plan,
         source,
         grid.valid,
         {mode: values.reshape(*shape, *values.shape[1:]) for mode, values in flat.items()},
         centers_w.reshape(*shape, 3),
         seen[0].captures["depth"][0].provenance if seen else {},
+        unsure.reshape(shape),
     )
-    return replace(layers, unsure=unsure.reshape(shape))

@@ -68,6 +68,7 @@ def _describe(image: OmniImage) -> dict[str, Any]:
         "camera": image.camera.to_dict(),
         "pose": image.pose.to_dict(),
         "source": image.layers.provenance,
+        "unsure_pixels": None if image.unsure is None else int(np.count_nonzero(image.unsure)),
         "unknown_mask_colors": [[*color, count] for color, count in image.layers.unknown_colors.items()],
         "versions": {name: version(name) for name in ("omniscv", "numpy", "opencv-python")},
     }

@@ -13,6 +13,8 @@ from omniscv.cameras import Camera
 from omniscv.captures.view import Capture, Request, View
 from omniscv.geometry import Array, Pose
 
+PROBE_MODES = ("depth",)
+
 
 @dataclass(frozen=True, eq=False)
 class Station:
@@ -54,6 +56,8 @@ class Plan:
         strategy: the name of the strategy that made the plan.
         stations: one per optical centre; every valid pixel of the camera is in exactly one.
         border_px: how many pixels beyond the pixels that rays hit each view holds, for filters.
+        probe: views for depth at the camera's own position, to tell which centres are in the open; None
+            for a single centre, or where a record has none.
         more: gives the station of a further optical centre, (3,) world frame, for strategies that find out
             while they capture what they need.
     """
@@ -63,6 +67,7 @@ class Plan:
     strategy: str
     stations: tuple[Station, ...]
     border_px: int = 0
+    probe: Station | None = None
     more: Callable[[Array], Station] | None = None
 
     def views(self) -> Iterator[View]:
@@ -71,7 +76,9 @@ class Plan:
             yield from station.views
 
     def requests(self, modes: Sequence[str]) -> Iterator[Request]:
-        """What is captured, station by station."""
+        """What is captured: the probe's depth, then station by station."""
+        if self.probe is not None:
+            yield from self.probe.requests(PROBE_MODES)
         for station in self.stations:
             yield from station.requests(modes)
 

@@ -29,6 +29,9 @@ FEW_CENTERS = 8
 FACE_BORDER_PX = 4
 """What the widest filter reaches beyond a ray's place, and two for good measure."""
 
+PROBE_EDGE = 64
+"""Pixels of a face that only tells walls from open space."""
+
 STRIP_BORDER_PX = 2
 """What the widest filter reaches beyond a ray's place: a strip's rays run through its middle."""
 
@@ -76,18 +79,26 @@ def make_plan(
         raise ArgumentError("strategy: strips need a source that can set size and field of view; use 'faces'")
     few = strategy in FEW and not camera.central
     groups = pixel_groups(camera, FEW_CENTERS if few and viewpoints is None else viewpoints)
+    probe = _probe(pose, capabilities, recorded) if len(groups) > 1 else None
     if strategy == "strips" or (strategy == "auto" and free and len(groups) > 1):
         border = STRIP_BORDER_PX if border_px is None else border_px
-        plan = Plan(
-            camera, pose, "strips", _strips(groups, pose, edge, border, capabilities.min_size), border
-        )
+        stations = _strips(groups, pose, edge, border, capabilities.min_size)
+        plan = Plan(camera, pose, "strips", stations, border, probe)
         if strategy == "strips" or recorded is None or set(plan.views()) <= set(recorded):
             return plan
     face = Face.on(capabilities, edge, FACE_BORDER_PX if border_px is None else border_px)
     if few and len(groups) > 1:
-        return _few(camera, pose, groups, _views(face, recorded), strategy, face.border_px)
+        return _few(camera, pose, groups, _views(face, recorded), strategy, face.border_px, probe)
     stations = _faces(groups, pose, _views(face, recorded), every=strategy == "cube")
-    return Plan(camera, pose, "cube" if strategy == "cube" else "faces", stations, face.border_px)
+    return Plan(camera, pose, "cube" if strategy == "cube" else "faces", stations, face.border_px, probe)
+
+
+def _probe(pose: Pose, capabilities: Capabilities, recorded: Sequence[View] | None) -> Station | None:
+    """Six small views at the camera's own position; None where a record lacks them."""
+    views = _views(Face.on(capabilities, PROBE_EDGE, 0), recorded)(pose.t_w_c)
+    if recorded is not None and not set(views) <= set(recorded):
+        return None
+    return Station(pose.t_w_c, views, np.zeros(0, np.int64))
 
 
 def _few(
@@ -97,6 +108,7 @@ def _few(
     views: Callable[[Array], tuple[View, ...]],
     strategy: str,
     border_px: int,
+    probe: Station | None,
 ) -> Plan:
     """At each centre all faces that any of the camera's rays hits: a ray may be looked up at any centre."""
     hit = np.any([faces_hit(group.directions, pose.R_w_c) for group in groups], axis=0)
@@ -108,7 +120,7 @@ def _few(
     stations = tuple(station(pose.to_world(group.center_c), group.pixels) for group in groups)
     none = np.zeros(0, np.int64)
     more = (lambda center_w: station(center_w, none)) if strategy == "adaptive" else None
-    return Plan(camera, pose, strategy, stations, border_px, more)
+    return Plan(camera, pose, strategy, stations, border_px, probe, more)
 
 
 def _views(face: Face, recorded: Sequence[View] | None) -> Callable[[Array], tuple[View, ...]]:

@@ -24,11 +24,11 @@ def test_cube_takes_six_views_a_centre_and_the_others_less(rows):
     for name, camera in noncentral.cameras(64).items():
         mine = {(r.strategy, r.viewpoints): r for r in rows if r.camera == name}
         cube = mine["cube", None]
-        assert cube.views == 6 * len(camera.viewpoints().centers)
+        assert cube.views == 6 * len(camera.viewpoints().centers) + 6  # six that look around
         assert cube.requests == 3 * cube.views
         assert mine["faces", None].views < cube.views
         assert mine["faces", None].wrong == cube.wrong  # the same faces, less those that no ray hits
-        assert mine["strips", None].megapixels < 0.5 * mine["faces", None].megapixels
+        assert mine["strips", None].megapixels < 0.6 * mine["faces", None].megapixels
         assert mine["adaptive", 2].views < 0.3 * cube.views
         assert cube.seconds[30] - cube.seconds[0] == pytest.approx(0.03 * cube.requests)
 

@@ -10,7 +10,8 @@ import omniscv
 from mock_server import load_scene
 from omniscv.captures.source import ObjectTable
 from omniscv.chart.truth import TracedSource, traced
-from omniscv.compose.labels import bent, labels_of
+from omniscv.captures.gamma import bent
+from omniscv.compose.labels import labels_of
 from omniscv.geometry import Pose
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)

@@ -188,13 +188,39 @@ def test_a_record_in_which_one_strip_is_missing(tmp_path):
         omniscv.render(camera, LEVEL, replay, ("depth",), strategy="strips")
 
 
-def test_a_radius_beyond_the_walls_is_data():
-    """Rays that start inside or behind a wall see what a camera there would see: nothing is invented."""
-    camera = create("noncentral-panorama", width=32, height=16, radius=8.0)
-    image = omniscv.render(camera, LEVEL, TracedSource(ROOM), ("depth", "object_mask"))
-    truth = traced(ROOM, camera, LEVEL)
-    np.testing.assert_array_equal(np.isinf(image.depth), np.isinf(truth.distance))
-    assert np.isinf(image.depth).any()
+@pytest.mark.parametrize("strategy", ["cube", "strips", "adaptive"])
+def test_a_radius_beyond_the_walls_is_told(strategy):
+    """The room is 6 m x 5 m: with a radius of 2.7 m some columns begin outside, and just those are marked.
+
+    They show what a camera there would see: nothing is invented.
+    """
+    camera = create("noncentral-panorama", width=64, height=32, radius=2.7)
+    image = omniscv.render(camera, LEVEL, TracedSource(ROOM), ("depth",), strategy=strategy, face_size=64)
+    centers_w = LEVEL.to_world(camera.viewpoints().centers)
+    outside = np.abs(centers_w[:, 1]) > 2.5
+    assert outside.any()
+    marked = image.unsure.all(axis=0)
+    np.testing.assert_array_equal(marked[outside], True)
+    if strategy != "adaptive":
+        # what else is marked stands behind furniture or in it, as seen from the middle
+        from_the_middle = ROOM.trace(LEVEL.t_w_c, centers_w - LEVEL.t_w_c).distance
+        hidden = from_the_middle < 0.97 * 2.7
+        seen = from_the_middle > 1.03 * 2.7
+        np.testing.assert_array_equal(marked[hidden], True)
+        np.testing.assert_array_equal(image.unsure.any(axis=0)[seen], False)
+
+
+def test_a_mirror_taller_than_the_room_is_told():
+    camera = create("noncentral-conical-mirror", width=64, height=64, half_angle_deg=55.0, distance=6.0)
+    image = omniscv.render(camera, LEVEL, TracedSource(ROOM), ("depth",), face_size=32)
+    assert image.unsure[image.valid].all()
+
+
+def test_in_the_open_nothing_is_marked():
+    image = omniscv.render(
+        CAMERAS["noncentral-panorama"], LEVEL, TracedSource(ROOM), ("depth",), face_size=32
+    )
+    assert not image.unsure.any()
 
 
 def test_cubes_are_aligned_with_the_world():
