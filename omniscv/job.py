@@ -34,6 +34,7 @@ from omniscv.captures.source import Source
 from omniscv.compose import Composer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.output.image import OmniImage
 from omniscv.output.trajectories import read_trajectory
 from omniscv.plan import STRATEGIES, Plan, make_plan
 from omniscv.plan.cost import Cost, cost, measure_latency
@@ -134,10 +135,7 @@ def run(
                 composer=composer,
             )
             if warn and image.unsure is not None and image.unsure.any():
-                warn(
-                    f"{stem}: {np.count_nonzero(image.unsure)} of {np.count_nonzero(image.valid)} pixels are unsure "
-                    f"({stem}.unsure.png): their optical centre is not in the open, or no capture verified them"
-                )
+                warn(f"{stem}: {_doubt(image)} (see {stem}.unsure.png)")
             if saving:
                 written += saving.result()
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
@@ -146,6 +144,14 @@ def run(
     if progress:
         progress(len(job), len(job))
     return written
+
+
+def _doubt(image: OmniImage) -> str:
+    unsure, valid = np.count_nonzero(image.layers.unsure), np.count_nonzero(image.valid)
+    return (
+        f"{unsure} of {valid} pixels are unsure: their optical centre is not in the open, "
+        "or no capture verified them"
+    )
 
 
 def capture(job: Job, path: Path, progress: Callable[[int, int], None] | None = None) -> int:

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from omniscv.cli import options
-from omniscv.cli.progress import out as console
 from omniscv.cli.progress import err, progress_bar
+from omniscv.cli.progress import out as console
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 import omniscv
 from mock_server import load_scene
+from omniscv.captures.gamma import bent
 from omniscv.captures.source import ObjectTable
 from omniscv.chart.truth import TracedSource, traced
-from omniscv.captures.gamma import bent
 from omniscv.compose.labels import labels_of
 from omniscv.geometry import Pose
 
