@@ -1,7 +1,8 @@
 """From mask colours to labels, by lookup: a colour that no object can have shown is counted, never guessed.
 
-Plugin 0.3.10 bends colours (:mod:`omniscv.captures.gamma`); later ones deviate by up to three in a channel. A colour that is nobody's own is the object's whose own or bent colour it is nearest to, if that is
-within the tolerance and no other object's is.
+Plugin 0.3.10 bends colours (:mod:`omniscv.captures.gamma`); later ones deviate by up to three in a channel.
+A colour that is nobody's own is the object's whose own or bent colour it is nearest to, if that is within
+the tolerance and no other object's is.
 """
 
 from __future__ import annotations
