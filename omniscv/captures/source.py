@@ -18,6 +18,7 @@ class Capabilities:
     Attributes:
         modes: the modes it can capture.
         can_set_size, can_set_fov: whether views may differ from ``image_size`` and ``fov_deg``.
+        can_spawn: whether it makes a camera of its own, which no player moves.
         can_look_vertical: whether pitch +-90 is exact; else captures come with the view they had.
         image_size: (width, height) in force, where it cannot be set.
         fov_deg: horizontal field of view in force, where it cannot be set.
@@ -32,6 +33,7 @@ class Capabilities:
     modes: frozenset[str] = frozenset(MODES)
     can_set_size: bool = True
     can_set_fov: bool = True
+    can_spawn: bool = False
     can_look_vertical: bool = True
     image_size: tuple[int, int] | None = None
     fov_deg: float | None = None

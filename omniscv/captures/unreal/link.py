@@ -11,6 +11,8 @@ from pathlib import Path
 from omniscv.captures.unreal.session import Session
 from omniscv.errors import BadReply, ConnectionFailed, DeadlineExceeded, ServerRefused, SourceError
 
+T = TypeVar("T")
+
 FAULTS = (ConnectionFailed, DeadlineExceeded, BadReply)
 """What another connection may cure."""
 
@@ -105,6 +107,21 @@ class Link:
         if reply.startswith("error"):
             raise ServerRefused(f"{self.address}: {command!r} was refused: {reply}")
         return reply
+
+    def ask(self, command: str, read: Callable[[Reply], T]) -> T:
+        """What ``read`` makes of a command's reply; where it raises ``BadReply``, the command is sent again.
+
+        Raises:
+            ConnectionFailed, DeadlineExceeded, BadReply: too many faults in a row.
+        """
+        failures = 0
+        while True:
+            try:
+                (reply,) = self.connected().stream([command])
+                return read(reply)
+            except FAULTS as fault:
+                failures += 1
+                self.recover(fault, failures)
 
     @property
     def address(self) -> str:
