@@ -32,9 +32,9 @@ from omniscv.captures import record
 from omniscv.captures.shared import open_shared
 from omniscv.captures.source import Source
 from omniscv.compose import Composer
+from omniscv.compose.layers import Mask
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.output.image import OmniImage
 from omniscv.output.trajectories import read_trajectory
 from omniscv.plan import STRATEGIES, Plan, make_plan
 from omniscv.plan.cost import Cost, cost, measure_latency
@@ -135,7 +135,7 @@ def run(
                 composer=composer,
             )
             if warn and image.unsure is not None and image.unsure.any():
-                warn(f"{stem}: {_doubt(image)} (see {stem}.unsure.png)")
+                warn(f"{stem}: {_doubt(image.unsure, image.valid)} (see {stem}.unsure.png)")
             if saving:
                 written += saving.result()
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
@@ -146,10 +146,9 @@ def run(
     return written
 
 
-def _doubt(image: OmniImage) -> str:
-    unsure, valid = np.count_nonzero(image.layers.unsure), np.count_nonzero(image.valid)
+def _doubt(unsure: Mask, valid: Mask) -> str:
     return (
-        f"{unsure} of {valid} pixels are unsure: their optical centre is not in the open, "
+        f"{np.count_nonzero(unsure)} of {np.count_nonzero(valid)} pixels are unsure: their optical centre is not in the open, "
         "or no capture verified them"
     )
 
