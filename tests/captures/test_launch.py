@@ -106,12 +106,23 @@ def test_a_game_that_never_answers_is_stopped(game):
 
 
 def test_settings_that_were_there_come_back(game):
+    """As soon as the game has read its own."""
     file = beside(game) / "unrealcv.ini"
     file.write_text("[UnrealCV.Core]\nPort=9000\n")
     with LaunchedSource(game, size=(64, 48), fov_deg=70.5) as source:
         assert source.capabilities.modes
-        assert "Width=64\nHeight=48\nFOV=70.5" in file.read_text()
-    assert file.read_text() == "[UnrealCV.Core]\nPort=9000\n"
+        assert file.read_text() == "[UnrealCV.Core]\nPort=9000\n"
+    settings = json.loads((beside(game) / "settings.json").read_text())
+    assert (settings["width"], settings["height"], float(settings["fov"])) == ("64", "48", 70.5)
+
+
+def test_one_package_twice_shares_the_captures(game, tmp_path):
+    out = tmp_path / "room.sqlite"
+    places = [f"--position={0.1 * step},0,1.5" for step in range(16)]
+    assert run([*record(game, "--launch", game, "--out", out), *places]) == 0
+    assert info(out).captures == {"lit": 96}
+    assert len(info(out).servers) == 2
+    assert not list(game.parent.rglob("unrealcv.ini"))
 
 
 def test_settings_lie_beside_the_executable(game):

@@ -1,7 +1,8 @@
 """Starts a packaged game, opens it as a source when it answers, and stops it with the source.
 
 The plugin reads its settings once, from ``unrealcv.ini`` beside the running executable (protocol reference,
-section 1.5). The file is written before the game starts, and put back as it was when the game has ended.
+section 1.5). The file is written before the game starts, and put back as it was when the game answers, so
+that the same package can be started again beside it.
 """
 
 from __future__ import annotations
@@ -63,10 +64,11 @@ class LaunchedSource(Source):
             raise ArgumentError(f"{path}: expected a game that can be run, but there is none")
         port = _free_port() if port is None else port
         with ExitStack() as held:
-            for folder in settings_folders(path):
-                held.enter_context(_settings(folder / "unrealcv.ini", port, size, fov_deg))
-            self._game = held.enter_context(_running(path))
-            self._source = _answering(self._game, path, port, patience_s, options)
+            with ExitStack() as settings:
+                for folder in settings_folders(path):
+                    settings.enter_context(_settings(folder / "unrealcv.ini", port, size, fov_deg))
+                self._game = held.enter_context(_running(path))
+                self._source = _answering(self._game, path, port, patience_s, options)
             held.callback(self._source.close)
             self._held = held.pop_all()
 
