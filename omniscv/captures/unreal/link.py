@@ -90,7 +90,8 @@ class Link:
             try:
                 for reply in self.connected().stream(commands[before:]):
                     if not isinstance(reply, str):
-                        raise BadReply(f"expected text from {commands[len(replies)]!r}, got {reply[:80]!r}")
+                        expected = f"{self.address}: expected text from {commands[len(replies)]!r}"
+                        raise BadReply(f"{expected}, got {reply[:80]!r}")
                     replies.append(reply)
             except FAULTS as fault:
                 failures = 1 if len(replies) > before else failures + 1
