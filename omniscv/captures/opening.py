@@ -57,10 +57,10 @@ def open_source(uri: str | Path, **options: Any) -> Source:
 
 
 def _open_live(endpoint: tuple[str, int] | str, options: dict[str, Any]) -> Source:
-    from omniscv.captures.unreal.live import UnrealSource
+    from omniscv.captures.unreal.dialects import open_live
 
     try:
-        return UnrealSource(endpoint, **options)
+        return open_live(endpoint, **options)
     except TypeError as cause:
         raise ArgumentError(
             f"options: expected timeout_s, retries, fix_exposure; got {', '.join(options)}"

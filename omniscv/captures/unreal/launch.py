@@ -20,6 +20,7 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from omniscv.captures.source import Capabilities, ObjectTable, Source
+from omniscv.captures.unreal.dialects import open_live
 from omniscv.captures.unreal.live import UnrealSource
 from omniscv.captures.view import Capture, Request, View
 from omniscv.errors import ArgumentError, ConnectionFailed, DeadlineExceeded
@@ -42,7 +43,7 @@ class LaunchedSource(Source):
         size: width and height of its images, px: in force where a dialect cannot set them.
         fov_deg: horizontal field of view, likewise.
         patience_s: how long it may take until it answers.
-        options: for :class:`omniscv.captures.unreal.live.UnrealSource`.
+        options: for :func:`omniscv.captures.unreal.dialects.open_live`.
 
     Raises:
         ArgumentError: there is no such program, or it cannot be run.
@@ -95,7 +96,7 @@ def open_launched(uri: str, **options: Any) -> Source:
     Args:
         uri: ``launch:PATH``; behind a question mark, what :class:`LaunchedSource` takes:
             ``launch:PATH?port=9001&size=1024x1024&fov_deg=90&patience_s=60``.
-        options: for :class:`omniscv.captures.unreal.live.UnrealSource`.
+        options: for :func:`omniscv.captures.unreal.dialects.open_live`.
 
     Raises:
         ArgumentError: an option that is unknown or wrong.
@@ -211,7 +212,7 @@ def _answering(
     deadline = time.monotonic() + patience_s
     while True:
         try:
-            return UnrealSource((HOST, port), **options)
+            return open_live((HOST, port), **options)
         except (ConnectionFailed, DeadlineExceeded) as silence:
             if (code := game.process.poll()) is not None:
                 raise ConnectionFailed(

@@ -22,8 +22,8 @@ _BATCH = 24
 _BATCH_PX = 1 << 24
 """Pixels under way at once; a larger picture goes alone."""
 
-_VERSION = "vget /unrealcv/version"
-_CURES = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
+VERSION = "vget /unrealcv/version"
+CURES = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Against vignette and auto exposure (protocol reference, section 7.1)."""
 
 
@@ -36,35 +36,21 @@ class UnrealSource(Source):
     length and size, the reply behind it is in step, and it is not the one from before the camera moved.
 
     Args:
-        endpoint: (host, port), or the path of a Unix socket.
-        timeout_s: how long connecting, and each reply, may take.
-        retries: how often to try again while nothing comes at all, with pauses that grow from 0.1 s to 2 s.
+        link: the way to the server; closed with this.
+        capabilities: what its dialect can do.
         fix_exposure: switches vignette and auto exposure off in the running game.
 
     Raises:
-        ConnectionFailed: nobody answers, or not as an UnrealCV server does.
+        SourceError: too many faults in a row, or a server that refuses what is needed.
     """
 
-    def __init__(
-        self,
-        endpoint: tuple[str, int] | str,
-        *,
-        timeout_s: float = 30.0,
-        retries: int = 5,
-        fix_exposure: bool = False,
-    ) -> None:
-        self._link = Link(endpoint, timeout_s, retries)
-        self._fix_exposure = fix_exposure
+    def __init__(self, link: Link, capabilities: Capabilities, fix_exposure: bool) -> None:
+        self._link, self._capabilities, self._fix_exposure = link, capabilities, fix_exposure
         self._ours: Session | None = None
         self._camera: int | None = None
         self._posed: View | None = None
         self._motion = Motion()
-        try:
-            self._session()
-        except BaseException:
-            self._link.close()
-            raise
-        self._capabilities = Capabilities(pipelines=True, dialect="1.x")
+        self._session()
 
     @property
     def capabilities(self) -> Capabilities:
@@ -102,12 +88,14 @@ class UnrealSource(Source):
         try:
             count = len(self._link.text("vget /cameras").split())
         except ServerRefused as refused:
-            raise ServerRefused(f"expected plugin 1.x with 'vget /cameras', got: {refused}") from refused
+            raise ServerRefused(
+                f"expected plugin 0.3.10, or 1.x with 'vget /cameras', got: {refused}"
+            ) from refused
         if self._camera is not None and self._camera < count:
             return
-        self._version, self._scene = self._link.text(_VERSION), self._link.text("vget /scene/name")
+        self._version, self._scene = self._link.text(VERSION), self._link.text("vget /scene/name")
         if self._fix_exposure:
-            self._link.texts(_CURES)
+            self._link.texts(CURES)
         paint(self._link)
         self._camera = count
         self._link.text("vset /cameras/spawn")
@@ -140,7 +128,7 @@ class UnrealSource(Source):
         requests = [waiting[0]] if self._motion.in_doubt else list(waiting)
         steps = make_steps(self._camera, requests, self._posed, self._motion)
         self._posed = requests[-1].view
-        replies = session.stream([*(step.command for step in steps), _VERSION])
+        replies = session.stream([*(step.command for step in steps), VERSION])
         late = False
         held: Capture | None = None
         for step in steps:
@@ -182,12 +170,14 @@ class UnrealSource(Source):
             )
         request, encoding = step.request, IMAGE[step.request.mode][1]
         pixels = decode(reply, encoding, request.mode, request.view)
-        provenance: dict[str, Any] = {
+        return Capture(request, request.view, pixels, reply, encoding, self._provenance(step.command))
+
+    def _provenance(self, command: str) -> dict[str, Any]:
+        return {
             "server": self._link.address,
             "scene": self._scene,
             "version": self._version,
             "dialect": self._capabilities.dialect,
-            "command": step.command,
+            "command": command,
             "time": time.time(),
         }
-        return Capture(request, request.view, pixels, reply, encoding, provenance)

@@ -5,31 +5,40 @@ from __future__ import annotations
 import itertools
 import re
 
+import numpy as np
+
+from omniscv.captures.gamma import bent
 from omniscv.captures.unreal.link import Link
 from omniscv.errors import BadReply, ServerRefused
 
 Color = tuple[int, int, int]
 
 _BACKGROUND = (0, 0, 0)
-_EXACT = (135, 151, 167, 183, 199, 215, 231)
-"""Channel values that every dialect shows as they are set, far apart."""
+_EXACT = (0, *(value for value in range(122, 256) if value != 145))
+"""Channel values that every dialect shows as they are set (protocol reference, section 5.2)."""
+_APART = (135, 151, 167, 183, 199, 215, 231)
+"""Some that are far apart, to begin with."""
 
 
-def paint(link: Link) -> None:
+def paint(link: Link, *, exact: bool = False) -> None:
     """Sets every object's mask colour: its own, or another where that is the background's or taken.
 
     Every server gives one object black (protocol reference, section 5.1). Objects that were spawned late
     are in no mask and no depth until their colour is set (section 2.5).
 
+    Args:
+        link: the way to the server.
+        exact: also sets another where plugin 0.3.10 would not show the colour as it is set.
+
     Raises:
         ServerRefused: a colour that must change cannot.
     """
     taken = {_BACKGROUND}
-    free = itertools.product(_EXACT, _EXACT, _EXACT)
+    free = itertools.chain(*(itertools.product(values, values, values) for values in (_APART, _EXACT)))
     wanted: dict[str, Color] = {}
     changed = set()
     for name, color in colors(link).items():
-        if color in taken:
+        if color in taken or (exact and shown(color) != color):
             color = next(spare for spare in free if spare not in taken)
             changed.add(name)
         taken.add(color)
@@ -38,6 +47,12 @@ def paint(link: Link) -> None:
     for name, command, reply in zip(wanted, commands, link.texts(commands), strict=True):
         if reply != "ok" and name in changed:
             raise ServerRefused(f"{link.address}: {command!r} was refused: {reply!r}")
+
+
+def shown(color: Color) -> Color:
+    """What plugin 0.3.10 shows for a colour."""
+    r, g, b = bent(np.array(color)).tolist()
+    return r, g, b
 
 
 def colors(link: Link) -> dict[str, Color]:

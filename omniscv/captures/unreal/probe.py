@@ -1,4 +1,4 @@
-"""Finds out what a server speaks, by what it answers: versions do not tell (protocol reference, section 0)."""
+"""What a server speaks, by what it answers: versions do not tell (protocol reference, section 0)."""
 
 from __future__ import annotations
 

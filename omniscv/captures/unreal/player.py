@@ -1,0 +1,233 @@
+"""The live source of plugin 0.3.10: the player's camera, waited for; masks from the game's window."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+
+from omniscv.captures.decode import decode
+from omniscv.captures.source import ObjectTable
+from omniscv.captures.unreal.live import CURES, VERSION, UnrealSource
+from omniscv.captures.unreal.masks import colors, paint, shown
+from omniscv.captures.unreal.session import Reply, Session
+from omniscv.captures.view import Capture, Request, View
+from omniscv.errors import BadReply, ServerRefused
+from omniscv.geometry import Pose
+
+_IMAGE = {
+    "lit": ("vget /camera/0/lit png", "png"),
+    "object_mask": ("vget /camera/0/object_mask png", "png"),
+    "depth": ("vget /camera/0/depth npy", "npy ray m"),
+    "normal": ("vget /camera/0/normal png", "png normal"),
+}
+"""By mode: the command, and the encoding of what it answers."""
+_POSE = "vget /camera/0/pose"
+_FOV = "vget /camera/0/horizontal_fieldofview"
+_LIT = "vset /viewmode lit"
+_QUIET = ("vset /action/input/disable", _LIT)
+"""A click in the window would send a message that nobody asked for."""
+
+_SETTLED = 4
+"""Replies, one after the other, behind which a new pose shows: each is at least a frame later than the one
+before, and rotations take two (protocol reference, section 7.2)."""
+_RESTLESS = 20
+"""Replies after which a pose that still changes is no pose."""
+_ATTEMPTS = 3
+"""How often to ask for pictures that equal the ones before the move; then the places look alike."""
+
+_PRINTED = 6e-4
+"""Poses and fields of view are printed with three decimals."""
+_STRAY_CM = 0.02
+"""How far a pawn may be from where it was set: what single precision leaves two kilometres out."""
+
+_PNG_SIZE = re.compile(rb"\x89PNG\r\n\x1a\n....IHDR(.{8})", re.DOTALL)
+
+
+class PlayerSource(UnrealSource):
+    """Captures from a UE4 editor or packaged game with plugin 0.3.10.
+
+    There is one camera, the player's. Its pictures have the size of the plugin's settings; object masks come
+    from the game's window, with its size, and the field of view of the settings. Pitch and roll end at 89.9
+    degrees: captures carry the view they were taken from. After a move the pose is asked for until it rests;
+    it is asked again behind the pictures, which count if nothing has moved meanwhile.
+    """
+
+    def objects(self) -> ObjectTable:
+        return ObjectTable({name: shown(color) for name, color in colors(self._link).items()})
+
+    def _find_camera(self) -> None:
+        """Makes whatever game is there now ready, and finds out its sizes."""
+        self._before: dict[str, tuple[View, bytes]] = {}
+        self._alike: set[int] = set()
+        self._version, self._scene = self._link.text(VERSION), self._link.text("vget /scene/name")
+        self._link.texts([*_QUIET, *(CURES if self._fix_exposure else ())])
+        paint(self._link, exact=True)
+        self._window_fov_deg = _fov_of_settings(self._link.text("vget /unrealcv/status"))
+        # The first pictures after a start may be garbage (protocol reference, section 7.2), but have a size.
+        size = self._link.ask(_IMAGE["lit"][0], _png_size)
+        self._window = self._link.ask(_IMAGE["object_mask"][0], _png_size)
+        self._link.text(_LIT)
+        self._capabilities = replace(self._capabilities, image_size=size)
+
+    def _collect(self, session: Session, waiting: deque[Request], done: list[Capture]) -> None:
+        """Moves requests from ``waiting`` to captures in ``done``, those of one view together."""
+        while waiting:
+            view, here = next(groupby(list(waiting), lambda request: request.view))
+            for capture in self._captured(session, view, list(here)):
+                self._before[capture.mode] = (view, capture.payload)
+                done.append(capture)
+                waiting.popleft()
+
+    def _captured(self, session: Session, view: View, requests: Sequence[Request]) -> list[Capture]:
+        """All modes of a view."""
+        if self._posed != view:
+            self._posed = None
+            self._send(session, view)
+        for _ in range(_ATTEMPTS):
+            captures = self._pictures(session, view, requests)
+            late = [capture for capture in captures if self._seems_late(capture)]
+            if not late:
+                break
+        self._alike.update(hash(capture.payload) for capture in late)
+        self._posed = view
+        return captures
+
+    def _seems_late(self, capture: Capture) -> bool:
+        """Whether a picture equals the one before the move, byte for byte, and that has not come to nothing.
+
+        Colour may be late where depth is not (protocol reference, section 7.2), so each mode is compared.
+        """
+        view, payload = self._before.get(capture.mode, (None, b""))
+        return (
+            view is not None
+            and view != capture.request.view
+            and payload == capture.payload
+            and hash(payload) not in self._alike
+        )
+
+    def _send(self, session: Session, view: View) -> None:
+        """Sends the camera to a view; numbers with fixed decimals, as servers parse them."""
+        location, rotation = view.pose.to_unreal()
+        commands = [
+            f"vset /camera/0/horizontal_fieldofview {view.fov_deg:.8f}",
+            "vset /camera/0/pose {:.6f} {:.6f} {:.6f} {:.8f} {:.8f} {:.8f}".format(*location, *rotation),
+        ]
+        for command, reply in zip(commands, session.stream(commands), strict=True):
+            if reply != "ok":
+                raise BadReply(f"{session.address}: expected ok from {command!r}, got {reply[:200]!r}")
+
+    def _rest(self, session: Session) -> Reply:
+        """The pose as it reads once it rests.
+
+        Raises:
+            BadReply: it does not rest.
+        """
+        before: Reply | None = None
+        for count in range(1, _RESTLESS + 1):
+            (reading,) = session.stream([_POSE])
+            if count >= _SETTLED and reading == before:
+                return reading
+            before = reading
+        raise BadReply(
+            f"{session.address}: expected a camera that comes to rest, but it moves on: {before!r}; "
+            "use a flying pawn, such as game mode UE4CVGameMode has"
+        )
+
+    def _pictures(self, session: Session, view: View, requests: Sequence[Request]) -> list[Capture]:
+        """Pictures of a view, of a camera that rests before, meanwhile and afterwards.
+
+        Masks are answered out of turn, so each is asked for alone; it leaves the window in its view mode.
+        """
+        reading = self._rest(session)
+        pose = _pose_read(session, view, reading)
+        commands = [_IMAGE[request.mode][0] for request in requests if request.mode != "object_mask"]
+        *replies, fov = session.stream([*commands, _FOV])
+        pictures = iter(replies)
+        captures = []
+        for request in requests:
+            if request.mode == "object_mask":
+                (reply,) = session.stream([_IMAGE["object_mask"][0]])
+                (after,) = session.stream([_LIT])
+                if after != "ok":
+                    raise BadReply(f"{session.address}: expected ok from {_LIT!r}, got {after[:200]!r}")
+                actual = View(pose, self._window_fov_deg, *self._window)
+            else:
+                reply = next(pictures)
+                actual = View(pose, _as_read(view.fov_deg, _numbers(fov, 1)[0]), *self._size)
+            captures.append(self._capture_of(session, request, actual, reply))
+        (afterwards,) = session.stream([_POSE])
+        if afterwards != reading:
+            raise BadReply(
+                f"{session.address}: expected a camera that stays at {reading!r} while it is captured, "
+                f"got {afterwards!r}; does anybody play?"
+            )
+        return captures
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        assert self._capabilities.image_size is not None
+        return self._capabilities.image_size
+
+    def _capture_of(self, session: Session, request: Request, actual: View, reply: Reply) -> Capture:
+        command, encoding = _IMAGE[request.mode]
+        if isinstance(reply, str):
+            raise BadReply(f"{session.address}: expected a picture from {command!r}, got {reply[:200]!r}")
+        pixels = decode(reply, encoding, request.mode, actual)
+        return Capture(request, actual, pixels, reply, encoding, self._provenance(command))
+
+
+def _pose_read(session: Session, view: View, reading: Reply) -> Pose:
+    """The pose that a camera has: what it was given where that reads back, else what it reads.
+
+    Raises:
+        ServerRefused: it is somewhere else.
+    """
+    given = view.pose.to_unreal()
+    read = _numbers(reading, 6)
+    if any(abs(a - b) > _STRAY_CM for a, b in zip(given.location_cm, read[:3], strict=True)):
+        raise ServerRefused(
+            f"{session.address}: expected a camera at {given.location_cm} cm, but it reads {reading!r}; "
+            "a pawn that falls or collides cannot be used, nor a level with a CineCameraActor"
+        )
+    location = [_as_read(a, b) for a, b in zip(given.location_cm, read[:3], strict=True)]
+    rotation = [
+        _as_read(a, a + math.remainder(b - a, 360)) for a, b in zip(given.rotation_deg, read[3:], strict=True)
+    ]
+    return Pose.from_unreal(location, rotation)
+
+
+def _as_read(given: float, read: float) -> float:
+    """A number as it was given, if that may be what is read, to three decimals."""
+    return given if abs(given - read) <= _PRINTED else read
+
+
+def _numbers(reply: Reply, count: int) -> list[float]:
+    """Numbers, separated by spaces."""
+    try:
+        numbers = [float(word) for word in reply.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise BadReply(f"expected {count} numbers, got {reply[:200]!r}")
+    return numbers
+
+
+def _png_size(reply: Reply) -> tuple[int, int]:
+    """Width and height of a PNG, px."""
+    found = isinstance(reply, bytes) and _PNG_SIZE.match(reply)
+    if not found:
+        raise BadReply(f"expected a PNG, got {reply[:80]!r}")
+    width, height = struct.unpack(">II", found[1])
+    return width, height
+
+
+def _fov_of_settings(status: str) -> float:
+    found = re.search(r"^FOV: (\d+(?:\.\d*)?)$", status, re.MULTILINE | re.ASCII)
+    if found is None:
+        raise ServerRefused(f"expected a status with a line such as 'FOV: 90.000000', got {status[:400]!r}")
+    return float(found[1])
