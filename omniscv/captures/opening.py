@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from omniscv.captures.source import Source
 from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from mock_server import Server
+    from omniscv.captures.unreal.link import Link
+
+Endpoint = tuple[str, int] | str
+"""(host, port), or the path of a Unix socket."""
 
 _FORMS = "unreal://host:port, unreal+unix:///path, launch:PATH, mock://scene, or a recorded file"
 
@@ -41,22 +50,50 @@ def open_source(uri: str | Path, **options: Any) -> Source:
         return RecordedSource(text)
     parts = urlsplit(text)
     if parts.scheme == "mock":
-        return _open_mock(
-            text, parts.netloc + parts.path, parse_qs(parts.query, keep_blank_values=True), options
-        )
+        return _open_mock(text, options)
+    return _open_live(_endpoint(text, _FORMS), options)
+
+
+@contextmanager
+def open_link(uri: str, *, timeout_s: float = 30.0, retries: int = 5) -> Iterator[Link]:
+    """A bare connection to a live server, for commands of one's own.
+
+    Args:
+        uri: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``, as for :func:`open_source`.
+        timeout_s: how long connecting, and each reply, may take.
+        retries: how often to try again while nothing comes at all.
+
+    Raises:
+        ArgumentError: an address of another form.
+    """
+    from omniscv.captures.unreal.link import Link
+
+    with ExitStack() as held:
+        if uri.startswith("mock://"):
+            server = held.enter_context(_mock(uri))
+            endpoint: Endpoint = (server.host, server.port)
+        else:
+            endpoint = _endpoint(uri, "unreal://host:port, unreal+unix:///path or mock://scene")
+        link = Link(endpoint, timeout_s, retries)
+        held.callback(link.close)
+        yield link
+
+
+def _endpoint(uri: str, forms: str) -> Endpoint:
+    parts = urlsplit(uri)
     if parts.scheme == "unreal+unix" and parts.path:
-        return _open_live(parts.path, options)
+        return parts.path
     if parts.scheme == "unreal":
         try:
             host, port = parts.hostname, parts.port or 9000
         except ValueError as cause:
-            raise ArgumentError(f"source: expected {_FORMS}; got {text!r}") from cause
+            raise ArgumentError(f"source: expected {forms}; got {uri!r}") from cause
         if host:
-            return _open_live((host, port), options)
-    raise ArgumentError(f"source: expected {_FORMS}; got {text!r}")
+            return host, port
+    raise ArgumentError(f"source: expected {forms}; got {uri!r}")
 
 
-def _open_live(endpoint: tuple[str, int] | str, options: dict[str, Any]) -> Source:
+def _open_live(endpoint: Endpoint, options: dict[str, Any]) -> Source:
     from omniscv.captures.unreal.dialects import open_live
 
     try:
@@ -70,18 +107,25 @@ def _open_live(endpoint: tuple[str, int] | str, options: dict[str, Any]) -> Sour
 _MOCK_OPTIONS = {"dialect": str, "depth": str, "latency_ms": float, "seed": int}
 
 
-def _open_mock(uri: str, scene: str, query: dict[str, list[str]], options: dict[str, Any]) -> Source:
+def _mock(uri: str) -> Server:
+    """A mock server as an address describes it."""
     import mock_server
 
+    parts = urlsplit(uri)
+    query = parse_qs(parts.query, keep_blank_values=True)
     faults = query.pop("fault", [])
     if unknown := sorted(set(query) - set(_MOCK_OPTIONS)):
         known = ", ".join([*_MOCK_OPTIONS, "fault"])
         raise ArgumentError(f"source: expected options among {known} in {uri!r}, got {unknown[0]!r}")
     try:
         settings = {key: _MOCK_OPTIONS[key](values[-1]) for key, values in query.items()}
-        server = mock_server.serve(scene, faults=faults, **settings)
+        return mock_server.serve(parts.netloc + parts.path, faults=faults, **settings)
     except ValueError as wrong:
         raise ArgumentError(f"source: {uri!r}: {wrong}") from wrong
+
+
+def _open_mock(uri: str, options: dict[str, Any]) -> Source:
+    server = _mock(uri)
     try:
         source = _open_live((server.host, server.port), options)
     except BaseException:
