@@ -11,7 +11,7 @@ import typer
 from typer.exceptions import TyperException
 
 import omniscv
-from omniscv.cli import chart, look, make
+from omniscv.cli import chart, doctor, look, make
 from omniscv.cli.progress import err, out
 from omniscv.errors import ArgumentError, OmniscvError
 
@@ -29,6 +29,7 @@ app = typer.Typer(
 make.add_to(app)
 look.add_to(app)
 chart.add_to(app)
+doctor.add_to(app)
 
 
 def _version(wanted: bool) -> None:

@@ -1,0 +1,158 @@
+"""A camera as it is, by bare commands of any dialect: nothing is repaired, so faults can be seen."""
+
+from __future__ import annotations
+
+import re
+import struct
+import time
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.captures.decode import decode
+from omniscv.captures.unreal.link import Link
+from omniscv.captures.unreal.probe import L, dialect_of
+from omniscv.captures.unreal.steps import IMAGE
+from omniscv.captures.view import View
+from omniscv.errors import BadReply, ServerRefused
+from omniscv.geometry import Array, Pose
+
+EDGE_PX = 256
+"""Pictures are square and of this size, where the server can be told so."""
+FOV_DEG = 90.0
+_LARGEST_PX = 1 << 13
+_NPY_SHAPE = re.compile(rb"'shape': \((\d{1,5}), (\d{1,5})")
+_PICTURES = 8
+"""After so many pictures in one place a camera shows it, if it ever does."""
+
+
+class BareCamera:
+    """A camera that is set and asked by bare commands. A context manager, which leaves things in order.
+
+    With plugin 1.x it is spawned, with 0.3.10 it is the player's, which is put back at the end.
+
+    Args:
+        link: the way to the server.
+        position: (3,) where to look around, world frame, metres; None: where the player is.
+
+    Attributes:
+        dialect: 0.3.10, M, N1 or N2.
+        fov_deg: the horizontal field of view that it says it has.
+        position: (3,) where it is.
+        lag: how many pictures after a move to throw away.
+
+    Raises:
+        SourceError: nobody answers, or not as an UnrealCV server does.
+    """
+
+    def __init__(self, link: Link, position: Array | None = None) -> None:
+        self._link = link
+        self.dialect = dialect_of(link)
+        self._start = [_numbers(link.text(f"vget /camera/0/{what}")) for what in ("location", "rotation")]
+        self.lag = _PICTURES
+        if self.dialect == L:
+            number, fov = 0, "horizontal_fieldofview"
+            self._start_fov = link.text(f"vget /camera/0/{fov}")
+        else:
+            number, fov = len(link.text("vget /cameras").split()), "fov"
+            link.text("vset /cameras/spawn")
+            link.text(f"vset /camera/{number}/size {EDGE_PX} {EDGE_PX}")
+        self._at = f"/camera/{number}"
+        link.text(f"vset {self._at}/{fov} {FOV_DEG:.3f}")
+        self.fov_deg = float(link.text(f"vget {self._at}/{fov}"))
+        here = Pose.from_unreal(self._start[0], (0, 0, 0)).position
+        self.position = here if position is None else position
+
+    def go(self, yaw_deg: float, pitch_deg: float = 0.0, forward_m: float = 0.0) -> Pose:
+        """Turns to world angles, moves along the new axis, and waits until pictures show it."""
+        pose = self._sent(yaw_deg, pitch_deg, forward_m)
+        for _ in range(self.lag):
+            self.payload("depth")
+        return pose
+
+    def settle(self, yaw_deg: float, pitch_deg: float) -> tuple[int, float] | None:
+        """How many pictures come late after a turn, and after how many seconds the first true one is there.
+
+        None: they do not come to rest.
+        """
+        began = time.monotonic()
+        self._sent(yaw_deg, pitch_deg, 0.0)
+        came = [(self.payload("depth"), time.monotonic() - began) for _ in range(_PICTURES)]
+        payloads = [payload for payload, _ in came]
+        late = next(i for i in range(_PICTURES) if len(set(payloads[i:])) == 1)
+        return None if late == _PICTURES - 1 else (late, came[late][1])
+
+    def rotation(self) -> tuple[float, ...]:
+        """Pitch, yaw and roll that the camera says it has, degrees."""
+        return _numbers(self._link.text(f"vget {self._at}/rotation"))
+
+    def payload(self, mode: str) -> bytes:
+        """A picture's bytes.
+
+        Raises:
+            ServerRefused: the server has no such picture.
+        """
+        command = f"vget {self._at}/{IMAGE[mode][0]}"
+        (reply,) = self._link.connected().stream([command])
+        if isinstance(reply, str):
+            raise ServerRefused(f"{self._link.address}: {command!r}: expected a picture, got {reply[:200]!r}")
+        return reply
+
+    def pixels(self, mode: str) -> NDArray[Any]:
+        """A picture: (H, W, 3) uint8, or (H, W) float32 depth as it comes, in the server's meaning and unit.
+
+        Raises:
+            BadReply: the bytes are no picture.
+        """
+        payload = self.payload(mode)
+        width, height = _size(payload)
+        encoding = "npy" if mode == "depth" else "png"
+        return decode(payload, encoding, mode, View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None and self.dialect == L:
+            self._set(*self._start)
+            self._link.text(f"vset /camera/0/horizontal_fieldofview {self._start_fov}")
+            self._link.text("vset /viewmode lit")  # masks leave the window in their mode
+
+    def _sent(self, yaw_deg: float, pitch_deg: float, forward_m: float) -> Pose:
+        turned = Pose.from_angles(self.position, yaw_deg, pitch_deg)
+        pose = Pose(turned.to_world((0.0, 0.0, forward_m)), turned.R_w_c)
+        self._set(*pose.to_unreal())
+        return pose
+
+    def _set(self, location_cm: tuple[float, ...], rotation_deg: tuple[float, ...]) -> None:
+        for what, numbers in (("location", location_cm), ("rotation", rotation_deg)):
+            self._link.text("vset {}/{} {:.4f} {:.4f} {:.4f}".format(self._at, what, *numbers))
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(word) for word in text.split())
+    except ValueError:
+        values = ()
+    if len(values) != 3:
+        raise BadReply(f"expected three numbers, got {text[:200]!r}")
+    return values
+
+
+def _size(payload: bytes) -> tuple[int, int]:
+    """Width and height by the header of a PNG or NPY."""
+    if payload.startswith(b"\x89PNG") and len(payload) >= 24:
+        width, height = struct.unpack(">II", payload[16:24])
+    elif found := _NPY_SHAPE.search(payload[:256]):
+        height, width = int(found[1]), int(found[2])
+    else:
+        raise BadReply(f"expected a PNG or NPY, got {len(payload)} bytes that start with {payload[:24]!r}")
+    if not 1 <= height <= width <= _LARGEST_PX:
+        raise BadReply(
+            f"expected a picture at most {_LARGEST_PX} px wide and no higher, got {width} x {height}"
+        )
+    return width, height
