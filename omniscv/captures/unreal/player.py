@@ -69,8 +69,8 @@ class PlayerSource(UnrealSource):
         paint(self._link, exact=True)
         self._window_fov_deg = _fov_of_settings(self._link.text("vget /unrealcv/status"))
         # The first pictures after a start may be garbage (protocol reference, section 7.2), but have a size.
-        size = self._link.ask(_IMAGE["lit"][0], _png_size)
-        self._window = self._link.ask(_IMAGE["object_mask"][0], _png_size)
+        size = self._link.ask(_IMAGE["lit"][0], self._png_size)
+        self._window = self._link.ask(_IMAGE["object_mask"][0], self._png_size)
         self._link.text(_LIT)
         self._capabilities = replace(self._capabilities, image_size=size)
 
@@ -168,6 +168,14 @@ class PlayerSource(UnrealSource):
             )
         return captures
 
+    def _png_size(self, reply: Reply) -> tuple[int, int]:
+        """Width and height of a PNG, px."""
+        found = isinstance(reply, bytes) and _PNG_SIZE.match(reply)
+        if not found:
+            raise BadReply(f"{self._link.address}: expected a PNG, got {reply[:80]!r}")
+        width, height = struct.unpack(">II", found[1])
+        return width, height
+
     @property
     def _size(self) -> tuple[int, int]:
         assert self._capabilities.image_size is not None
@@ -215,15 +223,6 @@ def _numbers(reply: Reply, count: int) -> list[float]:
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise BadReply(f"expected {count} numbers, got {reply[:200]!r}")
     return numbers
-
-
-def _png_size(reply: Reply) -> tuple[int, int]:
-    """Width and height of a PNG, px."""
-    found = isinstance(reply, bytes) and _PNG_SIZE.match(reply)
-    if not found:
-        raise BadReply(f"expected a PNG, got {reply[:80]!r}")
-    width, height = struct.unpack(">II", found[1])
-    return width, height
 
 
 def _fov_of_settings(status: str) -> float:
