@@ -83,8 +83,8 @@ class Job:
             for name, camera in self.cameras.items():
                 yield (f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name), camera, pose
 
-    def plans(self, source: Source) -> Iterator[Plan]:
-        """The plan of every image."""
+    def plans(self, source: Source, border_px: int | None = None) -> Iterator[Plan]:
+        """The plan of every image; views are ``border_px`` wider on every side, if given."""
         for _, camera, pose in self.items():
             yield make_plan(
                 camera,
@@ -93,6 +93,7 @@ class Job:
                 strategy=self.strategy,
                 viewpoints=self.viewpoints,
                 face_size=self.face_size,
+                border_px=border_px,
                 recorded=source.recorded_views(),
             )
 
@@ -153,8 +154,20 @@ def _doubt(unsure: Mask, valid: Mask) -> str:
     )
 
 
-def capture(job: Job, path: Path, progress: Callable[[int, int], None] | None = None) -> int:
+def capture(
+    job: Job,
+    path: Path,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    border_px: int | None = None,
+) -> int:
     """Captures all that a job's images need into a file, without composing them.
+
+    Args:
+        job: what the captures are for.
+        path: the file; made if it is not there.
+        progress: called with (captures done, captures in all).
+        border_px: how much wider views are on every side; what the widest filter needs, if not given.
 
     Returns:
         The number of captures that the job needs.
@@ -162,7 +175,7 @@ def capture(job: Job, path: Path, progress: Callable[[int, int], None] | None = 
     with replace(job, record=path).open() as source:
         source.objects()
         requests = dict.fromkeys(
-            request for plan in job.plans(source) for request in plan.requests(job.modes)
+            request for plan in job.plans(source, border_px) for request in plan.requests(job.modes)
         )
         for done, _ in enumerate(source.capture(requests), start=1):
             if progress:

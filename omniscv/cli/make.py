@@ -165,6 +165,13 @@ def record(
     ] = None,
     face_size: FaceSize = "1024",
     modes: Modes = "lit,object_mask,depth",
+    fix_exposure: Annotated[
+        bool, typer.Option("--fix-exposure", help="Turn vignette and auto exposure off in the game.")
+    ] = False,
+    overscan: Annotated[
+        int | None,
+        typer.Option("--overscan", min=0, help="px beyond a face on every side, to be cropped."),
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="The file to record into.")] = Path("capture.sqlite"),
 ) -> None:
     """Capture cube maps at positions (or all that a job needs) into a file; goes on where it stopped."""
@@ -191,8 +198,10 @@ def record(
             strategy="cube",
             face_size=edge,
         )
+    if fix_exposure:
+        wanted = replace(wanted, source_options={**wanted.source_options, "fix_exposure": True})
     with progress_bar("captures") as progress:
-        done = capture(wanted, wanted.record or out, progress)
+        done = capture(wanted, wanted.record or out, progress, border_px=overscan)
     console.print(f"{wanted.record or out}: {done} captures", markup=False)
 
 
