@@ -104,4 +104,5 @@ class Engine:
 
 
 def _payload(identity: int, body: str | bytes) -> bytes:
+    body = body or "ok"  # what the plugin makes of an empty success, early or late
     return b"%d:%b" % (identity, body if isinstance(body, bytes) else body.encode())

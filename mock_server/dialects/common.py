@@ -94,12 +94,12 @@ class Dialect(ABC):
         return None
 
     def answer(self, text: str) -> Reply:
-        """The reply to a command's text."""
+        """The reply to a command's text; an empty one is sent as ``ok``."""
         for each in reversed(self.commands):  # templates registered later win
             arguments = self.match(each, text)
             if arguments is not None:
-                reply = each.handler(*arguments)
-                return "ok" if reply in ("", b"") else reply
+                reply: Reply = each.handler(*arguments)
+                return reply
         return self.unknown.format(text)
 
     def match(self, each: Command, text: str) -> tuple[Any, ...] | None:
