@@ -19,7 +19,7 @@ from omniscv.captures.decode import ENCODINGS, decode
 from omniscv.captures.unreal.frames import MAGIC, MAX_PAYLOAD, read_frame
 from omniscv.captures.unreal.session import Session
 from omniscv.captures.view import MODES, View
-from omniscv.errors import BadReply, OmniscvError, SourceError
+from omniscv.errors import BadReply, ConnectionFailed, OmniscvError, SourceError
 from omniscv.geometry import Pose
 
 VIEW = View(Pose.from_angles((0.3, 0.2, 1.3), 40, 10), 90.0, 9, 7)
@@ -223,6 +223,22 @@ def test_any_greeting_is_one_or_is_refused(data):
     with contextlib.suppress(SourceError):
         Session(server.endpoint, timeout_s=0.05).close()
     server.listener.close()
+
+
+def test_a_greeting_that_trickles_for_ever_is_given_up():
+    """A deadline for every byte would never pass; this one is for the whole frame."""
+    listener, done = socket.create_server(("127.0.0.1", 0)), threading.Event()
+
+    def trickle():
+        with listener, listener.accept()[0] as connection, contextlib.suppress(OSError):
+            connection.sendall(struct.pack("<II", MAGIC, 1 << 20))
+            while not done.wait(0.01):
+                connection.sendall(b"c")
+
+    threading.Thread(target=trickle, daemon=True).start()
+    with pytest.raises(ConnectionFailed, match="expected a greeting within 0.2 s"):
+        Session(listener.getsockname(), timeout_s=0.2)  # else the suite's time limit is the judge
+    done.set()
 
 
 @pytest.mark.parametrize("text", ["", "(R=1,G=2,B=3)", "(R=1,G=2,B=3,A=4)x", "R", "(R=٣,G=2,B=3,A=4)"])
