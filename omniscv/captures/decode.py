@@ -119,25 +119,24 @@ def _npy(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
     if encoding == "npy" and mode != "depth":
         if array.shape[2:] != (3,):
             raise BadReply(f"expected three channels, got an array of shape {array.shape}")
-        return array
+        return array.copy()
     if array.ndim != 2 or array.dtype.kind != "f":
         raise BadReply(f"expected float depth of shape (H, W), got {array.dtype} of shape {array.shape}")
-    if wrong := int(np.count_nonzero(~(array >= 0))):  # NaN is not >= 0
+    if not array.min() >= 0:  # NaN is not >= 0
+        wrong = np.count_nonzero(~(array >= 0))
         raise BadReply(f"expected depth of 0 or more, got {wrong} of {array.size} values negative or NaN")
     if encoding == "npy":
-        depth = array.astype(np.float32)
+        return array.astype(np.float32)
+    if encoding == "npy planar cm":
+        depth: NDArray[Any] = np.divide(array, 100, dtype=np.float32)
     else:
-        sky = array >= SKY
-        if encoding == "npy planar cm":
-            depth = (array / 100).astype(np.float32)
-        else:
-            depth = (array / view.ray_lengths()).astype(np.float32)
-        depth[sky] = np.inf
+        depth = (array / view.ray_lengths()).astype(np.float32)
+    np.copyto(depth, np.inf, where=array >= SKY)
     return depth
 
 
 def _read_npy(payload: bytes, view: View) -> NDArray[Any]:
-    """An array whose header has the view's size and whose bytes are all there; never a pickle."""
+    """The payload's bytes as an array of the view's size; all are there; never a pickle."""
     if not payload.startswith(_NPY):
         raise BadReply(f"expected NPY, got {_start(payload)}")
     header, start = _npy_header(payload)
@@ -150,7 +149,7 @@ def _read_npy(payload: bytes, view: View) -> NDArray[Any]:
     size = math.prod(shape) * dtype.itemsize
     if len(payload) - start != size:
         raise BadReply(f"expected {size} bytes of pixels, got {len(payload) - start}")
-    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape).copy()
+    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape)
 
 
 def _npy_header(payload: bytes) -> tuple[bytes, int]:
