@@ -5,7 +5,8 @@ World-aligned, so that one set of captures serves every orientation of a camera 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -17,15 +18,27 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.parallel import blocks
 
+_FACES = tuple(R_w_c for _, R_w_c in cube_rotations())
+ROTATIONS = (*_FACES, *(np.diag([-1.0, -1.0, 1.0]) @ R_w_c for R_w_c in _FACES[4:]))
+"""(3, 3) each, camera to world: the six faces, then up and down turned half round."""
+
 
 @dataclass(frozen=True)
 class Face:
-    """The size and field of view of a plan's faces, and how far they reach beyond 90 degrees."""
+    """The size and field of view of a plan's faces.
+
+    Attributes:
+        width, height, fov_deg: of every view.
+        border_px: how far they reach beyond 90 degrees.
+        leaning: the source cannot look straight up and down. Its pictures lean to one side, and miss a sliver
+            on the other; so there are two more, which lean to that side.
+    """
 
     width: int
     height: int
     fov_deg: float
     border_px: int
+    leaning: bool = False
 
     @classmethod
     def of(cls, edge: int, border_px: int) -> Face:
@@ -41,6 +54,11 @@ class Face:
         Raises:
             ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them.
         """
+        upright = cls._upright_on(capabilities, edge, border_px)
+        return replace(upright, leaning=not capabilities.can_look_vertical)
+
+    @classmethod
+    def _upright_on(cls, capabilities: Capabilities, edge: int, border_px: int) -> Face:
         if capabilities.can_set_size and capabilities.can_set_fov:
             return cls.of(max(edge, capabilities.min_size), border_px)
         if capabilities.can_set_size:
@@ -66,21 +84,26 @@ class Face:
         return cls(width, height, fov_deg, border)
 
     def views(self, center_w: Array) -> tuple[View, ...]:
-        """The six views at a centre."""
+        """The views at a centre: six faces, then, of a source that leans, up and down turned half round."""
         return tuple(
             View(Pose(center_w, R_w_c), self.fov_deg, self.width, self.height)
-            for _, R_w_c in cube_rotations()
+            for R_w_c in ROTATIONS[: 8 if self.leaning else 6]
         )
 
 
+def chosen(views: Sequence[View], hit: NDArray[np.bool_]) -> tuple[View, ...]:
+    """The views, in the order of :meth:`Face.views`, whose faces are hit; ``hit`` as :func:`faces_hit`."""
+    return tuple(view for view, wanted in zip(views, [*hit, *hit[4:]], strict=False) if wanted)
+
+
 def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
-    """(6,) the faces that rays hit, in the order of :meth:`Face.views`; rays on an edge hit both sides.
+    """(6,) the faces that rays hit, in the order of ``cube_rotations``; rays on an edge hit both sides.
 
     Args:
         directions: (N, 3) in a frame d.
         R_w_d: (3, 3) from that frame to the world.
     """
-    axes_w = np.array([R_w_c[:, 2] for _, R_w_c in cube_rotations()])
+    axes_w = np.array([R_w_c[:, 2] for R_w_c in _FACES])
 
     def part(rows: slice) -> NDArray[np.bool_]:
         return np.asarray(_faces_hit(directions[rows], np.ascontiguousarray(axes_w @ R_w_d)))

@@ -14,7 +14,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.plan import sampling
 from omniscv.plan.base import Plan, Station
-from omniscv.plan.cube import Face, faces_hit
+from omniscv.plan.cube import Face, chosen, faces_hit
 from omniscv.plan.groups import Group, pixel_groups
 from omniscv.plan.recorded import RecordedFaces
 from omniscv.plan.strips import strip_size, strip_views
@@ -114,8 +114,7 @@ def _few(
     hit = np.any([faces_hit(group.directions, pose.R_w_c) for group in groups], axis=0)
 
     def station(center_w: Array, pixels: NDArray[np.int64]) -> Station:
-        chosen = tuple(view for view, wanted in zip(views(center_w), hit, strict=True) if wanted)
-        return Station(center_w, chosen, pixels)
+        return Station(center_w, chosen(views(center_w), hit), pixels)
 
     stations = tuple(station(pose.to_world(group.center_c), group.pixels) for group in groups)
     none = np.zeros(0, np.int64)
@@ -136,11 +135,10 @@ def _faces(
     stations = []
     for group in groups:
         center_w = pose.to_world(group.center_c)
-        chosen = six = views(center_w)
+        taken = views(center_w)
         if not every:
-            hit = faces_hit(group.directions, pose.R_w_c)
-            chosen = tuple(view for view, wanted in zip(six, hit, strict=True) if wanted)
-        stations.append(Station(center_w, chosen, group.pixels))
+            taken = chosen(taken, faces_hit(group.directions, pose.R_w_c))
+        stations.append(Station(center_w, taken, group.pixels))
     return tuple(stations)
 
 
@@ -159,7 +157,6 @@ def _strips(
         center_w = pose.to_world(group.center_c)
         views = strip_views(center_w, rays, focal_px, border_px, size)
         if views is None:
-            hit = faces_hit(group.directions, pose.R_w_c)
-            views = tuple(view for view, wanted in zip(face.views(center_w), hit, strict=True) if wanted)
+            views = chosen(face.views(center_w), faces_hit(group.directions, pose.R_w_c))
         stations.append(Station(center_w, views, group.pixels))
     return tuple(stations)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from omniscv.captures.view import View
-from omniscv.geometry import Array, cube_rotations
-from omniscv.plan.cube import Face
+from omniscv.geometry import Array
+from omniscv.plan.cube import ROTATIONS, Face
 
 _POSITION_DECIMALS = 6  # a micrometre
 _SAME = 1e-6  # matrix entries
@@ -27,25 +27,27 @@ class RecordedFaces:
 
     def __init__(self, views: Sequence[View]) -> None:
         self._at: dict[Place, dict[Kind, dict[int, View]]] = defaultdict(lambda: defaultdict(dict))
-        rotations = [R_w_c for _, R_w_c in cube_rotations()]
         for view in views:
             if view.fov_deg < 90:
                 continue
-            for face, R_w_c in enumerate(rotations):
+            for face, R_w_c in enumerate(ROTATIONS):
                 if np.abs(view.pose.R_w_c - R_w_c).max() < _SAME:
                     self._at[_place(view.pose.t_w_c)][_kind(view)][face] = view
 
     def views(self, center_w: Array, wanted: Face) -> tuple[View, ...]:
-        """Six views at a centre: the wanted ones if they are there, else the fullest, finest set.
+        """The views at a centre: the wanted ones if they are there, else the fullest, finest set.
 
-        Faces that the record lacks are the wanted ones: asking the source for them says what is missing.
+        Of the six, those that the record lacks are the wanted ones: asking the source for them says what is
+        missing. Up and down turned half round follow where the record has them.
         """
         ideal = wanted.views(center_w)
         kinds = self._at.get(_place(center_w), {})
         if not kinds:
             return ideal
         best = max(kinds, key=lambda kind: (kind == _kind(ideal[0]), len(kinds[kind]), kind[0]))
-        return tuple(kinds[best].get(face, ideal[face]) for face in range(6))
+        held = kinds[best]
+        six = tuple(held.get(face, ideal[face]) for face in range(6))
+        return (*six, held[6], held[7]) if 6 in held and 7 in held else six
 
 
 def _place(position: Array) -> Place:
