@@ -54,24 +54,30 @@ class Shell(NamedTuple):
     most: float
 
 
+_LEAN = 0.01
+"""Entries of rotation matrices of faces that lean differ by less: 0.1 degrees are 0.0017."""
+
+
 def shell(center_w: Array, views: tuple[View, ...], depth: list[NDArray[np.float32]]) -> Shell:
     """The shell of planar depths captured with world-aligned views.
 
     Args:
         center_w: (3,) the views' common centre.
-        views: faces of the cube, all of one size.
+        views: faces of the cube, all of one size. They may lean as far as plugin 0.3.10 lets them; others,
+            such as its second ones of up and down, are passed over.
         depth: (h, w) planar metres of each.
     """
-    rotations = [R_w_c for _, R_w_c in cube_rotations()]
+    R_c_w = np.array([R_w_c.T for _, R_w_c in cube_rotations()])
     slot = np.full(6, -1, np.int64)
     for i, view in enumerate(views):
-        slot[int(np.argmin([np.abs(view.pose.R_w_c - R).max() for R in rotations]))] = i
+        off = np.abs(R_c_w - view.pose.R_w_c.T).max(axis=(1, 2))
+        if off.min() < _LEAN:
+            slot[off.argmin()], R_c_w[off.argmin()] = i, view.pose.R_w_c.T
     lengths = views[0].ray_lengths().astype(np.float32)
     distance = np.stack([plane * lengths for plane in depth])
     finite = distance[np.isfinite(distance)]
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (np.inf, 0.0)
     view = views[0]
-    R_c_w = np.ascontiguousarray([R.T for R in rotations])
     return Shell(center_w, distance, slot, R_c_w, view.focal_px, view.width / 2, view.height / 2, least, most)
 
 

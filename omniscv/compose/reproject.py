@@ -216,12 +216,14 @@ def _composed(
         met = np.where(np.isfinite(rays.reach[mine]), rays.reach[mine], _FAR)[:, None]
         toward = rays.origins_w[mine] + met * rays.directions_w[mine] - each.shell.center_w
         listed = Listed(toward)
-        views = tuple(capture.view for capture in each.captures["depth"])
-        maps = Maps(listed, Listed.none, np.eye(3), views, listed.all)
+        maps: Maps | None = None
         for mode in modes:
             if mode == "depth":
                 continue
             faces = [capture.pixels for capture in each.captures[mode]]
+            views = tuple(capture.view for capture in each.captures[mode])
+            if maps is None or maps.views != views:  # masks may come from elsewhere than colours
+                maps = Maps(listed, Listed.none, np.eye(3), views, listed.all)
             values = maps.sample(filter_for(mode, filter), faces)
             values = unit(values) if mode == "normal" else values
             if mode not in flat:
