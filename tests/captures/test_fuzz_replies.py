@@ -236,7 +236,7 @@ def test_a_greeting_that_trickles_for_ever_is_given_up():
                 connection.sendall(b"c")
 
     threading.Thread(target=trickle, daemon=True).start()
-    with pytest.raises(ConnectionFailed, match="expected a greeting within 0.2 s"):
+    with pytest.raises(ConnectionFailed, match=r"expected a greeting within 0\.2 s"):
         Session(listener.getsockname(), timeout_s=0.2)  # else the suite's time limit is the judge
     done.set()
 
