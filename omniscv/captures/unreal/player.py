@@ -11,7 +11,8 @@ from dataclasses import replace
 from itertools import groupby
 
 from omniscv.captures.decode import decode
-from omniscv.captures.source import ObjectTable
+from omniscv.captures.source import Capabilities, ObjectTable
+from omniscv.captures.unreal.link import Link
 from omniscv.captures.unreal.live import CURES, VERSION, UnrealSource
 from omniscv.captures.unreal.masks import colors, paint, shown
 from omniscv.captures.unreal.session import Reply, Session
@@ -57,22 +58,28 @@ class PlayerSource(UnrealSource):
     it is asked again behind the pictures, which count if nothing has moved meanwhile.
     """
 
+    def __init__(self, link: Link, capabilities: Capabilities, fix_exposure: bool) -> None:
+        self._before: dict[str, tuple[View | None, bytes]] = {}
+        """By mode, the last picture, and its view, if that is known."""
+        self._alike: set[int] = set()
+        super().__init__(link, capabilities, fix_exposure)
+
     def objects(self) -> ObjectTable:
         return ObjectTable({name: shown(color) for name, color in colors(self._link).items()})
 
     def _find_camera(self) -> None:
         """Makes whatever game is there now ready, and finds out its sizes."""
-        self._before: dict[str, tuple[View, bytes]] = {}
-        self._alike: set[int] = set()
         self._version, self._scene = self._link.text(VERSION), self._link.text("vget /scene/name")
         self._link.texts([*_QUIET, *(CURES if self._fix_exposure else ())])
         paint(self._link, exact=True)
         self._window_fov_deg = _fov_of_settings(self._link.text("vget /unrealcv/status"))
-        # The first pictures after a start may be garbage (protocol reference, section 7.2), but have a size.
-        size = self._link.ask(_IMAGE["lit"][0], self._png_size)
-        self._window = self._link.ask(_IMAGE["object_mask"][0], self._png_size)
+        for mode, (command, _) in _IMAGE.items():
+            # The first picture may be garbage (protocol reference, section 7.2); the next shows what is seen.
+            self._link.ask(command, self._bytes)
+            self._before[mode] = (None, self._link.ask(command, self._bytes))
         self._link.text(_LIT)
-        self._capabilities = replace(self._capabilities, image_size=size)
+        self._window = self._png_size(self._before["object_mask"][1])
+        self._capabilities = replace(self._capabilities, image_size=self._png_size(self._before["lit"][1]))
 
     def _collect(self, session: Session, waiting: deque[Request], done: list[Capture]) -> None:
         """Moves requests from ``waiting`` to captures in ``done``, those of one view together."""
@@ -102,12 +109,9 @@ class PlayerSource(UnrealSource):
 
         Colour may be late where depth is not (protocol reference, section 7.2), so each mode is compared.
         """
-        view, payload = self._before.get(capture.mode, (None, b""))
+        view, payload = self._before[capture.mode]
         return (
-            view is not None
-            and view != capture.request.view
-            and payload == capture.payload
-            and hash(payload) not in self._alike
+            view != capture.request.view and payload == capture.payload and hash(payload) not in self._alike
         )
 
     def _send(self, session: Session, view: View) -> None:
@@ -168,12 +172,23 @@ class PlayerSource(UnrealSource):
             )
         return captures
 
-    def _png_size(self, reply: Reply) -> tuple[int, int]:
+    def _bytes(self, reply: Reply) -> bytes:
+        """A picture, whatever it shows."""
+        if isinstance(reply, str):
+            raise BadReply(f"{self._link.address}: expected a picture, got {reply[:200]!r}")
+        return reply
+
+    def _png_size(self, payload: bytes) -> tuple[int, int]:
         """Width and height of a PNG, px."""
-        found = isinstance(reply, bytes) and _PNG_SIZE.match(reply)
-        if not found:
-            raise BadReply(f"{self._link.address}: expected a PNG, got {reply[:80]!r}")
+        found = _PNG_SIZE.match(payload)
+        if found is None:
+            raise BadReply(f"{self._link.address}: expected a PNG, got {payload[:80]!r}")
         width, height = struct.unpack(">II", found[1])
+        if width < height:
+            raise ServerRefused(
+                f"{self._link.address}: expected pictures at least as wide as high, got {width} x {height}; "
+                "set Width and Height in unrealcv.ini, and make the game's window as large"
+            )
         return width, height
 
     @property
