@@ -19,9 +19,8 @@ from omniscv.captures.view import View
 from omniscv.errors import BadReply, ServerRefused
 from omniscv.geometry import Array, Pose
 
-EDGE_PX = 256
+EDGE_PX = 128
 """Pictures are square and of this size, where the server can be told so."""
-FOV_DEG = 90.0
 _LARGEST_PX = 1 << 13
 _NPY_SHAPE = re.compile(rb"'shape': \((\d{1,5}), (\d{1,5})")
 _PICTURES = 8
@@ -39,7 +38,9 @@ class BareCamera:
 
     Attributes:
         dialect: 0.3.10, M, N1 or N2.
-        fov_deg: the horizontal field of view that it says it has.
+        size: width and height of its lit pictures, px.
+        fov_deg: the horizontal field of view that it says it has: 90 degrees along the shorter side.
+        mask_fov_deg: that of object masks, which 0.3.10 takes from the window, as its settings say.
         position: (3,) where it is.
         lag: how many pictures after a move to throw away.
 
@@ -60,8 +61,10 @@ class BareCamera:
             link.text("vset /cameras/spawn")
             link.text(f"vset /camera/{number}/size {EDGE_PX} {EDGE_PX}")
         self._at = f"/camera/{number}"
-        link.text(f"vset {self._at}/{fov} {FOV_DEG:.3f}")
+        self.size = _size(self.payload("lit"))
+        link.text(f"vset {self._at}/{fov} {across(*self.size):.4f}")
         self.fov_deg = float(link.text(f"vget {self._at}/{fov}"))
+        self.mask_fov_deg = _setting(link, "FOV") if self.dialect == L else self.fov_deg
         here = Pose.from_unreal(self._start[0], (0, 0, 0)).position
         self.position = here if position is None else position
 
@@ -131,6 +134,19 @@ class BareCamera:
     def _set(self, location_cm: tuple[float, ...], rotation_deg: tuple[float, ...]) -> None:
         for what, numbers in (("location", location_cm), ("rotation", rotation_deg)):
             self._link.text("vset {}/{} {:.4f} {:.4f} {:.4f}".format(self._at, what, *numbers))
+
+
+def across(width: int, height: int) -> float:
+    """The horizontal field of view that sees 90 degrees up and down, degrees."""
+    return float(2 * np.degrees(np.arctan(width / height)))
+
+
+def _setting(link: Link, name: str) -> float:
+    status = link.text("vget /unrealcv/status")
+    found = re.search(rf"^{name}: (\d+(?:\.\d+)?)$", status, re.MULTILINE | re.ASCII)
+    if found is None:
+        raise BadReply(f"{link.address}: expected {name} among the settings, got {status[:300]!r}")
+    return float(found[1])
 
 
 def _numbers(text: str) -> tuple[float, ...]:

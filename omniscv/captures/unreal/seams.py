@@ -165,12 +165,12 @@ def _share(name: str, share: float, text: str, cure: str) -> Finding:
     if np.isnan(share):
         return Finding(name, "too dark or too bright to tell", "warning", "give --position in a lit place")
     bad = abs(share) > _SHARE
-    return Finding(name, text.format(share), "bad" if bad else "ok", cure if bad else "")
+    return Finding(name, text.format(round(share, 4) + 0.0), "bad" if bad else "ok", cure if bad else "")
 
 
 def _step(name: str, levels: float) -> Finding:
     if np.isnan(levels):
-        return Finding(f"seam {name}", "out of sight", "bad", "square pictures of 90 degrees or more")
+        return Finding(f"seam {name}", "out of sight", "bad", "see field of view")
     bad = levels > _SEAM_LEVELS
     return Finding(
         f"seam {name}", f"{levels:.1f} of 255 levels", "bad" if bad else "ok", _CURE if bad else ""

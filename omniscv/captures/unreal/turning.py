@@ -17,8 +17,10 @@ from omniscv.captures.decode import SKY
 from omniscv.captures.view import View
 from omniscv.geometry import Array, Pose
 
-_FOVS_DEG = np.arange(20.0, 151.0, 1.0)
+_STEP_DEG = 2.0
+_FOVS_DEG = np.arange(20.0, 151.0, _STEP_DEG)
 _COARSE = 4
+"""Every so many-th row and column decides which field of view is about right."""
 _FLAT = 1e-3
 """Relative contrast below which a picture shows nothing to measure by."""
 _OVERLAP = 0.1
@@ -90,9 +92,11 @@ def fitted_fov(first: Look, second: Look, kind: str = "") -> tuple[float, float]
     misfits = [misfit(first, second, fov, kind, _COARSE) for fov in _FOVS_DEG]
     best = float(_FOVS_DEG[int(np.argmin(misfits))])
     found = minimize_scalar(
-        lambda fov: misfit(first, second, fov, kind), bounds=(best - 1, best + 1), method="bounded",
+        lambda fov: misfit(first, second, fov, kind),
+        bounds=(best - _STEP_DEG, best + _STEP_DEG),
+        method="bounded",
         options={"xatol": 0.01},
-    )  # fmt: skip
+    )
     return float(found.x), float(found.fun)
 
 
@@ -104,9 +108,3 @@ def _shown(look: Look, view: View, kind: str) -> Array:
     distance = depth * view.ray_lengths() if kind == "planar" else depth
     seen = (depth < SKY) & (depth > 0)
     return np.asarray(np.divide(1.0, distance, out=np.zeros_like(distance), where=seen))
-
-
-def contrast(look: Look) -> float:
-    """How much there is to see in a picture, for comparison with others of its mode; 0: nothing."""
-    shown = _shown(look, view_of(look, 90.0), "ray" if look.pixels.ndim == 2 else "")
-    return float(shown.std() / max(shown.mean(), 1e-9))
