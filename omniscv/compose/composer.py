@@ -123,8 +123,7 @@ class Composer:
         if maps.unseen:
             raise MissingCapture(
                 f"expected {len(views)} views at {station.center_w.round(4).tolist()} m to see all "
-                f"{len(station.pixels)} rays, but {maps.unseen} are seen by none; "
-                "capture with strategy 'cube'"
+                f"{len(station.pixels)} rays, but {maps.unseen} are seen by none; {_advice(station, views)}"
             )
         return maps
 
@@ -180,6 +179,17 @@ class _Canvas:
         if mode not in self._flat:
             self._flat[mode] = np.zeros((grid.valid.size, *values.shape[1:]), values.dtype)
         self._flat[mode][self._rays_of(grid, station)] = values
+
+
+def _advice(station: Station, views: Sequence[View]) -> str:
+    """What to do where views miss rays."""
+    asked, came = station.views[0], views[0]
+    if (asked.fov_deg, asked.width, asked.height) == (came.fov_deg, came.width, came.height):
+        return "capture with strategy 'cube'"
+    return (
+        f"they came as {came.width} x {came.height} of {came.fov_deg:g} degrees, as wide as the game's window "
+        "for object masks of plugin 0.3.10; start the game with a square window of 90 degrees"
+    )
 
 
 def _alike(a: Sequence[View], b: Sequence[View]) -> bool:

@@ -77,17 +77,21 @@ def _sample(
         z = 0.0
         c, r = int(np.floor(px)), int(np.floor(py))
         if not nearest and 1 <= c < width - 2 and 1 <= r < height - 2 and one_surface(face, r, c):
-            a, b = px - c, py - r
-            inverse = (1 - b) * ((1 - a) / face[r, c] + a / face[r, c + 1]) + b * (
-                (1 - a) / face[r + 1, c] + a / face[r + 1, c + 1]
-            )
-            z = 1.0 / inverse
+            z = interpolated(face, r, c, px - c, py - r)
         else:
             c = min(max(int(np.floor(x[i])), 0), width - 1)
             r = min(max(int(np.floor(y[i])), 0), height - 1)
             z = face[r, c]
         u, v = (x[i] - half_width) / focal[k], (y[i] - half_height) / focal[k]
         out[i] = z * np.sqrt(1.0 + u * u + v * v)
+
+
+@njit(cache=True, nogil=True)
+def interpolated(face: NDArray[np.float32], r: int, c: int, a: float, b: float) -> float:
+    """Between the 2 x 2 pixels at (r, c), linear in the inverse: a across, b down, 0..1."""
+    above = (1 - a) / face[r, c] + a / face[r, c + 1]
+    below = (1 - a) / face[r + 1, c] + a / face[r + 1, c + 1]
+    return float(1.0 / ((1 - b) * above + b * below))
 
 
 @njit(cache=True, nogil=True)

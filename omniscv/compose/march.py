@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omniscv.captures.view import View
-from omniscv.compose.depth import one_surface
+from omniscv.compose.depth import interpolated, one_surface
 from omniscv.geometry import Array, cube_rotations
 from omniscv.parallel import blocks
 
@@ -161,11 +161,7 @@ def _smooth(face: Any, u: float, v: float) -> float:
     """Between pixels of one surface, else the nearest pixel's."""
     c, r = int(np.floor(u - 0.5)), int(np.floor(v - 0.5))
     if 1 <= c < face.shape[1] - 2 and 1 <= r < face.shape[0] - 2 and one_surface(face, r, c):
-        a, b = u - 0.5 - c, v - 0.5 - r
-        inverse = (1 - b) * ((1 - a) / face[r, c] + a / face[r, c + 1]) + b * (
-            (1 - a) / face[r + 1, c] + a / face[r + 1, c + 1]
-        )
-        return float(1.0 / inverse)
+        return float(interpolated(face, r, c, u - 0.5 - c, v - 0.5 - r))
     return float(_nearest(face, u, v))
 
 
