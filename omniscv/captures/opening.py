@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +28,9 @@ def open_source(uri: str | Path, **options: Any) -> Source:
         uri: ``unreal://host:port`` or ``unreal+unix:///path`` for a live server; ``launch:PATH`` for a
             packaged game, started for this source alone (``omniscv.captures.unreal.launch``);
             ``mock://four-wall`` for the mock server, likewise, with its options behind a question mark
-            (``mock://four-wall?latency_ms=5&depth=float32``; ``fault=delay=0.2@0.05``, repeatable, and
-            ``seed`` of the faults); else the path of a recorded file.
+            (``mock://four-wall?latency_ms=5&depth=float32``; ``dialect=0.3.10&size=512x512``;
+            ``fault=delay=0.2@0.05``, repeatable, and ``seed`` of the faults); else the path of a recorded
+            file.
         options: for live sources: ``timeout_s``, ``retries``, ``fix_exposure``.
 
     Raises:
@@ -104,7 +105,19 @@ def _open_live(endpoint: Endpoint, options: dict[str, Any]) -> Source:
         ) from cause
 
 
-_MOCK_OPTIONS = {"dialect": str, "depth": str, "latency_ms": float, "seed": int}
+def size_of(text: str) -> tuple[int, int]:
+    """Width and height of a text such as ``640x480``; ValueError if it is none."""
+    width, height = text.split("x")
+    return int(width), int(height)
+
+
+_MOCK_OPTIONS: dict[str, Callable[[str], Any]] = {
+    "dialect": str,
+    "depth": str,
+    "latency_ms": float,
+    "seed": int,
+    "size": size_of,
+}
 
 
 def _mock(uri: str) -> Server:

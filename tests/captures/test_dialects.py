@@ -11,7 +11,7 @@ from omniscv.captures.unreal.session import Session
 from omniscv.captures.view import MODES, Request, View
 from omniscv.chart.truth import traced
 from omniscv.compose.labels import labels_of
-from omniscv.errors import BadReply, ServerRefused
+from omniscv.errors import BadReply, MissingCapture, ServerRefused
 from omniscv.geometry import Pose
 
 DIALECTS = ["0.3.10", "M", "N1", "N2"]
@@ -168,6 +168,16 @@ def test_masks_have_the_windows_size_and_field_of_view():
             assert (capture.view.fov_deg, capture.view.width, capture.view.height) == expected
             assert capture.pixels.shape[:2] == (expected[2], expected[1])
             assert agrees(capture, source), mode
+
+
+def test_a_window_that_shows_too_little_is_told():
+    """As it opens, 640 x 480: colour and depth can be widened until 90 degrees are seen up and down too."""
+    camera = omniscv.cameras.create("equirectangular", width=64, height=32)
+    pose = Pose.from_angles(CENTER)
+    with omniscv.open_source("mock://four-wall?dialect=0.3.10&size=64x48") as source:
+        assert omniscv.render(camera, pose, source, ("lit", "depth")).valid.all()
+        with pytest.raises(MissingCapture, match="they came as 64 x 48 of 90 degrees.*a square one"):
+            omniscv.render(camera, pose, source, ("object_mask",))
 
 
 def test_a_window_that_is_higher_than_wide_is_refused():

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
+from omniscv.captures.opening import size_of
 from omniscv.captures.source import Capabilities, ObjectTable, Source
 from omniscv.captures.unreal.dialects import open_live
 from omniscv.captures.unreal.live import UnrealSource
@@ -105,7 +106,7 @@ def open_launched(uri: str, **options: Any) -> Source:
     path, _, query = uri.removeprefix("launch:").partition("?")
     readers: dict[str, Callable[[str], Any]] = {
         "port": int,
-        "size": _size,
+        "size": size_of,
         "fov_deg": float,
         "patience_s": float,
     }
@@ -225,11 +226,6 @@ def _answering(
                     f"game the UnrealCV plugin? It said: {game.last_words()}"
                 ) from silence
             time.sleep(_TRY_AGAIN_S)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, height = text.split("x")
-    return int(width), int(height)
 
 
 def _free_port() -> int:
