@@ -60,7 +60,7 @@ def examine(link: Link, position: Array | None = None) -> list[Finding]:
     with BareCamera(link, position) as camera:
         paint(link, exact=camera.dialect == L)
         settled = settle(camera)
-        looks = _looks(camera)
+        looks = look_around(camera)
         kind, meaning = depth_kind(looks, camera)
         unit, scale = depth_unit(camera)
         return [
@@ -245,7 +245,7 @@ def _as_expected(name: str, value: str, found: str, wanted: str) -> Finding:
     return Finding(name, f"{value}; recordings take it as {wanted}", "bad", _UNKNOWN)
 
 
-def _looks(camera: BareCamera) -> Looks:
+def look_around(camera: BareCamera) -> Looks:
     """Pictures in every mode, before and after a turn."""
 
     def all_modes(yaw_deg: float) -> dict[str, Look]:
