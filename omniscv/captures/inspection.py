@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
@@ -12,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from omniscv.captures.decode import decode
-from omniscv.captures.store import SCHEMA_VERSION, Store, view_from_json
-from omniscv.errors import BadReply
+from omniscv.captures.store import SCHEMA_VERSION, Store, checksum_of, object_from_json, view_from_json
+from omniscv.errors import BadReply, DamagedRecord
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def info(path: Path | str) -> Info:
             for key, seen in origins.items():
                 if key in provenance:
                     seen.add(str(provenance[key]))
-            if "time" in provenance:
+            if isinstance(provenance.get("time"), int | float):
                 times.append(float(provenance["time"]))
         return Info(
             file=str(store.path),
@@ -127,16 +125,21 @@ def verify(path: Path | str) -> Verification:
 
 
 def _fault(row: Any) -> str | None:
-    found = zlib.crc32(row.payload)
-    if found != row.checksum:
-        return f"expected checksum {row.checksum:08x}, got {found:08x}"
     try:
-        json.loads(row.provenance)
+        if (found := checksum_of(row.payload)) != row.checksum:
+            return f"expected checksum {row.checksum!r}, got {found}"
+        object_from_json(row.provenance)
+        view_from_json(row.asked)
         decode(row.payload, row.encoding, row.mode, view_from_json(row.captured))
-    except (BadReply, ValueError, KeyError, TypeError) as cause:
+    except (BadReply, DamagedRecord) as cause:
         return str(cause)
     return None
 
 
 def _when(seconds: float | None) -> str:
-    return "" if seconds is None else datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+    if seconds is None:
+        return ""
+    try:
+        return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+    except (OverflowError, ValueError, OSError):  # anything may be written in a file
+        return ""

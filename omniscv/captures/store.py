@@ -18,7 +18,7 @@ from omniscv.captures.database import open_to_read, open_to_write
 from omniscv.captures.decode import decode
 from omniscv.captures.source import ObjectTable
 from omniscv.captures.view import Capture, Request, View
-from omniscv.errors import DamagedRecord, NewerRecord, NotARecord, RecordNotWritable
+from omniscv.errors import ArgumentError, DamagedRecord, NewerRecord, NotARecord, RecordNotWritable
 from omniscv.geometry import Pose
 
 SCHEMA_VERSION = 1
@@ -115,7 +115,7 @@ class Store:
     def entries(self) -> Iterator[tuple[View, str, dict[str, Any]]]:
         """Every (view that came, mode, provenance), without pixels."""
         for captured, mode, provenance in self._query("SELECT captured, mode, provenance FROM capture"):
-            yield view_from_json(captured), mode, json.loads(provenance)
+            yield view_from_json(captured), mode, object_from_json(provenance)
 
     def rows(self) -> Iterator[Row]:
         """Every capture as it is stored, unchecked, in the order of recording."""
@@ -146,14 +146,14 @@ class Store:
         Raises:
             DamagedRecord: its bytes are not those that were recorded.
         """
-        if (found := zlib.crc32(row.payload)) != row.checksum:
+        if (found := checksum_of(row.payload)) != row.checksum:
             raise DamagedRecord(
                 f"{self.path}: expected checksum {row.checksum:08x} for a {request.mode} capture, "
                 f"got {found:08x}; run 'omniscv captures verify'"
             )
         view = view_from_json(row.captured)
         pixels = decode(row.payload, row.encoding, request.mode, view)
-        return Capture(request, view, pixels, row.payload, row.encoding, json.loads(row.provenance))
+        return Capture(request, view, pixels, row.payload, row.encoding, object_from_json(row.provenance))
 
     def add(self, capture: Capture) -> None:
         """Writes a capture, whole.
@@ -231,7 +231,43 @@ def view_to_json(view: View) -> str:
     )
 
 
-def view_from_json(text: str) -> View:
-    """The inverse of :func:`view_to_json`."""
-    data = json.loads(text)
-    return View(Pose.from_dict(data), data["fov_deg"], data["width"], data["height"])
+def view_from_json(text: Any) -> View:
+    """The inverse of :func:`view_to_json`.
+
+    Raises:
+        DamagedRecord: the text is something else.
+    """
+    data = object_from_json(text)
+    try:
+        size = data["width"], data["height"]
+        if not all(type(edge) is int for edge in size):
+            raise ArgumentError(f"size: expected whole numbers, got {size}")
+        return View(Pose.from_dict(data), data["fov_deg"], *size)
+    except (KeyError, TypeError, ValueError) as cause:
+        raise DamagedRecord(f"expected a view in a recorded file, got {text[:200]!r}: {cause}") from cause
+
+
+def object_from_json(text: Any) -> dict[str, Any]:
+    """A JSON object that a recorded file holds; anything may be written in a file.
+
+    Raises:
+        DamagedRecord: the text is something else.
+    """
+    try:
+        data = json.loads(text)
+    except (TypeError, ValueError, RecursionError) as cause:
+        raise DamagedRecord(f"expected JSON in a recorded file, got {str(text)[:200]!r}") from cause
+    if not isinstance(data, dict):
+        raise DamagedRecord(f"expected a JSON object in a recorded file, got {text[:200]!r}")
+    return data
+
+
+def checksum_of(payload: Any) -> int:
+    """The CRC-32 of a stored payload.
+
+    Raises:
+        DamagedRecord: it is no bytes.
+    """
+    if not isinstance(payload, bytes):
+        raise DamagedRecord(f"expected the bytes of a picture in a recorded file, got {str(payload)[:200]!r}")
+    return zlib.crc32(payload)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import zlib
 from pathlib import Path
 from typing import Any
 
 from omniscv.captures.decode import decode
 from omniscv.captures.source import ObjectTable
-from omniscv.captures.store import Store, view_from_json
+from omniscv.captures.store import Store, checksum_of, object_from_json, view_from_json
 from omniscv.captures.view import MODES, Capture, Request, View
 from omniscv.errors import ArgumentError, BadReply, DamagedRecord, RecordNotWritable
 from omniscv.geometry import Pose
@@ -42,7 +41,7 @@ def export(path: Path | str, folder: Path | str) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         entries = []
         for number, row in enumerate(store.rows()):
-            if zlib.crc32(row.payload) != row.checksum:
+            if checksum_of(row.payload) != row.checksum:
                 raise DamagedRecord(
                     f"{path}: expected checksum {row.checksum:08x} for capture {row.key}; it is damaged"
                 )
@@ -52,11 +51,11 @@ def export(path: Path | str, folder: Path | str) -> int:
                 "file": name,
                 "mode": row.mode,
                 "encoding": row.encoding,
-                "view": json.loads(row.captured),
-                "provenance": json.loads(row.provenance),
+                "view": object_from_json(row.captured),
+                "provenance": object_from_json(row.provenance),
             }
             if row.asked != row.captured:
-                entry["asked"] = json.loads(row.asked)
+                entry["asked"] = object_from_json(row.asked)
             entries.append(entry)
         _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in store.objects().colors.items()})
         _write_json(folder / INDEX, entries)  # last: a folder with an index is whole
@@ -143,7 +142,7 @@ def _view(data: Any, where: str) -> View:
             return view_from_json(json.dumps(data))
         pose = Pose.from_angles(data["position"], **{key: data[key] for key in _ANGLES if key in data})
         return View(pose, data["fov_deg"], data["width"], data["height"])
-    except (KeyError, TypeError, ValueError) as cause:
+    except (KeyError, TypeError, ValueError, DamagedRecord) as cause:
         raise ArgumentError(
             f"{where}: expected a view with position, rotation (or yaw_deg, pitch_deg, roll_deg), fov_deg, "
             f"width and height; got {data!r}: {cause}"
