@@ -171,6 +171,19 @@ def test_mask_colours_that_show_alike_are_named():
             assert colors(link) == before
 
 
+@pytest.mark.parametrize("fault", ["reset@0.03", "cut@0.03"])
+def test_a_poor_connection_changes_no_finding(fault):
+    with mock_server.serve("four-wall", seed=3) as server, open_link(server.uri, timeout_s=0.4) as link:
+        with BareCamera(link) as camera:
+            camera.lag = 0
+            server.faults.start(fault)
+            looks = doctor.look_around(camera)
+            assert doctor.depth_kind(looks, camera)[1].verdict == "ok"
+            paint(link)
+            assert doctor.masks(link, camera, looks).verdict == "ok"
+        assert server.faults.struck[fault.partition("@")[0]]
+
+
 # Recordings with the cures.
 
 

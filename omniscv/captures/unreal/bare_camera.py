@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from omniscv.captures.decode import decode
 from omniscv.captures.unreal.link import Link
 from omniscv.captures.unreal.probe import L, dialect_of
+from omniscv.captures.unreal.session import Reply
 from omniscv.captures.unreal.steps import IMAGE
 from omniscv.captures.view import View
 from omniscv.errors import BadReply, ServerRefused
@@ -97,22 +98,31 @@ class BareCamera:
         Raises:
             ServerRefused: the server has no such picture.
         """
-        command = f"vget {self._at}/{IMAGE[mode][0]}"
-        (reply,) = self._link.connected().stream([command])
-        if isinstance(reply, str):
-            raise ServerRefused(f"{self._link.address}: {command!r}: expected a picture, got {reply[:200]!r}")
-        return reply
+        return self._link.ask(self._picture(mode), self._payload_of)
 
     def pixels(self, mode: str) -> NDArray[Any]:
         """A picture: (H, W, 3) uint8, or (H, W) float32 depth as it comes, in the server's meaning and unit.
 
         Raises:
+            ServerRefused: the server has no such picture.
             BadReply: the bytes are no picture.
         """
-        payload = self.payload(mode)
-        width, height = _size(payload)
-        encoding = "npy" if mode == "depth" else "png"
-        return decode(payload, encoding, mode, View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height))
+
+        def decoded(reply: Reply) -> NDArray[Any]:
+            payload = self._payload_of(reply)
+            view = View(Pose(np.zeros(3), np.eye(3)), 90.0, *_size(payload))
+            return decode(payload, "npy" if mode == "depth" else "png", mode, view)
+
+        return self._link.ask(self._picture(mode), decoded)
+
+    def _picture(self, mode: str) -> str:
+        return f"vget {self._at}/{IMAGE[mode][0]}"
+
+    def _payload_of(self, reply: Reply) -> bytes:
+        if isinstance(reply, str):
+            kind = ServerRefused if reply.startswith("error") else BadReply
+            raise kind(f"{self._link.address}: expected a picture, got {reply[:200]!r}")
+        return reply
 
     def __enter__(self) -> Self:
         return self
