@@ -9,7 +9,7 @@ import pytest
 from omniscv.cli import run
 
 COMMANDS = [
-    ["demo"], ["render"], ["record"], ["serve"], ["cameras"], ["plan"],
+    ["demo"], ["render"], ["record"], ["serve"], ["cameras"], ["plan"], ["doctor"],
     ["captures", "info"], ["captures", "verify"], ["captures", "export"], ["captures", "import"],
 ]  # fmt: skip
 
