@@ -187,8 +187,8 @@ def _advice(station: Station, views: Sequence[View]) -> str:
     if (asked.fov_deg, asked.width, asked.height) == (came.fov_deg, came.width, came.height):
         return "capture with strategy 'cube'"
     return (
-        f"they came as {came.width} x {came.height} of {came.fov_deg:g} degrees; object masks of plugin 0.3.10 "
-        "are the game's window: start it with a square one of 90 degrees"
+        f"they came as {came.width} x {came.height} of {came.fov_deg:g} degrees; object masks of plugin "
+        "0.3.10 are the game's window: start it with a square one of 90 degrees"
     )
 
 

@@ -170,13 +170,23 @@ def test_masks_have_the_windows_size_and_field_of_view():
             assert agrees(capture, source), mode
 
 
+def test_without_masks_the_rest_is_captured(monkeypatch):
+    """Engines after 4.16 broke them."""
+    monkeypatch.setattr(mock_server.dialects.l.L, "_window_mask", lambda *_: "error Fail to capture screen")
+    with serve() as server, omniscv.open_source(server.uri) as source:
+        assert source.capabilities.modes == {"lit", "depth", "normal"}
+        assert agrees(*source.capture([Request(FACES[0].view, "depth")]), source)
+        with pytest.raises(ServerRefused, match="for depth, lit or normal, got object_mask"):
+            list(source.capture([Request(FACES[0].view, "object_mask")]))
+
+
 def test_a_window_that_shows_too_little_is_told():
     """As it opens, 640 x 480: colour and depth can be widened until 90 degrees are seen up and down too."""
     camera = omniscv.cameras.create("equirectangular", width=64, height=32)
     pose = Pose.from_angles(CENTER)
     with omniscv.open_source("mock://four-wall?dialect=0.3.10&size=64x48") as source:
         assert omniscv.render(camera, pose, source, ("lit", "depth")).valid.all()
-        with pytest.raises(MissingCapture, match="they came as 64 x 48 of 90 degrees.*a square one"):
+        with pytest.raises(MissingCapture, match=r"they came as 64 x 48 of 90 degrees.*a square one"):
             omniscv.render(camera, pose, source, ("object_mask",))
 
 

@@ -55,7 +55,8 @@ class PlayerSource(UnrealSource):
     There is one camera, the player's. Its pictures have the size of the plugin's settings; object masks come
     from the game's window, with its size, and the field of view of the settings. Pitch and roll end at 89.9
     degrees: captures carry the view they were taken from. After a move the pose is asked for until it rests;
-    it is asked again behind the pictures, which count if nothing has moved meanwhile.
+    it is asked again behind the pictures, which count if nothing has moved meanwhile. The window's keys and
+    mouse stay switched off.
     """
 
     def __init__(self, link: Link, capabilities: Capabilities, fix_exposure: bool) -> None:
@@ -73,13 +74,29 @@ class PlayerSource(UnrealSource):
         self._link.texts([*_QUIET, *(CURES if self._fix_exposure else ())])
         paint(self._link, exact=True)
         self._window_fov_deg = _fov_of_settings(self._link.text("vget /unrealcv/status"))
-        for mode, (command, _) in _IMAGE.items():
-            # The first picture may be garbage (protocol reference, section 7.2); the next shows what is seen.
-            self._link.ask(command, self._bytes)
-            self._before[mode] = (None, self._link.ask(command, self._bytes))
+        self._before = {
+            mode: (None, picture) for mode in _IMAGE if (picture := self._first_picture(mode)) is not None
+        }
         self._link.text(_LIT)
-        self._window = self._png_size(self._before["object_mask"][1])
-        self._capabilities = replace(self._capabilities, image_size=self._png_size(self._before["lit"][1]))
+        if "lit" not in self._before:
+            raise ServerRefused(
+                f"{self._link.address}: expected a picture from {_IMAGE['lit'][0]!r}, got none"
+            )
+        if "object_mask" in self._before:
+            self._window = self._png_size(self._before["object_mask"][1])
+        self._capabilities = replace(
+            self._capabilities,
+            modes=frozenset(self._before),
+            image_size=self._png_size(self._before["lit"][1]),
+        )
+
+    def _first_picture(self, mode: str) -> bytes | None:
+        """What the camera shows before it is sent anywhere; None for a mode that does not work.
+
+        The very first picture may be garbage (protocol reference, section 7.2), so the next counts.
+        """
+        replies = [self._link.ask(_IMAGE[mode][0], lambda reply: reply) for _ in range(2)]
+        return replies[-1] if isinstance(replies[-1], bytes) else None
 
     def _collect(self, session: Session, waiting: deque[Request], done: list[Capture]) -> None:
         """Moves requests from ``waiting`` to captures in ``done``, those of one view together."""
@@ -92,6 +109,13 @@ class PlayerSource(UnrealSource):
 
     def _captured(self, session: Session, view: View, requests: Sequence[Request]) -> list[Capture]:
         """All modes of a view."""
+        modes = sorted(self._capabilities.modes)
+        for request in requests:
+            if request.mode not in modes:
+                raise ServerRefused(
+                    f"{session.address}: expected a request for {', '.join(modes[:-1])} or {modes[-1]}, "
+                    f"got {request.mode}: its command is not answered by a picture"
+                )
         if self._posed != view:
             self._posed = None
             self._send(session, view)
@@ -171,12 +195,6 @@ class PlayerSource(UnrealSource):
                 f"got {afterwards!r}; does anybody play?"
             )
         return captures
-
-    def _bytes(self, reply: Reply) -> bytes:
-        """A picture, whatever it shows."""
-        if isinstance(reply, str):
-            raise BadReply(f"{self._link.address}: expected a picture, got {reply[:200]!r}")
-        return reply
 
     def _png_size(self, payload: bytes) -> tuple[int, int]:
         """Width and height of a PNG, px."""
