@@ -151,6 +151,19 @@ def test_the_cures_make_every_seam_at_least_ten_times_smaller():
         assert number(after[name]) <= number(before[name]) / 10
 
 
+def test_seams_of_another_cause_have_another_cure():
+    seam = seams.findings(seams.Light({("front", "up"): 5.0}, vignette=0.0, exposure=0.0))[-1]
+    assert seam.verdict == "bad"
+    assert "r.BloomQuality 0" in seam.cure
+
+
+def test_the_windows_view_mode_gets_into_captures():
+    with visited("vset /viewmode normal") as (link, _):
+        assert doctor.view_mode(link).verdict == "bad"
+        link.texts([doctor.view_mode(link).cure])
+        assert doctor.view_mode(link).verdict == "ok"
+
+
 @pytest.mark.parametrize("late", [0, 2, 3])
 def test_late_pictures_are_counted(late):
     with visited(faults=[f"stale={late}"]) as (_, camera):

@@ -57,6 +57,7 @@ def examine(link: Link, position: Array | None = None) -> list[Finding]:
     Raises:
         SourceError: the connection breaks, or the server cannot make pictures.
     """
+    mode = view_mode(link)
     with BareCamera(link, position) as camera:
         paint(link, exact=camera.dialect == L)
         settled = settle(camera)
@@ -65,6 +66,7 @@ def examine(link: Link, position: Array | None = None) -> list[Finding]:
         unit, scale = depth_unit(camera)
         return [
             dialect(link, camera),
+            mode,
             settled,
             capabilities(camera),
             sizes(looks, camera),
@@ -81,6 +83,14 @@ def dialect(link: Link, camera: BareCamera) -> Finding:
     """What the server speaks, and what it says it is."""
     version, scene = (link.text(f"vget /{what}") for what in ("unrealcv/version", "scene/name"))
     return Finding("dialect", f"{camera.dialect}; calls itself {version}, scene {scene}")
+
+
+def view_mode(link: Link) -> Finding:
+    """What the game's window shows: depth and normals there get into colour captures too."""
+    mode = link.text("vget /viewmode")
+    if mode == "lit":
+        return Finding("view mode", mode)
+    return Finding("view mode", mode, "bad", "vset /viewmode lit")
 
 
 def settle(camera: BareCamera) -> Finding:

@@ -47,6 +47,8 @@ _SEAM_LEVELS = 2.0
 _SHARE = 0.02
 """The vignette or exposure difference that is 2 % of the light: some 2 or 3 grey levels."""
 _CURE = "record --fix-exposure"
+_OTHERS = "vrun r.BloomQuality 0, r.LensFlareQuality 0, r.SSR.Quality 0, r.PostProcessAAQuality 0"
+"""What else differs between pictures of one surface (protocol reference, section 7.1)."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +83,12 @@ def findings(light: Light) -> list[Finding]:
     """One finding for exposure, one for vignette, one for each seam."""
     drift = f"vrun r.EyeAdaptationQuality 0, or {_CURE}"
     shade = f"vrun r.Tonemapper.Quality 1, or {_CURE}, or crop: --overscan"
-    return [
+    first = [
         _share("exposure", light.exposure, "{:.1%} between pictures of one surface", drift),
         _share("vignette", light.vignette, "corners {:.1%} darker than the middle", shade),
-        *(_step("|".join(pair), levels) for pair, levels in light.seams.items()),
     ]
+    cure = _CURE if any(finding.verdict == "bad" for finding in first) else _OTHERS
+    return [*first, *(_step("|".join(pair), levels, cure) for pair, levels in light.seams.items())]
 
 
 @dataclass(frozen=True)
@@ -168,10 +171,8 @@ def _share(name: str, share: float, text: str, cure: str) -> Finding:
     return Finding(name, text.format(round(share, 4) + 0.0), "bad" if bad else "ok", cure if bad else "")
 
 
-def _step(name: str, levels: float) -> Finding:
+def _step(name: str, levels: float, cure: str) -> Finding:
     if np.isnan(levels):
         return Finding(f"seam {name}", "out of sight", "bad", "see field of view")
-    bad = levels > _SEAM_LEVELS
-    return Finding(
-        f"seam {name}", f"{levels:.1f} of 255 levels", "bad" if bad else "ok", _CURE if bad else ""
-    )
+    value, bad = f"{levels:.1f} of 255 levels", levels > _SEAM_LEVELS
+    return Finding(f"seam {name}", value, "bad" if bad else "ok", cure if bad else "")
