@@ -1,6 +1,7 @@
 """The doctor, before servers whose illness is known, and recordings with its cures."""
 
 import dataclasses
+import itertools
 import json
 import re
 from contextlib import contextmanager
@@ -170,6 +171,15 @@ def test_late_pictures_are_counted(late):
         finding = doctor.settle(camera)
         assert camera.lag == late
     assert finding.verdict == ("warning" if late else "ok")
+
+
+def test_a_world_that_moves_never_settles(monkeypatch):
+    honest, pictures_taken = pictures.stored, itertools.count()
+    monkeypatch.setattr(
+        pictures, "stored", lambda depth, half: honest(depth * (1 + 0.1 * next(pictures_taken)), half)
+    )
+    with visited() as (_, camera):
+        assert doctor.settle(camera).verdict == "bad"
 
 
 def test_mask_colours_that_show_alike_are_named():

@@ -26,6 +26,8 @@ _LARGEST_PX = 1 << 13
 _NPY_SHAPE = re.compile(rb"'shape': \((\d{1,5}), (\d{1,5})")
 _PICTURES = 8
 """After so many pictures in one place a camera shows it, if it ever does."""
+_NOISE, _MOVING = 0.01, 0.05
+"""Relative depth, and share of a picture, by which pictures of one place may differ."""
 
 
 class BareCamera:
@@ -83,9 +85,10 @@ class BareCamera:
         """
         began = time.monotonic()
         self._sent(yaw_deg, pitch_deg, 0.0)
-        came = [(self.payload("depth"), time.monotonic() - began) for _ in range(_PICTURES)]
-        payloads = [payload for payload, _ in came]
-        late = next(i for i in range(_PICTURES) if len(set(payloads[i:])) == 1)
+        came = [(self.pixels("depth"), time.monotonic() - began) for _ in range(_PICTURES)]
+        last = came[-1][0]
+        other = [i for i, (depth, _) in enumerate(came) if not _alike(depth, last)]
+        late = other[-1] + 1 if other else 0
         return None if late == _PICTURES - 1 else (late, came[late][1])
 
     def rotation(self) -> tuple[float, ...]:
@@ -144,6 +147,11 @@ class BareCamera:
     def _set(self, location_cm: tuple[float, ...], rotation_deg: tuple[float, ...]) -> None:
         for what, numbers in (("location", location_cm), ("rotation", rotation_deg)):
             self._link.text("vset {}/{} {:.4f} {:.4f} {:.4f}".format(self._at, what, *numbers))
+
+
+def _alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two pictures show the same, but for noise and small things that move."""
+    return bool(np.isclose(depth, other, rtol=_NOISE).mean() > 1 - _MOVING)
 
 
 def across(width: int, height: int) -> float:

@@ -31,6 +31,8 @@ _FOV_TOLERANCE_DEG = 1.0
 _UNIT_TOLERANCE = 0.05
 _POORLY = 0.3
 """A misfit above which two pictures cannot be brought together."""
+_EXACT = 1e-6
+"""A misfit that rounding may leave."""
 _CLEARLY = 3.0
 """How many times better the true meaning of depth must fit than the other."""
 _COARSE_MM = 10.0
@@ -152,7 +154,7 @@ def field_of_view(mode: str, looks: Looks, camera: BareCamera, kind: str) -> Fin
 def depth_kind(looks: Looks, camera: BareCamera) -> tuple[str, Finding]:
     """Planar or along the ray: what stays the same when the camera turns."""
     planar, ray = (
-        float(np.mean([misfit(*pair, camera.fov_deg, kind) for pair in looks["depth"]]))
+        max(_EXACT, float(np.mean([misfit(*pair, camera.fov_deg, kind) for pair in looks["depth"]])))
         for kind in ("planar", "ray")
     )
     kind, times = ("planar", ray / planar) if planar < ray else ("ray", planar / ray)
