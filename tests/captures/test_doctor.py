@@ -71,7 +71,7 @@ def test_the_old_plugin_is_told_by_its_depth_and_its_lag():
     assert findings["depth is"].value.startswith("ray")
     assert findings["depth unit"].value.startswith("m;")
     assert findings["depth steps"].value.startswith("float32")
-    assert findings["pose settles"].value.startswith("after 2 late pictures")
+    assert findings["pose settles"].value.startswith("late pictures: 2")
     assert "not: looks straight up" in findings["capabilities"].value
 
 
@@ -171,6 +171,13 @@ def test_late_pictures_are_counted(late):
         finding = doctor.settle(camera)
         assert camera.lag == late
     assert finding.verdict == ("warning" if late else "ok")
+
+
+def test_a_camera_that_is_stuck_is_told():
+    with visited(faults=["stale=1000"]) as (_, camera):
+        finding = doctor.settle(camera)
+    assert finding.verdict == "bad"
+    assert "does not turn" in finding.value
 
 
 def test_a_world_that_moves_never_settles(monkeypatch):

@@ -6,7 +6,7 @@ import re
 import struct
 import time
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,22 @@ _PICTURES = 8
 """After so many pictures in one place a camera shows it, if it ever does."""
 _NOISE, _MOVING = 0.01, 0.05
 """Relative depth, and share of a picture, by which pictures of one place may differ."""
+
+
+class Settled(NamedTuple):
+    """What a camera did after a turn.
+
+    Attributes:
+        rests: whether its pictures came to show one thing.
+        late: how many pictures came before the first of that.
+        seconds: when that came.
+        depth: (H, W) that, in the server's meaning and unit.
+    """
+
+    rests: bool
+    late: int
+    seconds: float
+    depth: NDArray[Any]
 
 
 class BareCamera:
@@ -78,18 +94,15 @@ class BareCamera:
             self.payload("depth")
         return pose
 
-    def settle(self, yaw_deg: float, pitch_deg: float) -> tuple[int, float] | None:
-        """How many pictures come late after a turn, and after how many seconds the first true one is there.
-
-        None: they do not come to rest.
-        """
+    def settle(self, yaw_deg: float, pitch_deg: float) -> Settled:
+        """Turns, and watches depth come to rest."""
         began = time.monotonic()
         self._sent(yaw_deg, pitch_deg, 0.0)
         came = [(self.pixels("depth"), time.monotonic() - began) for _ in range(_PICTURES)]
         last = came[-1][0]
-        other = [i for i, (depth, _) in enumerate(came) if not _alike(depth, last)]
+        other = [i for i, (depth, _) in enumerate(came) if not alike(depth, last)]
         late = other[-1] + 1 if other else 0
-        return None if late == _PICTURES - 1 else (late, came[late][1])
+        return Settled(late < _PICTURES - 1, late, came[late][1], last)
 
     def rotation(self) -> tuple[float, ...]:
         """Pitch, yaw and roll that the camera says it has, degrees."""
@@ -149,7 +162,7 @@ class BareCamera:
             self._link.text("vset {}/{} {:.4f} {:.4f} {:.4f}".format(self._at, what, *numbers))
 
 
-def _alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
+def alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
     """Whether two pictures show the same, but for noise and small things that move."""
     return bool(np.isclose(depth, other, rtol=_NOISE).mean() > 1 - _MOVING)
 

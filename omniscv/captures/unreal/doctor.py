@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omniscv.captures.decode import SKY
 from omniscv.captures.unreal import seams
-from omniscv.captures.unreal.bare_camera import EDGE_PX, BareCamera, across
+from omniscv.captures.unreal.bare_camera import EDGE_PX, BareCamera, across, alike
 from omniscv.captures.unreal.finding import Finding
 from omniscv.captures.unreal.link import Link
 from omniscv.captures.unreal.masks import Color, colors, paint, shown
@@ -98,14 +98,16 @@ def view_mode(link: Link) -> Finding:
 def settle(camera: BareCamera) -> Finding:
     """How long pictures show the old pose after a turn. From now on the camera waits so long."""
     turns = [camera.settle(yaw, pitch) for yaw, pitch in ((0, 0), (100, 20), (-130, -30), (45, 10))]
-    known = [turn for turn in turns if turn is not None]
-    if len(known) < len(turns):
+    if not all(turn.rests for turn in turns):
         return Finding("pose settles", "never: the world moves", "bad", "pause the game, stop animations")
-    camera.lag = late = max(pictures for pictures, _ in known[1:])
-    seconds = float(np.median([took for _, took in known[1:]]))
-    value = f"after {late} late pictures, {1000 * seconds:.0f} ms"
+    first, *later = turns  # the first pictures of a camera may be garbage
+    if (first.depth < SKY).any() and all(alike(turn.depth, first.depth) for turn in later):
+        return Finding("pose settles", "never: the camera does not turn", "bad", "vset /action/game/resume")
+    camera.lag = late = max(turn.late for turn in later)
+    milliseconds = 1000 * float(np.median([turn.seconds for turn in later]))
     if late == 0:
-        return Finding("pose settles", f"at once, first picture after {1000 * seconds:.0f} ms")
+        return Finding("pose settles", f"at once, first picture after {milliseconds:.0f} ms")
+    value = f"late pictures: {late}, {milliseconds:.0f} ms"
     if late <= SETTLED:
         return Finding("pose settles", value, "warning", "none needed: recordings skip them")
     return Finding("pose settles", value, "bad", f"at most {SETTLED} are skipped: raise the frame rate")
