@@ -49,6 +49,10 @@ _STRAY_CM = 0.02
 _PNG_SIZE = re.compile(rb"\x89PNG\r\n\x1a\n....IHDR(.{8})", re.DOTALL)
 
 
+Place = tuple[Reply, Reply]
+"""Pose and field of view, as a camera reads."""
+
+
 class PlayerSource(UnrealSource):
     """Captures from a UE4 editor or packaged game with plugin 0.3.10.
 
@@ -60,8 +64,8 @@ class PlayerSource(UnrealSource):
     """
 
     def __init__(self, link: Link, capabilities: Capabilities, fix_exposure: bool) -> None:
-        self._before: dict[str, tuple[View | None, bytes]] = {}
-        """By mode, the last picture, and its view, if that is known."""
+        self._before: dict[str, tuple[Place, bytes]] = {}
+        """By mode, the last picture, and where it was taken."""
         self._alike: set[int] = set()
         super().__init__(link, capabilities, fix_exposure)
 
@@ -74,8 +78,10 @@ class PlayerSource(UnrealSource):
         self._link.texts([*_QUIET, *(CURES if self._fix_exposure else ())])
         paint(self._link, exact=True)
         self._window_fov_deg = _fov_of_settings(self._link.text("vget /unrealcv/status"))
+        *_, pose = [self._link.text(_POSE) for _ in range(_SETTLED)]
+        here = pose, self._link.text(_FOV)
         self._before = {
-            mode: (None, picture) for mode in _IMAGE if (picture := self._first_picture(mode)) is not None
+            mode: (here, picture) for mode in _IMAGE if (picture := self._first_picture(mode)) is not None
         }
         self._link.text(_LIT)
         if "lit" not in self._before:
@@ -102,13 +108,16 @@ class PlayerSource(UnrealSource):
         """Moves requests from ``waiting`` to captures in ``done``, those of one view together."""
         while waiting:
             view, here = next(groupby(list(waiting), lambda request: request.view))
-            for capture in self._captured(session, view, list(here)):
-                self._before[capture.mode] = (view, capture.payload)
+            place, captures = self._captured(session, view, list(here))
+            for capture in captures:
+                self._before[capture.mode] = (place, capture.payload)
                 done.append(capture)
                 waiting.popleft()
 
-    def _captured(self, session: Session, view: View, requests: Sequence[Request]) -> list[Capture]:
-        """All modes of a view."""
+    def _captured(
+        self, session: Session, view: View, requests: Sequence[Request]
+    ) -> tuple[Place, list[Capture]]:
+        """All modes of a view, and where the camera was."""
         modes = sorted(self._capabilities.modes)
         for request in requests:
             if request.mode not in modes:
@@ -120,23 +129,21 @@ class PlayerSource(UnrealSource):
             self._posed = None
             self._send(session, view)
         for _ in range(_ATTEMPTS):
-            captures = self._pictures(session, view, requests)
-            late = [capture for capture in captures if self._seems_late(capture)]
+            place, captures = self._pictures(session, view, requests)
+            late = [capture for capture in captures if self._seems_late(capture, place)]
             if not late:
                 break
         self._alike.update(hash(capture.payload) for capture in late)
         self._posed = view
-        return captures
+        return place, captures
 
-    def _seems_late(self, capture: Capture) -> bool:
+    def _seems_late(self, capture: Capture, place: Place) -> bool:
         """Whether a picture equals the one before the move, byte for byte, and that has not come to nothing.
 
         Colour may be late where depth is not (protocol reference, section 7.2), so each mode is compared.
         """
-        view, payload = self._before[capture.mode]
-        return (
-            view != capture.request.view and payload == capture.payload and hash(payload) not in self._alike
-        )
+        before, payload = self._before[capture.mode]
+        return before != place and payload == capture.payload and hash(payload) not in self._alike
 
     def _send(self, session: Session, view: View) -> None:
         """Sends the camera to a view; numbers with fixed decimals, as servers parse them."""
@@ -166,7 +173,9 @@ class PlayerSource(UnrealSource):
             "use a flying pawn, such as game mode UE4CVGameMode has"
         )
 
-    def _pictures(self, session: Session, view: View, requests: Sequence[Request]) -> list[Capture]:
+    def _pictures(
+        self, session: Session, view: View, requests: Sequence[Request]
+    ) -> tuple[Place, list[Capture]]:
         """Pictures of a view, of a camera that rests before, meanwhile and afterwards.
 
         Masks are answered out of turn, so each is asked for alone; it leaves the window in its view mode.
@@ -194,7 +203,7 @@ class PlayerSource(UnrealSource):
                 f"{session.address}: expected a camera that stays at {reading!r} while it is captured, "
                 f"got {afterwards!r}; does anybody play?"
             )
-        return captures
+        return (reading, fov), captures
 
     def _png_size(self, payload: bytes) -> tuple[int, int]:
         """Width and height of a PNG, px."""
