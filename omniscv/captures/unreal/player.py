@@ -88,13 +88,11 @@ class PlayerSource(UnrealSource):
             raise ServerRefused(
                 f"{self._link.address}: expected a picture from {_IMAGE['lit'][0]!r}, got none"
             )
-        if "object_mask" in self._before:
-            self._window = self._png_size(self._before["object_mask"][1])
-        self._capabilities = replace(
-            self._capabilities,
-            modes=frozenset(self._before),
-            image_size=self._png_size(self._before["lit"][1]),
+        size = self._png_size(self._before["lit"][1])
+        self._window = (
+            self._png_size(self._before["object_mask"][1]) if "object_mask" in self._before else size
         )
+        self._capabilities = replace(self._capabilities, modes=frozenset(self._before), image_size=size)
 
     def _first_picture(self, mode: str) -> bytes | None:
         """What the camera shows before it is sent anywhere; None for a mode that does not work.
@@ -182,28 +180,28 @@ class PlayerSource(UnrealSource):
         """
         reading = self._rest(session)
         pose = _pose_read(session, view, reading)
-        commands = [_IMAGE[request.mode][0] for request in requests if request.mode != "object_mask"]
-        *replies, fov = session.stream([*commands, _FOV])
-        pictures = iter(replies)
-        captures = []
-        for request in requests:
-            if request.mode == "object_mask":
-                (reply,) = session.stream([_IMAGE["object_mask"][0]])
-                (after,) = session.stream([_LIT])
-                if after != "ok":
-                    raise BadReply(f"{session.address}: expected ok from {_LIT!r}, got {after[:200]!r}")
-                actual = View(pose, self._window_fov_deg, *self._window)
-            else:
-                reply = next(pictures)
-                actual = View(pose, _as_read(view.fov_deg, _numbers(fov, 1)[0]), *self._size)
-            captures.append(self._capture_of(session, request, actual, reply))
-        (afterwards,) = session.stream([_POSE])
+        replies: dict[str, Reply] = {}
+        others = list(dict.fromkeys(request.mode for request in requests if request.mode != "object_mask"))
+        if any(request.mode == "object_mask" for request in requests):
+            (replies["object_mask"],) = session.stream([_IMAGE["object_mask"][0]])
+        commands = [_LIT, *(_IMAGE[mode][0] for mode in others), _FOV, _POSE]
+        restored, *pictures, fov, afterwards = session.stream(commands)
+        replies.update(zip(others, pictures, strict=True))
+        if restored != "ok":
+            raise BadReply(f"{session.address}: expected ok from {_LIT!r}, got {restored[:200]!r}")
         if afterwards != reading:
             raise BadReply(
                 f"{session.address}: expected a camera that stays at {reading!r} while it is captured, "
                 f"got {afterwards!r}; does anybody play?"
             )
-        return (reading, fov), captures
+        window = View(pose, self._window_fov_deg, *self._window)
+        actual = View(pose, _as_read(view.fov_deg, _numbers(fov, 1)[0]), *self._size)
+        return (reading, fov), [
+            self._capture_of(
+                session, request, window if request.mode == "object_mask" else actual, replies[request.mode]
+            )
+            for request in requests
+        ]
 
     def _png_size(self, payload: bytes) -> tuple[int, int]:
         """Width and height of a PNG, px."""
