@@ -89,9 +89,7 @@ class PlayerSource(UnrealSource):
                 f"{self._link.address}: expected a picture from {_IMAGE['lit'][0]!r}, got none"
             )
         size = self._png_size(self._before["lit"][1])
-        self._window = (
-            self._png_size(self._before["object_mask"][1]) if "object_mask" in self._before else size
-        )
+        self._window = self._png_size(self._before.get("object_mask", self._before["lit"])[1])
         self._capabilities = replace(self._capabilities, modes=frozenset(self._before), image_size=size)
 
     def _first_picture(self, mode: str) -> bytes | None:
@@ -136,7 +134,7 @@ class PlayerSource(UnrealSource):
         return place, captures
 
     def _seems_late(self, capture: Capture, place: Place) -> bool:
-        """Whether a picture equals the one before the move, byte for byte, and that has not come to nothing.
+        """Whether a picture equals, byte for byte, the one before the move, and is not known to be right so.
 
         Colour may be late where depth is not (protocol reference, section 7.2), so each mode is compared.
         """
@@ -174,9 +172,9 @@ class PlayerSource(UnrealSource):
     def _pictures(
         self, session: Session, view: View, requests: Sequence[Request]
     ) -> tuple[Place, list[Capture]]:
-        """Pictures of a view, of a camera that rests before, meanwhile and afterwards.
+        """Where the camera is, and pictures of a view; it rests before, meanwhile and afterwards.
 
-        Masks are answered out of turn, so each is asked for alone; it leaves the window in its view mode.
+        The mask is answered out of turn, so it is asked for alone; it leaves the window in its view mode.
         """
         reading = self._rest(session)
         pose = _pose_read(session, view, reading)
