@@ -212,6 +212,9 @@ def serve(
     latency_ms: Annotated[float, typer.Option(help="Added to every reply, as a live engine has.")] = 0.0,
     depth: Annotated[str, typer.Option(help="half, as real servers send it, or float32.")] = "half",
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    size: Annotated[
+        str, typer.Option(help="WIDTHxHEIGHT of pictures and window; plugin 0.3.10 cannot set it.")
+    ] = "640x480",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -233,6 +236,7 @@ def serve(
             latency_ms=latency_ms,
             depth=depth,
             host=host,
+            size=options.size(size),
             faults=fault or (),
             seed=seed,
         )
