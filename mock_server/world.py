@@ -28,13 +28,15 @@ _START_CM: Triple = (0.0, 0.0, 150.0)
 
 @dataclass
 class Camera:
-    """A capture camera: location in cm, rotator (pitch, yaw, roll) in degrees, field of view, size."""
+    """A capture camera: location in cm, rotator (pitch, yaw, roll) in degrees, field of view, size, and the
+    actor that carries it, if it was spawned."""
 
     name: str
     location: Triple
     rotation: Triple = (0.0, 0.0, 0.0)
     fov: float = 90.0
     size: tuple[int, int] = (640, 480)
+    actor: str = ""
 
     def can_see(self) -> bool:
         """Whether a capture has pixels: not of size 0, beyond memory, or of an impossible field of view."""
@@ -65,6 +67,7 @@ class World:
     def __init__(self, scene: Scene, size: tuple[int, int] = (640, 480), fov_deg: float = 90.0) -> None:
         self.scene, self._size, self._fov_deg = scene, size, fov_deg
         self.player = Player(_START_CM)
+        self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=fov_deg, size=size)]
         self.viewmode = "lit"
         self.paused = False
@@ -80,9 +83,19 @@ class World:
 
     def spawn(self) -> str:
         """A new camera; its actor's name."""
-        here = self.cameras[0].location
-        self.cameras.append(Camera("FusionCameraSensor", here, fov=self._fov_deg, size=self._size))
-        return f"FusionCameraActor_{len(self.cameras) - 2}"
+        here, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
+        self.cameras.append(
+            Camera("FusionCameraSensor", here, fov=self._fov_deg, size=self._size, actor=actor)
+        )
+        self._spawned += 1
+        return actor
+
+    def destroy_camera(self, actor: str) -> bool:
+        """Takes a spawned camera out of the world; whether there was one of that name."""
+        found = [camera for camera in self.cameras if actor and camera.actor == actor]
+        for camera in found:
+            self.cameras.remove(camera)
+        return bool(found)
 
     def rename(self, actor: SceneObject, name: str) -> None:
         """Gives an object another name, in the same place of the list."""

@@ -148,10 +148,8 @@ def run(
 
 
 def _doubt(unsure: Mask, valid: Mask) -> str:
-    return (
-        f"{np.count_nonzero(unsure)} of {np.count_nonzero(valid)} pixels are unsure: their optical centre is not in the open, "
-        "or no capture verified them"
-    )
+    count = f"{np.count_nonzero(unsure)} of {np.count_nonzero(valid)} pixels"
+    return f"{count} are unsure: their optical centre is not in the open, or no capture verified them"
 
 
 def capture(

@@ -53,7 +53,7 @@ class Modern(Dialect):
             (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
             (f"vset {at}/show", "Shows it", obj(objects.show)),
             (f"vset {at}/hide", "Hides it from every mode", obj(objects.hide)),
-            (f"vset {at}/destroy", "Takes it out of the world", obj(self._destroy)),
+            (f"vset {at}/destroy", "Takes it out of the world", self._destroy),
             (f"vget {at}/uclass_name", "Its class", obj(self.class_name)),
             (f"vset {at}/name [str]", "Renames it", obj(self._rename)),
             (f"vget {at}/scale", "Its scale", obj(lambda o: "1.000 1.000 1.000")),
@@ -196,8 +196,12 @@ class Modern(Dialect):
     def _no_actor(self, actor: str, *_: str) -> str:
         return f"error Can not find actor with id '{actor}'"
 
-    def _destroy(self, o: SceneObject) -> str:
-        self.world.destroy(o)
+    def _destroy(self, name: str) -> str:
+        if self.world.destroy_camera(name):
+            return "ok"
+        if name not in self.world.objects:
+            return self.no_object.format(name)
+        self.world.destroy(self.world.objects[name])
         return "ok"
 
     def _rename(self, o: SceneObject, name: str) -> str:

@@ -1,5 +1,7 @@
 """The live source with every dialect: captures agree with tracing of the view that they carry."""
 
+import time
+
 import numpy as np
 import pytest
 from faces import CENTER, face_requests
@@ -268,3 +270,17 @@ def test_a_camera_that_stays_elsewhere_is_refused(monkeypatch):
         pytest.raises(ServerRefused, match=expected),
     ):
         list(source.capture(face_requests(SIZE, ["lit"], center=(1.0, 0.0, 1.5))[:1]))
+
+
+@pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
+def test_the_spawned_camera_leaves_with_the_source(dialect):
+    """A game that is recorded again and again does not fill with cameras."""
+    with mock_server.serve("four-wall", dialect=dialect) as server:
+        for _ in range(3):
+            with omniscv.open_source(server.uri) as source:
+                list(source.capture(face_requests(modes=("lit",))[:1]))
+                assert len(server._world.cameras) == 2
+            deadline = time.monotonic() + 5
+            while len(server._world.cameras) > 1 and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert len(server._world.cameras) == 1

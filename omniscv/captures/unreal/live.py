@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -48,6 +49,7 @@ class UnrealSource(Source):
         self._link, self._capabilities, self._fix_exposure = link, capabilities, fix_exposure
         self._ours: Session | None = None
         self._camera: int | None = None
+        self._actor = ""
         self._posed: View | None = None
         self._motion = Motion()
         self._session()
@@ -72,6 +74,12 @@ class UnrealSource(Source):
         return ObjectTable(colors(self._link))
 
     def close(self) -> None:
+        """Takes our camera out of the game, where the connection still serves, and leaves."""
+        session = self._ours
+        if self._actor and session is not None and not session.broken:
+            with contextlib.suppress(SourceError):  # the game may be gone; then so is the camera
+                list(session.stream([f"vset /object/{self._actor}/destroy"]))
+        self._actor = ""
         self._link.close()
 
     def _session(self) -> Session:
@@ -98,7 +106,7 @@ class UnrealSource(Source):
             self._link.texts(CURES)
         paint(self._link)
         self._camera = count
-        self._link.text("vset /cameras/spawn")
+        self._actor = self._link.text("vset /cameras/spawn")
 
     def _delivered(self, group: list[Request]) -> Iterator[Capture]:
         """A group's captures; what came before a fault is kept, and progress earns new retries."""
