@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
 from omniscv.cli.progress import out as console
 from omniscv.cli.progress import progress_bar
+
+Row = TypeVar("Row")
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the JSON and the picture.")]
 
@@ -28,10 +31,7 @@ def central(
     """Filters x face sizes x central models, against exact tracing. Takes a minute or two."""
     from omniscv.chart.central import measure, write
 
-    with progress_bar("measuring") as progress:
-        rows = measure(width, progress)
-    for path in write(rows, out):
-        console.print(path, markup=False)
+    _chart(measure, write, width, out)
 
 
 def noncentral(
@@ -41,6 +41,15 @@ def noncentral(
     """Strategies x optical centres of the non-central models, against exact tracing. Takes minutes."""
     from omniscv.chart.noncentral import measure, write
 
+    _chart(measure, write, width, out)
+
+
+def _chart(
+    measure: Callable[[int, Callable[[int, int], None]], list[Row]],
+    write: Callable[[list[Row], Path], list[Path]],
+    width: int,
+    out: Path,
+) -> None:
     with progress_bar("measuring") as progress:
         rows = measure(width, progress)
     for path in write(rows, out):

@@ -7,7 +7,6 @@ in ``omniscv.geometry``, so that a trajectory estimated from the images compares
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,16 +34,6 @@ def read_trajectory(path: Path) -> tuple[Pose, ...]:
     if not poses:
         raise ArgumentError(f"{path}: expected lines 'time tx ty tz qx qy qz qw', got none")
     return tuple(poses)
-
-
-def write_trajectory(poses: Sequence[Pose], path: Path, times_s: Sequence[float] | None = None) -> None:
-    """Writes poses as a TUM file; ``times_s`` are seconds, 0, 1, 2 ... if not given."""
-    stamps = range(len(poses)) if times_s is None else times_s
-    lines = ["# time tx ty tz qx qy qz qw (metres, camera to world: x right, y down, z forward)"]
-    for time_s, pose in zip(stamps, poses, strict=True):
-        quaternion = Rotation.from_matrix(pose.R_w_c).as_quat()
-        lines.append(" ".join(f"{value:.17g}" for value in (time_s, *pose.t_w_c, *quaternion)))
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _pose(path: Path, number: int, text: str) -> Pose:

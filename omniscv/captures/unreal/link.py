@@ -54,6 +54,7 @@ class Link:
         """
         if isinstance(self._endpoint, str) or self._endpoint[0] not in _THIS_MACHINE:
             return None
+        # The plugin's own fixed place, not a temporary file of ours.
         path = Path(f"/tmp/unrealcv_{self._endpoint[1]}.socket")
         if path.is_socket():
             with contextlib.suppress(ConnectionFailed):  # a game that crashed leaves it behind
