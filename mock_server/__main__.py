@@ -1,77 +1,68 @@
-"""``python -m mock_server``: a room behind the UnrealCV protocol, for any client, until Ctrl-C.
+"""``python -m mock_server``: a scene behind the UnrealCV protocol, for any client, until Ctrl-C.
 
-The first line on the standard output tells the address, for scripts that take any free port.
+The first line on the standard output is the address, for scripts that take any free port. SIGINT and SIGTERM
+stop the server, SIGINT also where it was ignored at the start: see :func:`mock_server.stop_signal`.
 """
 
-from __future__ import annotations
-
 import argparse
-import contextlib
-import signal
 import sys
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+from mock_server.faults import KINDS
 from mock_server.scene import scene_names
-from mock_server.server import DEPTHS, DIALECTS, PLATFORMS, Server
+from mock_server.server import serve
+from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS
+from mock_server.stop_signal import stop_signal
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serves until Ctrl-C or a termination signal; the exit code."""
-    options = _parser().parse_args(arguments)
-    try:
-        server = Server(
-            options.scene,
-            options.port,
-            options.dialect,
-            latency_ms=options.latency_ms,
-            depth=options.depth,
-            platform=options.platform,
-            host=options.host,
-            size=options.size,
-            fov_deg=options.fov,
-            window=options.window,
-            folder=options.folder,
-            faults=options.fault,
-            seed=options.seed,
-        )
-    except ValueError as wrong:
-        print(f"mock_server: {wrong}", file=sys.stderr)
-        return 2
-    except OSError as failed:
-        print(f"mock_server: expected to listen on {options.host}:{options.port}; {failed}", file=sys.stderr)
-        return 1
-    with server, contextlib.suppress(KeyboardInterrupt):
-        ended = threading.Event()
-        signal.signal(signal.SIGTERM, lambda *_: ended.set())
-        print(f"{server.uri} {server.scene.name} dialect {options.dialect}", flush=True)
-        ended.wait()
+    """Serve until SIGINT or SIGTERM, and return the exit code."""
+    options = vars(_parser().parse_args(arguments))
+    with stop_signal() as wait:
+        try:
+            server = serve(**options)
+        except ValueError as wrong:
+            print(f"mock_server: {wrong}", file=sys.stderr)
+            return 2
+        except OSError as failed:
+            address = f"{options['host']}:{options['port']}"
+            print(f"mock_server: expected to listen on {address}; {failed}", file=sys.stderr)
+            return 1
+        with server:
+            print(f"{server.uri} {server.scene.name} dialect {server.settings.dialect}", flush=True)
+            wait()
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m mock_server", description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "scene", nargs="?", default="four-wall", help=f"{', '.join(scene_names())}, or a YAML file"
+    width = max(map(len, KINDS))
+    faults = "\n".join(
+        f"  {name:{width}}  {kind.text}{f' (default {kind.default})' if kind.default else ''}"
+        for name, kind in KINDS.items()
     )
-    parser.add_argument("--port", type=int, default=9000, help="0 takes any free port (default 9000)")
-    parser.add_argument("--host", default="127.0.0.1", help="the address to listen on (default loopback)")
-    parser.add_argument("--dialect", default="1.x", help=f"one of {', '.join(DIALECTS)}")
-    parser.add_argument("--platform", default="windows", help=f"one of {', '.join(PLATFORMS)}")
-    parser.add_argument("--depth", default="half", help=f"one of {', '.join(DEPTHS)}")
-    parser.add_argument("--latency-ms", type=float, default=0.0, help="how late every reply is")
-    parser.add_argument("--size", type=_size, default=(640, 480), help="of images, px (default 640x480)")
-    parser.add_argument("--fov", type=float, default=90.0, help="field of view, degrees (default 90)")
-    parser.add_argument("--window", type=_size, help="size of the game's window (default as --size)")
-    parser.add_argument("--folder", type=Path, help="where file commands write (default a temporary one)")
-    parser.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        help="NAME[=VALUE][@PROBABILITY], such as delay=0.2@0.05; repeatable; see mock_server/faults.py",
+    parser = argparse.ArgumentParser(
+        prog="python -m mock_server",
+        description=__doc__.split("\n")[0],
+        epilog=f"faults:\n{faults}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        argument_default=argparse.SUPPRESS,  # the settings have the defaults
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the faults' dice")
+    add = parser.add_argument
+    add("scene", nargs="?", default="four-wall", help=f"{', '.join(scene_names())}, or a YAML file")
+    add("--port", type=int, default=9000, help="0 takes any free port (default 9000)")
+    add("--host", default="127.0.0.1", help="the address to listen on (default loopback)")
+    add("--dialect", help=f"one of {', '.join(DIALECTS)}")
+    add("--platform", help=f"one of {', '.join(PLATFORMS)}")
+    add("--depth", help=f"one of {', '.join(DEPTHS)}")
+    add("--latency-ms", type=float, help="delay of every reply, ms")
+    add("--size", type=_size, help="of images, px (default 640x480)")
+    add("--fov", type=float, dest="fov_deg", help="field of view, degrees (default 90)")
+    add("--window", type=_size, help="size of the game's window, px (default as --size)")
+    add("--folder", type=Path, help="where file commands write (default a temporary one)")
+    fault = "NAME[=VALUE][@PROBABILITY], such as delay=0.2@0.05; repeatable; see below"
+    add("--fault", action="append", dest="faults", help=fault)
+    add("--seed", type=int, help="seed of the faults' random numbers")
     return parser
 
 

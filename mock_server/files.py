@@ -1,48 +1,38 @@
-"""Files that commands ask for, kept inside one folder."""
-
-from __future__ import annotations
+"""Files that commands write, kept inside one folder."""
 
 import contextlib
+import functools
+import itertools
 import tempfile
 from pathlib import Path
 
 
 class OutputFolder:
-    """Where a server's file commands write: never outside, whatever the name says.
+    """The folder that file commands write to: never outside, whatever the name is.
 
-    Args:
-        folder: the folder; None makes a temporary one when the first file is written, removed at ``close``.
+    None is a temporary one, removed by ``close``.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self._folder = folder
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
-        self._count = 0
+        self._folder, self._numbers = folder, itertools.count(1)
+        self._opened = contextlib.ExitStack()
+        self.close = self._opened.close
 
-    @property
+    @functools.cached_property
     def path(self) -> Path:
         """The folder; made on first use."""
-        if self._folder is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix="mock-unrealcv-")
-            self._folder = Path(self._temporary.name)
-        return self._folder
+        if self._folder is not None:
+            return self._folder
+        return Path(self._opened.enter_context(tempfile.TemporaryDirectory(prefix="mock-unrealcv-")))
 
     def next_name(self) -> str:
-        """A name for an image that was given none."""
-        self._count += 1
-        return f"{self._count:08d}.png"
+        """Return a new name, for an image without one."""
+        return f"{next(self._numbers):08d}.png"
 
-    def write(self, name: str, data: bytes) -> bool:
-        """Writes a file, and tells whether it could: a name that leads out of the folder cannot."""
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file. What cannot be written is left out, as are names that lead out of the folder."""
         folder = self.path.resolve()
         with contextlib.suppress(OSError, ValueError):  # ValueError: a name with a null byte
             target = (folder / name).resolve()
             if target.is_relative_to(folder):
                 target.write_bytes(data)
-                return True
-        return False
-
-    def close(self) -> None:
-        """Removes the temporary folder, if there is one."""
-        if self._temporary is not None:
-            self._temporary.cleanup()

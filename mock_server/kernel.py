@@ -1,10 +1,8 @@
 """The tracing kernel: every ray against every solid, in float64.
 
-A solid is a row of numbers; the columns are named below. It runs without the GIL and without numba's
-thread pool, which must not be entered from two Python threads: callers split rays among threads.
+A solid is a row of numbers; the columns are named below. It runs without the GIL and without numba's thread
+pool, which must not be entered from two Python threads: callers distribute rays over threads.
 """
-
-from __future__ import annotations
 
 import math
 
@@ -21,29 +19,32 @@ RECTANGLE spans its first two axes and faces along the third; BOX fills all thre
 its radius in the first half size; CYLINDER stands on its third axis, radius first, half height third.
 """
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Vector = tuple[float, float, float]
+Hit = tuple[float, float, float, float]
+"""Distance, and normal in the frame of the solid."""
+
+_MISS = (math.inf, 0.0, 0.0, 0.0)
+
 _BUNDLE = 128
-"""Rays that are looked at together: neighbours in a picture pass most solids at once."""
+"""Rays that are tested together: neighbours in an image miss most solids together."""
 
 _SLACK_RAD = 1e-6
 """More than the rounding of an arc cosine near 1, which is 1.5e-8."""
 
 
 @njit(cache=True, nogil=True)
-def _box(
-    px: float, py: float, pz: float, dx: float, dy: float, dz: float, hx: float, hy: float, hz: float
-) -> tuple[float, float, float, float]:
-    """First hit from outside, or the wall met from inside; the normal faces the ray."""
+def _box(p: Vector, d: Vector, half: Vector) -> Hit:
+    """First hit from outside, or the wall hit from inside; the normal faces the ray."""
     near, far = -math.inf, math.inf
     axis_near = axis_far = 0
     for axis in range(3):
-        p = px if axis == 0 else (py if axis == 1 else pz)
-        d = dx if axis == 0 else (dy if axis == 1 else dz)
-        h = hx if axis == 0 else (hy if axis == 1 else hz)
-        if d == 0.0:
-            if abs(p) > h:
-                return math.inf, 0.0, 0.0, 0.0
+        if d[axis] == 0.0:
+            if abs(p[axis]) > half[axis]:
+                return _MISS
         else:
-            t0, t1 = (-h - p) / d, (h - p) / d
+            t0, t1 = (-half[axis] - p[axis]) / d[axis], (half[axis] - p[axis]) / d[axis]
             if t0 > t1:
                 t0, t1 = t1, t0
             if t0 > near:
@@ -51,16 +52,15 @@ def _box(
             if t1 < far:
                 far, axis_far = t1, axis
     if near > far or far <= 0.0:
-        return math.inf, 0.0, 0.0, 0.0
+        return _MISS
     t, axis = (near, axis_near) if near > 0.0 else (far, axis_far)
-    d = dx if axis == 0 else (dy if axis == 1 else dz)
-    m = -math.copysign(1.0, d)
+    m = -math.copysign(1.0, d[axis])
     return t, m if axis == 0 else 0.0, m if axis == 1 else 0.0, m if axis == 2 else 0.0
 
 
 @njit(cache=True, nogil=True)
 def _roots(a: float, half_b: float, c: float) -> tuple[float, float]:
-    """Ordered roots of a t^2 + 2 half_b t + c, without cancellation; infinite if there are none."""
+    """Return the ordered roots of a t^2 + 2 half_b t + c, without cancellation; infinite if none."""
     square = half_b * half_b - a * c
     if square < 0.0 or a == 0.0:
         return math.inf, math.inf
@@ -71,49 +71,39 @@ def _roots(a: float, half_b: float, c: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)
-def _sphere(
-    px: float, py: float, pz: float, dx: float, dy: float, dz: float, r: float
-) -> tuple[float, float, float, float]:
-    t0, t1 = _roots(1.0, px * dx + py * dy + pz * dz, px * px + py * py + pz * pz - r * r)
+def _sphere(p: Vector, d: Vector, r: float) -> Hit:
+    x, y, z = p
+    t0, t1 = _roots(1.0, x * d[0] + y * d[1] + z * d[2], x * x + y * y + z * z - r * r)
     t = t0 if t0 > 0.0 else t1
     if not 0.0 < t < math.inf:
-        return math.inf, 0.0, 0.0, 0.0
+        return _MISS
     side = 1.0 if t0 > 0.0 else -1.0
-    return t, side * (px + t * dx) / r, side * (py + t * dy) / r, side * (pz + t * dz) / r
+    return t, side * (x + t * d[0]) / r, side * (y + t * d[1]) / r, side * (z + t * d[2]) / r
 
 
 @njit(cache=True, nogil=True)
-def _cylinder(
-    px: float, py: float, pz: float, dx: float, dy: float, dz: float, r: float, h: float
-) -> tuple[float, float, float, float]:
-    best, m0, m1, m2 = math.inf, 0.0, 0.0, 0.0
-    t0, t1 = _roots(dx * dx + dy * dy, px * dx + py * dy, px * px + py * py - r * r)
+def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
+    best = _MISS
+    t0, t1 = _roots(d[0] * d[0] + d[1] * d[1], p[0] * d[0] + p[1] * d[1], p[0] * p[0] + p[1] * p[1] - r * r)
     for t in (t0, t1):
-        if 0.0 < t < best and abs(pz + t * dz) <= h:
-            x, y = px + t * dx, py + t * dy
-            side = 1.0 if x * dx + y * dy < 0.0 else -1.0
-            best, m0, m1, m2 = t, side * x / r, side * y / r, 0.0
-    if dz != 0.0:
+        if 0.0 < t < best[0] and abs(p[2] + t * d[2]) <= h:
+            x, y = p[0] + t * d[0], p[1] + t * d[1]
+            side = 1.0 if x * d[0] + y * d[1] < 0.0 else -1.0
+            best = t, side * x / r, side * y / r, 0.0
+    if d[2] != 0.0:
         for cap in (-h, h):
-            t = (cap - pz) / dz
-            x, y = px + t * dx, py + t * dy
-            if 0.0 < t < best and x * x + y * y <= r * r:
-                best, m0, m1, m2 = t, 0.0, 0.0, -math.copysign(1.0, dz)
-    return best, m0, m1, m2
+            t = (cap - p[2]) / d[2]
+            x, y = p[0] + t * d[0], p[1] + t * d[1]
+            if 0.0 < t < best[0] and x * x + y * y <= r * r:
+                best = t, 0.0, 0.0, -math.copysign(1.0, d[2])
+    return best
 
 
 @njit(cache=True, nogil=True)
-def _within_reach(
-    origins: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    solids: NDArray[np.float64],
-    kept: NDArray[np.int64],
-) -> int:
-    """Puts into ``kept`` the solids whose bounding spheres a bundle of rays may meet; their number.
-
-    The bundle lies in the cone about its mean direction, widened by how far its origins are apart. Rays with
-    NaN compare as false, so that nothing is left out for them.
-    """
+def _cull(origins: Floats, directions: Floats, solids: Floats, kept: Ints) -> int:
+    """Put into ``kept`` the solids whose bounding spheres a bundle of rays may hit; return their number."""
+    # The bundle lies in the cone about its mean direction, widened by how far its origins are apart. Rays
+    # with NaN compare as false, so that no solid is left out for them.
     count = origins.shape[0]
     o, a = np.zeros(3), np.zeros(3)
     for i in range(count):
@@ -142,66 +132,59 @@ def _within_reach(
 
 @njit(cache=True, nogil=True)
 def nearest_hits(
-    origins: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    solids: NDArray[np.float64],
-    distance: NDArray[np.float64],
-    index: NDArray[np.int64],
-    normal: NDArray[np.float64],
+    origins: Floats, directions: Floats, solids: Floats, distance: Floats, index: Ints, normal: Floats
 ) -> None:
-    """Fills distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit."""
+    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit."""
     kept = np.empty(solids.shape[0], dtype=np.int64)
     for start in range(0, origins.shape[0], _BUNDLE):
         stop = min(start + _BUNDLE, origins.shape[0])
-        number = _within_reach(origins[start:stop], directions[start:stop], solids, kept)
+        number = _cull(origins[start:stop], directions[start:stop], solids, kept)
         for i in range(start, stop):
             distance[i], index[i] = _first(origins[i], directions[i], solids, kept[:number], normal[i])
 
 
 @njit(cache=True, nogil=True)
-def _first(
-    o: NDArray[np.float64],
-    d: NDArray[np.float64],
-    solids: NDArray[np.float64],
-    kept: NDArray[np.int64],
-    normal: NDArray[np.float64],
-) -> tuple[float, int]:
-    """Distance and row of one ray's first hit among the solids kept; fills its normal."""
+def _first(o: Floats, d: Floats, solids: Floats, kept: Ints, normal: Floats) -> tuple[float, int]:
+    """Return distance and row of one ray's first hit among the solids kept; fill its normal."""
     best, which = math.inf, -1
     n0 = n1 = n2 = 0.0
     for s in kept:
         row = solids[s]
-        x, y, z = o[0] - row[2], o[1] - row[3], o[2] - row[4]
-        a, b, c = d[0], d[1], d[2]
-        # Passed over unless the ray enters the solid's bounding sphere before the nearest hit so far.
-        toward = -(a * x + b * y + c * z)
-        beside = x * x + y * y + z * z - toward * toward
+        v = (o[0] - row[2], o[1] - row[3], o[2] - row[4])
+        # Skipped unless the ray enters the solid's bounding sphere before the nearest hit so far.
+        toward = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2])
+        beside = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - toward * toward
         if toward < -row[17] or toward - row[17] > best or beside > row[17] * row[17]:
             continue
-        # The ray in the solid's own frame.
-        px = row[5] * x + row[6] * y + row[7] * z
-        py = row[8] * x + row[9] * y + row[10] * z
-        pz = row[11] * x + row[12] * y + row[13] * z
-        dx = row[5] * a + row[6] * b + row[7] * c
-        dy = row[8] * a + row[9] * b + row[10] * c
-        dz = row[11] * a + row[12] * b + row[13] * c
-        t, m0, m1, m2 = math.inf, 0.0, 0.0, 0.0
+        p, e = _local(row, v), _local(row, (d[0], d[1], d[2]))
+        hit = _MISS
         kind = int(row[0])
         if kind == RECTANGLE:
-            if dz != 0.0:
-                hit = -pz / dz
-                if hit > 0.0 and abs(px + hit * dx) <= row[14] and abs(py + hit * dy) <= row[15]:
-                    t, m2 = hit, -math.copysign(1.0, dz)
+            if e[2] != 0.0:
+                t = -p[2] / e[2]
+                if t > 0.0 and abs(p[0] + t * e[0]) <= row[14] and abs(p[1] + t * e[1]) <= row[15]:
+                    hit = t, 0.0, 0.0, -math.copysign(1.0, e[2])
         elif kind == BOX:
-            t, m0, m1, m2 = _box(px, py, pz, dx, dy, dz, row[14], row[15], row[16])
+            hit = _box(p, e, (row[14], row[15], row[16]))
         elif kind == SPHERE:
-            t, m0, m1, m2 = _sphere(px, py, pz, dx, dy, dz, row[14])
+            hit = _sphere(p, e, row[14])
         else:
-            t, m0, m1, m2 = _cylinder(px, py, pz, dx, dy, dz, row[14], row[16])
-        if t < best:
-            best, which = t, s
-            n0 = row[5] * m0 + row[8] * m1 + row[11] * m2
-            n1 = row[6] * m0 + row[9] * m1 + row[12] * m2
-            n2 = row[7] * m0 + row[10] * m1 + row[13] * m2
+            hit = _cylinder(p, e, row[14], row[16])
+        if hit[0] < best:
+            best, which = hit[0], s
+            n0 = row[5] * hit[1] + row[8] * hit[2] + row[11] * hit[3]
+            n1 = row[6] * hit[1] + row[9] * hit[2] + row[12] * hit[3]
+            n2 = row[7] * hit[1] + row[10] * hit[2] + row[13] * hit[3]
     normal[0], normal[1], normal[2] = n0, n1, n2
     return best, which
+
+
+@njit(cache=True, nogil=True)
+def _local(row: Floats, v: Vector) -> Vector:
+    """Return a vector in the frame of a solid."""
+    x, y, z = v
+    return (
+        row[5] * x + row[6] * y + row[7] * z,
+        row[8] * x + row[9] * y + row[10] * z,
+        row[11] * x + row[12] * y + row[13] * z,
+    )

@@ -4,49 +4,51 @@ A frame is magic and payload size, uint32 little endian, then the payload. A req
 a reply ``id:body``.
 """
 
-from __future__ import annotations
-
 import re
 import socket
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 MAGIC = 0x9E2B83C1
 MAX_PAYLOAD = 268_435_456
-"""Bytes. What one dialect of the server enforces; here for all, so that no frame can ask for more."""
+"""Bytes. What one dialect of the server enforces; here for all, so that no frame can claim more."""
 
 _HEADER = struct.Struct("<II")
 _BLOCK = 1 << 16
+_INT32 = 1 << 31
+_INT64_DIGITS = 18
+
+_LIMIT = 1e9
+"""cm, or degrees: larger numbers are clipped to it, so that no arithmetic overflows."""
 
 
-class BadFrame(Exception):
+class FrameError(Exception):
     """A header that no client would send: the connection is dropped."""
 
 
 def frame(payload: bytes) -> bytes:
-    """A payload with its header."""
+    """Return a payload with its header."""
     return _HEADER.pack(MAGIC, len(payload)) + payload
 
 
 def read_frame(connection: socket.socket) -> bytes | None:
-    """The next payload; None at the end of the stream.
+    """Return the next payload; None at the end of the stream.
 
     Raises:
-        BadFrame: wrong magic, no payload, or one larger than ``MAX_PAYLOAD``.
+        FrameError: wrong magic, no payload, or one larger than ``MAX_PAYLOAD``.
     """
     header = _read_exactly(connection, _HEADER.size)
     if header is None:
         return None
     magic, size = _HEADER.unpack(header)
     if magic != MAGIC or not 0 < size <= MAX_PAYLOAD:
-        raise BadFrame(f"magic {magic:#x}, size {size}")
+        raise FrameError(f"header: expected {MAGIC:#x}, 1 to {MAX_PAYLOAD}; got {magic:#x}, {size}")
     return _read_exactly(connection, size)
 
 
 def _read_exactly(connection: socket.socket, size: int) -> bytes | None:
-    """Memory grows with what comes, not with what the header claims."""
+    """Return so many bytes; memory grows with what is received, not with what the header claims."""
     data = bytearray()
     while len(data) < size:
         block = connection.recv(min(_BLOCK, size - len(data)))
@@ -56,58 +58,40 @@ def _read_exactly(connection: socket.socket, size: int) -> bytes | None:
     return bytes(data)
 
 
-_INT32 = 1 << 31
-_INT64_DIGITS = 18
-
-
 def to_int32(digits: str) -> int:
-    """A request's id as the plugin reads it: the last 32 bits of C's saturated long."""
+    """Return a request's id as the plugin reads it: the last 32 bits of C's saturated long."""
     value = int(digits) if len(digits) <= _INT64_DIGITS else -1
     return (value + _INT32) % (2 * _INT32) - _INT32
 
 
 def _uint(digits: str) -> int:
-    """A count or index; 0 for no digits, and never so large that it is costly."""
+    """Return a count or index; 0 for no digits, and at most 2^31 - 1."""
     return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
 
-
-_EDGE = 1e9
-"""cm, or degrees. Beyond it is no world; nearer, no arithmetic overflows."""
 
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
     "[uint]": (r"(\d*)", _uint),
-    "[float]": (r"([-+]?\d*\.?\d+)", lambda text: min(max(float(text), -_EDGE), _EDGE)),
+    "[float]": (r"([-+]?\d*\.?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
 }
 
 
-@dataclass(frozen=True)
 class Command:
-    """A template with its pattern: unanchored at the start, to the end but for spaces, case-sensitive."""
+    """A template such as ``vset /camera/[uint]/fov [float]`` and its handler.
 
-    template: str
-    description: str
-    handler: Callable[..., Any]
-    pattern: re.Pattern[str]
-    converters: tuple[Callable[[str], Any], ...]
+    Matching is unanchored at the start, to the end but for spaces, and case-sensitive.
+    """
+
+    def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
+        self.template, self.description, self.handler = template, description, handler
+        parts = re.split(r"(\[(?:str|uint|float)\])", template)
+        self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
+        patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
+        self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
 
     def match(self, text: str) -> tuple[Any, ...] | None:
-        """The arguments in ``text``, or None."""
-        found = self.pattern.search(text)
+        """Return the arguments in ``text``; None if it does not match."""
+        found = self._pattern.search(text)
         if found is None:
             return None
-        return tuple(convert(value) for convert, value in zip(self.converters, found.groups(), strict=True))
-
-
-def command(template: str, description: str, handler: Callable[..., Any]) -> Command:
-    """Compiles a template such as ``vset /camera/[uint]/fov [float]``."""
-    converters: list[Callable[[str], Any]] = []
-    pattern = ""
-    for part in re.split(r"(\[(?:str|uint|float)\])", template):
-        if part in _PLACEHOLDERS:
-            expression, convert = _PLACEHOLDERS[part]
-            pattern += expression
-            converters.append(convert)
-        else:
-            pattern += re.escape(part)
-    return Command(template, description, handler, re.compile(pattern + r" *\Z", re.ASCII), tuple(converters))
+        return tuple(convert(value) for convert, value in zip(self._converters, found.groups(), strict=True))

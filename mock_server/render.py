@@ -1,6 +1,4 @@
-"""Perspective pictures of a scene: every pixel's ray, traced."""
-
-from __future__ import annotations
+"""Perspective views of a scene: the ray of every pixel, traced."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ViewHits:
-    """A perspective picture in every mode.
+    """A perspective view in every mode.
 
     Attributes:
         color: (H, W, 3) uint8, ``round(255 c)``.
@@ -33,7 +31,7 @@ class ViewHits:
 
 
 def pinhole_rays(R_w_c: Array, fov_deg: float, width: int, height: int) -> tuple[Array, Array]:
-    """(H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of planar depth."""
+    """Return (H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of depth."""
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
     x = (np.arange(width) + 0.5 - width / 2) / focal
     y = (np.arange(height) + 0.5 - height / 2) / focal
@@ -51,10 +49,10 @@ def render_view(
     height: int,
     hidden: Iterable[str] = frozenset(),
 ) -> ViewHits:
-    """A picture by tracing the ray of each pixel's centre.
+    """Trace the ray of each pixel's centre.
 
     Args:
-        scene: what is there.
+        scene: the objects.
         R_w_c: (3, 3) camera (x right, y down, z forward) to world.
         t_w_c: (3,) optical centre, metres.
         fov_deg: horizontal field of view.

@@ -1,10 +1,7 @@
 """Unreal's rotators: pitch, yaw, roll in degrees; left-handed, X forward, Y right, Z up.
 
-Written from the protocol reference, section 4, and shared with nobody outside this package: the judge has
-its own algebra.
+Written from the protocol reference, section 4, and independent of ``omniscv``, which is tested against it.
 """
-
-from __future__ import annotations
 
 import math
 
@@ -18,11 +15,11 @@ MIRROR = np.diag([1.0, -1.0, 1.0])
 """Unreal's axes to the scene's, and back."""
 
 _POLE = 0.4999995
-"""Sine of pitch, halved, from which the engine takes it for 90 degrees; it is 89.92."""
+"""Half the sine of the pitch from which the engine reads it as 90 degrees; that pitch is 89.92."""
 
 
 def axes(rotation: Triple) -> Array:
-    """(3, 3) columns forward, right, up in Unreal's axes."""
+    """Return (3, 3) columns forward, right, up in Unreal's axes."""
     p, y, r = map(math.radians, rotation)
     sp, cp, sy, cy, sr, cr = math.sin(p), math.cos(p), math.sin(y), math.cos(y), math.sin(r), math.cos(r)
     forward = (cp * cy, cp * sy, sp)
@@ -32,13 +29,13 @@ def axes(rotation: Triple) -> Array:
 
 
 def camera_to_world(rotation: Triple) -> Array:
-    """(3, 3) camera (x right, y down, z forward) to the scene's world frame."""
+    """Return (3, 3) camera (x right, y down, z forward) to the scene's world frame."""
     forward, right, up = (MIRROR @ axes(rotation)).T
     return np.stack([right, -up, forward], axis=1)
 
 
 def through_quaternion(rotation: Triple) -> Triple:
-    """What a rotation reads after the engine kept it as a quaternion, in single precision.
+    """Return a rotation as it reads after the engine stored it as a quaternion, in single precision.
 
     Pitch comes back in [-90, 90], yaw and roll in (-180, 180]; near the poles yaw and roll are split
     arbitrarily.
@@ -55,12 +52,7 @@ def through_quaternion(rotation: Triple) -> Triple:
     turn = math.degrees(2 * math.atan2(x, w))
     if abs(sine_half) > _POLE:
         side = math.copysign(1.0, sine_half)
-        return side * 90.0, yaw, _wrapped(side * yaw - turn)
+        roll = math.remainder(side * yaw - turn, 360.0)
+        return side * 90.0, yaw, 180.0 if roll == -180.0 else roll
     roll = math.degrees(math.atan2(-2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
     return math.degrees(math.asin(2 * sine_half)), yaw, roll
-
-
-def _wrapped(angle: float) -> float:
-    """In (-180, 180]."""
-    rest = math.remainder(angle, 360.0)
-    return 180.0 if rest == -180.0 else rest

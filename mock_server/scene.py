@@ -1,4 +1,4 @@
-"""Analytic scenes, traced exactly: the judge of everything else.
+"""Analytic scenes, traced exactly: the reference for composed images.
 
 World frame: right-handed, metres, X forward, Y left, Z up. Lengths in the YAML are metres, angles degrees.
 """
@@ -10,24 +10,23 @@ from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server import build, textures
+from mock_server import scene_file, textures
 from mock_server.kernel import COLUMNS, CYLINDER, SPHERE, nearest_hits
 
 Array = NDArray[np.float64]
 
 _SCENES = Path(__file__).parent / "scenes"
 _CHUNK = 1 << 13
-_THREADS = ThreadPoolExecutor(max_workers=2, thread_name_prefix="trace")
+_THREADS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What rays meet first.
+    """The first surfaces that rays hit.
 
     Attributes:
         color: (..., 3) float64, 0..1; the sky's where nothing is hit.
@@ -45,84 +44,86 @@ class Hits:
 class Scene:
     """Solids with names and textures, or a pattern painted on the sphere of directions.
 
+    Picklable, and safe to use from several threads and in forked processes.
+
     Args:
-        name: what the scene is called.
-        data: the description; the words are explained in ``build.py``.
+        name: the scene's name.
+        description: as in a scene's YAML file; docs/scenes.md explains the words.
+
+    Attributes:
+        name: as given.
+        objects: names of the objects, sorted.
+        solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
 
     Raises:
-        ValueError: a word or number of the description is wrong.
+        ValueError: a word or value of the description is wrong; the message names it.
     """
 
-    def __init__(self, name: str, data: dict[str, Any]) -> None:
+    def __init__(self, name: str, description: Mapping[str, object]) -> None:
+        parts = scene_file.read(description, name)
         self.name = name
-        parts = build.build(data, name)
         self.objects: tuple[str, ...] = tuple(sorted(set(parts.names)))
-        self._solids = np.array(parts.rows).reshape(-1, COLUMNS)
+        self.solids = np.array(parts.rows).reshape(-1, COLUMNS)
         self._labels = np.array([0] + [1 + self.objects.index(n) for n in parts.names], dtype=np.uint16)
         self._textures = list(dict.fromkeys(parts.textures))
         self._texture_of = np.array([self._textures.index(t) for t in parts.textures] + [-1], dtype=np.int64)
         self._owner = np.array(parts.names, dtype=object)
-        self._sky = np.array(build.numbers(data.get("sky", (0.0, 0.0, 0.0)), 3, f"{name}: sky"))
-        self._pattern = build.read_pattern(data.get("pattern"), name)
+        self._sky, self._pattern = np.array(parts.sky), parts.pattern
 
     def label(self, name: str) -> int:
-        """An object's label: 1 + its rank in ``objects``."""
+        """Return an object's label: 1 + its rank in ``objects``."""
         return 1 + self.objects.index(name)
 
     def bounds(self, name: str) -> tuple[Array, Array]:
-        """The least and the greatest corner of an object's box, (3,) metres, world frame.
+        """Return the least and the greatest corner of an object's box, (3,) metres each, world frame.
 
         Raises:
             ValueError: no object has that name.
         """
-        rows = self._solids[self._owner == name]
+        rows = self.solids[self._owner == name]
         if not len(rows):
             raise ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
         kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3), rows[:, 14:17]
-        reach = np.abs(axes * half[:, :, None]).sum(axis=1)
-        # Round things reach less far than the boxes around them.
+        extent = np.abs(axes * half[:, :, None]).sum(axis=1)
         disc = half[:, :1] * np.hypot(axes[:, 0], axes[:, 1]) + np.abs(axes[:, 2]) * half[:, 2:]
-        reach[kind == CYLINDER] = disc[kind == CYLINDER]
-        reach[kind == SPHERE] = half[kind == SPHERE, :1]
-        return (rows[:, 2:5] - reach).min(axis=0), (rows[:, 2:5] + reach).max(axis=0)
+        extent[kind == CYLINDER] = disc[kind == CYLINDER]
+        extent[kind == SPHERE] = half[kind == SPHERE, :1]
+        return (rows[:, 2:5] - extent).min(axis=0), (rows[:, 2:5] + extent).max(axis=0)
 
     def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
-        """This scene with some objects elsewhere. Textures stay fixed to the world, not to the objects.
+        """Return this scene with some objects elsewhere. Textures stay fixed to the world.
 
         Args:
             moves: by object, a rotation (3, 3), the point it turns about, and where that point goes
                 (both (3,) metres, world frame).
         """
         result = copy.copy(self)
-        result._solids = self._solids.copy()
+        result.solids = self.solids.copy()
         for name, (R, pivot, place) in moves.items():
             rows = self._owner == name
-            turned = (result._solids[rows, 2:5] - pivot) @ R.T
-            result._solids[rows, 2:5] = turned + place
-            axes = result._solids[rows, 5:14].reshape(-1, 3, 3) @ R.T
-            result._solids[rows, 5:14] = axes.reshape(-1, 9)
+            result.solids[rows, 2:5] = (self.solids[rows, 2:5] - pivot) @ R.T + place
+            result.solids[rows, 5:14] = (self.solids[rows, 5:14].reshape(-1, 3, 3) @ R.T).reshape(-1, 9)
         return result
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
-        """What rays meet first, exact to float64 rounding.
+        """Return the first surfaces that rays hit, exact to float64 rounding.
 
         Args:
             origins: (..., 3) metres, world frame; broadcast against the directions.
             directions: (..., 3), any length but zero; distances are along the unit direction. A ray
-                with NaN in it meets nothing.
+                with NaN in it hits nothing.
             hidden: names of objects to leave out.
 
         Returns:
-            Hits of shape (...). A ray that starts inside a solid meets its wall from inside.
+            Hits of shape (...). A ray that starts inside a solid hits its wall from inside.
         """
-        d = np.asarray(directions, dtype=np.float64)
-        shape = np.broadcast_shapes(np.shape(origins), d.shape)
-        o = np.ascontiguousarray(np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3))
+        o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
-            d = np.broadcast_to(d / np.linalg.norm(d, axis=-1, keepdims=True), shape).reshape(-1, 3)
-        d = np.ascontiguousarray(d)
+            o, d = np.broadcast_arrays(o, d / np.linalg.norm(d, axis=-1, keepdims=True))
+        shape = d.shape
+        o, d = (np.ascontiguousarray(each.reshape(-1, 3)) for each in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
-        solids, count = np.ascontiguousarray(self._solids[kept]), len(d)
+        solids, count = np.ascontiguousarray(self.solids[kept]), len(d)
         color, normal = np.empty((count, 3)), np.zeros((count, 3))
         distance, label = np.full(count, np.inf), np.zeros(count, dtype=np.uint16)
 
@@ -134,7 +135,14 @@ class Scene:
             label[part] = self._labels[row + 1]
             color[part] = self._color(o[part], d[part], distance[part], row, normal[part])
 
-        list(_THREADS.map(chunk, range(0, count, _CHUNK)))
+        # Threads of this call alone: a pool kept between calls would hang in a forked process.
+        starts = range(0, count, _CHUNK)
+        if len(starts) > 1:
+            with ThreadPoolExecutor(_THREADS) as pool:
+                list(pool.map(chunk, starts))
+        else:
+            for start in starts:
+                chunk(start)
         outer = shape[:-1]
         return Hits(
             color.reshape(shape), label.reshape(outer), distance.reshape(outer), normal.reshape(shape)
@@ -147,17 +155,16 @@ class Scene:
         texture_of = self._texture_of[row]
         for index in np.unique(texture_of[~missed]):
             mine = np.flatnonzero(texture_of == index)
-            n = normal[mine]
             points = o[mine] + distance[mine, None] * d[mine]
-            color[mine] = textures.paint(self._textures[index], points, n)
+            color[mine] = textures.paint(self._textures[index], points, normal[mine])
         return color
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """A scene by its name, or from a YAML file.
+    """Return a scene by its name, or from a YAML file.
 
     Raises:
-        ValueError: no scene has that name, the file cannot be read, or a word in it is wrong.
+        ValueError: no scene has that name, the file cannot be read, or a word or value in it is wrong.
     """
     import yaml
 
@@ -168,14 +175,14 @@ def load_scene(name_or_path: str | Path) -> Scene:
             known = ", ".join(scene_names())
             raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as cause:
-        raise ValueError(f"scene: expected a YAML file at {path}, got {cause}") from cause
-    if not isinstance(data, dict):
-        raise ValueError(f"scene: expected a mapping in {path}, got {data!r}")
-    return Scene(path.stem, data)
+        description = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
+        raise ValueError(
+            f"scene: expected a YAML file at {path}, got {' '.join(str(cause).split())}"
+        ) from cause
+    return Scene(path.stem, description)
 
 
 def scene_names() -> list[str]:
-    """The scenes that come with the server."""
+    """Return the names of the scenes in this package."""
     return sorted(path.stem for path in _SCENES.glob("*.yaml"))

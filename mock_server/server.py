@@ -1,168 +1,164 @@
 """The server: one client at a time, as the plugin, answered once per frame of the engine."""
 
-from __future__ import annotations
-
 import contextlib
-import math
+import dataclasses
 import queue
 import socket
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Self, Unpack
 
 from mock_server.dialects import BY_NAME
-from mock_server.dialects.common import Settings
-from mock_server.engine import Engine, Requests, Statistics
+from mock_server.engine import Requests, Statistics, replies
 from mock_server.faults import Faults
-from mock_server.faulty_world import FaultyWorld
 from mock_server.files import OutputFolder
-from mock_server.line import Line
-from mock_server.listener import Listener
-from mock_server.protocol import BadFrame, read_frame
+from mock_server.protocol import FrameError, read_frame
 from mock_server.scene import Scene, load_scene
+from mock_server.settings import DialectName, Options, Settings
+from mock_server.transport import Transport
+from mock_server.world import World
 
-DIALECTS = tuple(BY_NAME)
-DEPTHS = ("half", "float32")
-PLATFORMS = ("windows", "linux")
+_GRACE_S = 0.5
+"""Seconds that a reply on its way has to leave when the server stops."""
+
+_BACKLOG = 1
+_POLL_S = 0.02
 
 
 class Server:
     """A scene behind the UnrealCV protocol. A context manager; ``stop`` ends it.
 
-    A frame of the engine ends whenever the requests that have come are answered, and at the frame rate while
-    none comes: so clients that wait for each reply see poses lag as with an engine, without its waiting.
+    A frame of the engine ends whenever all requests received are answered, and at the frame rate while there
+    are none: clients that wait for each reply see poses lag as with an engine, without its waiting times.
 
     Args:
         scene: a Scene, or the name or YAML path of one.
-        port: 0 takes any free port.
-        dialect: one of ``DIALECTS``.
-        latency_ms: every reply is held back until this long after its request came, so that
-            pipelined requests share the wait, as they share an engine's tick.
-        depth: ``half``: depth goes through half floats as in the engine; ``float32``: it does not.
-        platform: ``linux``: dialects N1 and N2 leave TCP for ``unix_path`` once their first client has left.
-        host: the address to listen on; loopback unless told.
-        size: width and height of new cameras, px, as in the plugin's settings.
-        fov_deg: horizontal field of view of new cameras.
-        window: width and height of the game's window, where dialect 0.3.10 takes its masks; None as ``size``.
-        frames_per_s: the frame rate while no request comes.
-        folder: where commands that name a file write; None takes a temporary one, removed at the end.
-        faults: what goes wrong, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
-        seed: of the faults' dice.
+        settings: what the server is like.
+
+    Attributes:
+        scene: as given, or loaded.
+        settings: as given.
+        host, port: where it listens.
+        world: cameras and objects.
+        faults: the faults that are on; they can be turned on and off while the server runs.
+        statistics: counts of the commands received.
 
     Raises:
-        ValueError: an unknown scene, dialect, depth, platform or fault, or a number out of its range.
+        ValueError: an unknown scene or fault.
+        OSError: the address cannot be listened on.
     """
 
-    def __init__(
-        self,
-        scene: Scene | str,
-        port: int = 0,
-        dialect: str = "1.x",
-        *,
-        latency_ms: float = 0.0,
-        depth: str = "half",
-        platform: str = "windows",
-        host: str = "127.0.0.1",
-        size: tuple[int, int] = (640, 480),
-        fov_deg: float = 90.0,
-        window: tuple[int, int] | None = None,
-        frames_per_s: float = 60.0,
-        folder: Path | None = None,
-        faults: Iterable[str] = (),
-        seed: int = 0,
-    ) -> None:
-        _check("dialect", dialect, DIALECTS)
-        _check("depth", depth, DEPTHS)
-        _check("platform", platform, PLATFORMS)
-        _check_range("port", port, 0, 65535)
-        _check_range("size", min(*size, *(window or size)), 1, math.inf)
-        _check_range("fov_deg", fov_deg, 1, 179)
-        _check_range("latency_ms", latency_ms, 0, math.inf)
-        _check_range("frames_per_s", frames_per_s, 1e-3, math.inf)
+    def __init__(self, scene: Scene | str | Path, settings: Settings) -> None:
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.statistics = Statistics()
-        self.faults = Faults(faults, seed)
-        self._world = FaultyWorld(self.scene, size, fov_deg, self.faults)
-        self.files = OutputFolder(folder)
-        self._latency_s = latency_ms / 1000
-        kind = BY_NAME[dialect]
-        self._listener = Listener(host, port, unix=platform == "linux" and kind.has_unix)
-        self.host, self.port = self._listener.host, self._listener.port
-        half = depth == "half" or self.faults.get("half-depth") is not None
-        settings = Settings(self.port, *size, fov_deg, window or size, half, self.files)
-        self._dialect = kind(self._world, settings)
-        self._engine = Engine(self._dialect, self.statistics, 1 / frames_per_s)
+        self.faults = Faults(settings.faults, settings.seed)
+        if self.faults.get("half-depth"):
+            settings = dataclasses.replace(settings, depth="half")
+        self.settings = settings
+        self.world = World(self.scene, settings.size, settings.fov_deg, self.faults)
+        self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
+        self.host, self.port = self._tcp.getsockname()[:2]
+        self._files = OutputFolder(settings.folder)
+        self._dialect = BY_NAME[settings.dialect](self.world, settings, self.port, self._files)
         self._stopping = threading.Event()
+        self._connection: socket.socket | None = None
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
         self._thread.start()
 
     @property
     def uri(self) -> str:
-        """What ``omniscv.open_source`` takes."""
+        """The address that ``omniscv.open_source`` takes."""
         return f"unreal://{self.host}:{self.port}"
 
     @property
     def unix_path(self) -> Path:
-        """Where the Unix socket is, once TCP has been left."""
-        return self._listener.unix_path
+        """The path of the Unix socket, once the server has left TCP (protocol reference, section 1.2)."""
+        return Path(f"/tmp/unrealcv_{self.port}.socket")
 
     def stop(self) -> None:
-        """Drops the client and ends; calling it twice is fine."""
+        """Disconnect the client and end; calling it twice is fine."""
         self._stopping.set()
+        self._thread.join(_GRACE_S)
+        if self._connection is not None:  # the client may have stopped reading: do not wait for it
+            with contextlib.suppress(OSError):
+                self._connection.shutdown(socket.SHUT_RDWR)
         self._thread.join()
-        self._listener.close()
-        self.files.close()
+        self._files.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _listen(self) -> None:
-        while (connection := self._listener.accept(self._stopping)) is not None:
-            self._dialect.on_unix = self._listener.on_unix
+        for connection in self._clients():
+            self._dialect.on_unix = connection.family != socket.AF_INET
             with connection:
+                self._connection = connection
                 self._serve(connection)
 
+    def _clients(self) -> Iterator[socket.socket]:
+        """Yield one client after another; others wait in the system's queue, without a greeting."""
+        with contextlib.ExitStack() as opened:
+            listener = opened.enter_context(self._tcp)
+            while not self._stopping.is_set():
+                listener.settimeout(_POLL_S)
+                try:
+                    connection, _ = listener.accept()
+                except TimeoutError:
+                    continue
+                if listener is self._tcp:
+                    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                yield connection
+                # Plugin 1.0 on Linux leaves TCP for good: clients that connect by TCP later wait for ever.
+                if listener is self._tcp and self.settings.platform == "linux" and self._dialect.has_unix:
+                    self.unix_path.unlink(missing_ok=True)
+                    listener = opened.enter_context(socket.socket(socket.AF_UNIX))
+                    listener.bind(str(self.unix_path))
+                    opened.callback(self.unix_path.unlink, missing_ok=True)
+                    listener.listen(_BACKLOG)
+
     def _serve(self, connection: socket.socket) -> None:
-        """Answers one client until it leaves: this thread answers, another reads."""
+        """Answer one client until it leaves: this thread answers, another reads."""
         requests: Requests = queue.Queue()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
-        line = Line(connection, self.faults, self._stopping.wait)
+        transport = Transport(connection, self.faults, self._stopping.wait)
         with contextlib.suppress(OSError):
             reader.start()
-            line.greet(f"connected to {self.scene.name}")
-            for came, reply in self._engine.replies(requests, self._stopping):
-                self._stopping.wait(max(0.0, came + self._latency_s - time.monotonic()))
-                line.send(reply)
+            transport.greet(f"connected to {self.scene.name}")
+            for received, reply in replies(self._dialect, self.statistics, requests, self._stopping):
+                due = received + self.settings.latency_ms / 1000
+                self._stopping.wait(max(0.0, due - time.monotonic()))
+                transport.send(reply)
         with contextlib.suppress(OSError):
-            connection.shutdown(socket.SHUT_RD)  # wakes the reader, and tells the client nothing yet
+            connection.shutdown(socket.SHUT_RD)  # wakes the reader, and sends the client nothing yet
         reader.join()
 
     @staticmethod
     def _read(connection: socket.socket, requests: Requests) -> None:
-        with contextlib.suppress(OSError, BadFrame):
+        with contextlib.suppress(OSError, FrameError):
             while (payload := read_frame(connection)) is not None:
                 requests.put((time.monotonic(), payload))
         requests.put(None)
 
 
-def _check(key: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise ValueError(f"{key}: expected one of {', '.join(known)}; got {value!r}")
+def serve(
+    scene: Scene | str | Path, port: int = 0, dialect: DialectName = "1.x", **options: Unpack[Options]
+) -> Server:
+    """Start a server. Use it as a context manager, or call ``stop``.
 
+    Args:
+        scene: a Scene, or the name or YAML path of one.
+        port: 0 takes any free port.
+        dialect: one of ``DIALECTS``.
+        options: host, depth, platform, latency_ms, size, fov_deg, window, frames_per_s, folder, faults and
+            seed: see :class:`Settings`.
 
-def _check_range(key: str, value: float, least: float, most: float) -> None:
-    if not least <= value <= most:
-        raise ValueError(f"{key}: expected {least:g} to {most:g}, got {value!r}")
-
-
-def serve(scene: Scene | str, port: int = 0, dialect: str = "1.x", **options: Any) -> Server:
-    """Starts a server; see :class:`Server`. Use it as a context manager, or call ``stop``."""
-    return Server(scene, port, dialect, **options)
+    Raises:
+        ValueError: an unknown scene, word or fault, or a number out of its range.
+        OSError: the address cannot be listened on.
+    """
+    return Server(scene, Settings(port=port, dialect=dialect, **options))

@@ -1,172 +1,282 @@
-"""What the commands act on: cameras, objects and their mask colours, in Unreal's frame.
+"""The state that commands read and set: player, cameras, objects and their mask colours, in Unreal's frame.
 
-Unreal: left-handed, centimetres, X forward, Y right, Z up.
+Unreal: left-handed, centimetres, X forward, Y right, Z up. Faults of images are injected here.
 """
 
-from __future__ import annotations
-
+import dataclasses
 import itertools
 import math
-from collections import OrderedDict
+import re
+from collections import OrderedDict, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.player import Player
-from mock_server.render import ViewHits, render_view
+from mock_server import pixels
+from mock_server.faults import Faults
+from mock_server.render import ViewHits, pinhole_rays, render_view
 from mock_server.rotator import MIRROR, Triple, axes, camera_to_world
 from mock_server.scene import Scene
 
+Array = NDArray[np.float64]
 Color = tuple[int, int, int]
+Pose = tuple[Triple, Triple]
 
+_MIDDLE_GREY = 0.5
 _KEPT_VIEWS = 8
 _MOST_PIXELS = 1 << 24
+_STEEPEST_DEG = 89.9
+"""The largest pitch and roll that the engine's controller accepts, degrees."""
+_ORIGIN: Triple = (0.0, 0.0, 0.0)
 _START_CM: Triple = (0.0, 0.0, 150.0)
+
+
+class Player:
+    """A pawn that commands move: location (cm) and control rotation (degrees).
+
+    Commands run before a frame's tick. The tick limits the rotation and publishes the pose to whatever
+    follows the pawn; followers are later still (protocol reference, sections 2.2, 4 and 7.2).
+    """
+
+    def __init__(self, location: Triple) -> None:
+        self.location, self.rotation = location, _ORIGIN
+        self._poses: deque[Pose] = deque([(location, _ORIGIN)] * 4, maxlen=4)
+
+    def tick(self) -> None:
+        """End a frame."""
+        pitch, yaw, roll = self.rotation
+        self.rotation = (_limited(pitch), yaw % 360.0, _limited(roll))
+        self._poses.append((self.location, self.rotation))
+
+    def delayed(self, location_frames: int, rotation_frames: int) -> Pose:
+        """Return location and rotation as they were that many ticks before the last one."""
+        return self._poses[-1 - location_frames][0], self._poses[-1 - rotation_frames][1]
+
+
+def _limited(angle: float) -> float:
+    """Return an angle between -89.9 and 89.9 degrees, written in [0, 360)."""
+    signed = (angle + 180.0) % 360.0 - 180.0
+    return max(-_STEEPEST_DEG, min(_STEEPEST_DEG, signed)) % 360.0
 
 
 @dataclass
 class Camera:
-    """A capture camera: location in cm, rotator (pitch, yaw, roll) in degrees, field of view, size, and the
-    actor that carries it, if it was spawned."""
+    """A capture camera; ``actor`` is the name of the actor that carries it, if it was spawned."""
 
     name: str
-    location: Triple
-    rotation: Triple = (0.0, 0.0, 0.0)
-    fov: float = 90.0
-    size: tuple[int, int] = (640, 480)
+    location: Triple  # cm
+    rotation: Triple = _ORIGIN  # pitch, yaw, roll, degrees
+    fov: float = 90.0  # along the longer side, degrees
+    size: tuple[int, int] = (640, 480)  # width and height, px
     actor: str = ""
 
-    def can_see(self) -> bool:
-        """Whether a capture has pixels: not of size 0, beyond memory, or of an impossible field of view."""
+    def has_pixels(self) -> bool:
+        """Return whether captures have pixels: size and field of view are possible, and fit in memory."""
         return 0 < self.size[0] * self.size[1] <= _MOST_PIXELS and 0 < self.fov < 180
+
+    def fov_h_deg(self) -> float:
+        """Return the horizontal field of view, degrees: the engine applies ``fov`` to the longer side."""
+        width, height = self.size
+        if width >= height:
+            return self.fov
+        return math.degrees(2 * math.atan(math.tan(math.radians(self.fov) / 2) * width / height))
 
 
 @dataclass
 class SceneObject:
-    """An object's state. The pivot is the middle of its box; turns and moves are about it."""
+    """An object's state. The pivot is the middle of its box; rotations and moves are about it."""
 
     name: str
     color: Color
     pivot: Triple
     location: Triple
-    rotation: Triple = (0.0, 0.0, 0.0)
+    rotation: Triple = _ORIGIN
     hidden: bool = False
 
 
 class World:
-    """A scene in play: a player, cameras (the first is the player's), and objects by name.
+    """A running scene: a player, cameras (the first is the player's, new ones have ``size`` and ``fov_deg``),
+    and objects by name. Raise ValueError where the missing object is none of the scene's."""
 
-    Args:
-        scene: what is there at the start.
-        size: width and height of new cameras, px.
-        fov_deg: their horizontal field of view.
-    """
-
-    def __init__(self, scene: Scene, size: tuple[int, int] = (640, 480), fov_deg: float = 90.0) -> None:
-        self.scene, self._size, self._fov_deg = scene, size, fov_deg
+    def __init__(self, scene: Scene, size: tuple[int, int], fov_deg: float, faults: Faults) -> None:
+        self.scene, self.faults, self._size, self._fov_deg = scene, faults, size, fov_deg
         self.player = Player(_START_CM)
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=fov_deg, size=size)]
         self.viewmode = "lit"
         self.paused = False
-        colors = palette()
-        self._actors = [self._actor(name, next(colors)) for name in self.scene.objects]
+        self._actors = []
+        for name, color in zip(scene.objects, palette(), strict=False):
+            x, y, z = (100.0 * np.array(scene.bounds(name)) @ MIRROR).mean(axis=0).tolist()
+            self._actors.append(SceneObject(name, color, (x, y, z), (x, y, z)))
         self.objects = {actor.name: actor for actor in self._actors}
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
-
-    def _actor(self, name: str, color: Color) -> SceneObject:
-        middle = self._box_cm(self.scene, name).mean(axis=0)
-        at = (float(middle[0]), float(middle[1]), float(middle[2]))
-        return SceneObject(name, color, at, at)
+        dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), _ORIGIN, _ORIGIN)
+        self._dome_radius = dome.amount() if dome else math.inf
+        if dome:
+            self.objects[self._dome.name] = self._dome
+        missing = faults.get("object-missing")
+        self._missing = None if missing is None else str(missing.value or "".join(scene.objects[-1:]))
+        if self._missing not in (None, *scene.objects):
+            known = ", ".join(scene.objects)
+            raise ValueError(f"fault object-missing: expected one of {known}; got {self._missing!r}")
+        self._gain, self._depth_scale = 1.0, 1.0
+        self._vignette, self._adapts = faults.get("vignette"), True
+        self._shown: dict[int | str, Pose] = {}
+        self._lag: dict[int | str, int] = {}
 
     def spawn(self) -> str:
-        """A new camera; its actor's name."""
+        """Add a camera, and return its actor's name."""
         here, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
-        self.cameras.append(
-            Camera("FusionCameraSensor", here, fov=self._fov_deg, size=self._size, actor=actor)
-        )
+        self.cameras.append(Camera("FusionCameraSensor", here, _ORIGIN, self._fov_deg, self._size, actor))
         self._spawned += 1
         return actor
 
-    def destroy_camera(self, actor: str) -> bool:
-        """Takes a spawned camera out of the world; whether there was one of that name."""
-        found = [camera for camera in self.cameras if actor and camera.actor == actor]
-        for camera in found:
-            self.cameras.remove(camera)
-        return bool(found)
-
     def rename(self, actor: SceneObject, name: str) -> None:
-        """Gives an object another name, in the same place of the list."""
+        """Give an object another name, at the same position of the list."""
         self.objects = {name if each is actor else each.name: each for each in self.objects.values()}
         actor.name = name
 
-    def destroy(self, actor: SceneObject) -> None:
-        """Takes an object out of the world."""
-        actor.hidden = True
-        del self.objects[actor.name]
+    def destroy(self, name: str) -> bool:
+        """Remove a spawned camera, by its actor's name, or an object; return whether there was one."""
+        for camera in self.cameras:
+            if name and camera.actor == name:
+                self.cameras.remove(camera)
+                return True
+        actor = self.objects.pop(name, None)
+        if actor is not None:
+            actor.hidden = True
+        return actor is not None
 
-    def bounds(self, actor: SceneObject) -> NDArray[np.float64]:
-        """(2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
-        return self._box_cm(self.placed(), self.scene.objects[self._actors.index(actor)])
+    def bounds(self, actor: SceneObject) -> Array:
+        """Return (2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
+        if actor is self._dome:
+            return 100.0 * self._dome_radius * np.array([[-1.0] * 3, [1.0] * 3])
+        corners = self.placed().bounds(self.scene.objects[self._actors.index(actor)])
+        return np.sort(100.0 * np.array(corners) @ MIRROR, axis=0)
 
-    def look(self, camera: Camera) -> ViewHits:
-        """What a camera sees, in every mode: traced once, kept while it is asked for in other modes."""
-        names = self.scene.objects
-        hidden = frozenset(n for n, actor in zip(names, self._actors, strict=True) if actor.hidden)
-        key = (camera.location, camera.rotation, camera.fov, camera.size, hidden, self._places())
+    def tick(self) -> None:
+        """End a frame for the player."""
+        if fault := self.faults.strike("falling"):
+            x, y, z = self.player.location
+            self.player.location = (x, y, z - fault.amount())
+        self.player.tick()
+
+    def on_command(self, text: str) -> None:
+        """Receive each command before it is answered: some end a fault."""
+        if re.fullmatch(r"vrun r\.Tonemapper\.Quality [01]\s*", text):
+            self._vignette = None
+        if re.fullmatch(r"vrun r\.EyeAdaptationQuality 0\s*", text):
+            self._adapts, self._gain = False, 1.0
+        if text.startswith(f"vset /object/{self._missing}/color "):
+            self._missing = None
+
+    def capture(self, camera: Camera) -> ViewHits:
+        """Return a camera's view in every mode."""
+        location, rotation = self._pose_shown(camera)
+        camera = dataclasses.replace(camera, location=location, rotation=rotation)
+        if narrow := self.faults.strike("narrow-fov"):
+            camera.fov = max(1.0, camera.fov - narrow.amount())
+        hidden = {n for n, actor in zip(self.scene.objects, self._actors, strict=True) if actor.hidden}
+        view = self._traced(camera, frozenset(hidden))
+        if self._missing is not None:
+            rest = self._traced(camera, frozenset({*hidden, self._missing}))
+            view = dataclasses.replace(rest, color=view.color, normal=view.normal)
+        if self._dome_radius < math.inf and not self._dome.hidden:
+            view = _domed(view, camera, self._dome_radius, len(self._actors) + 1)
+        return view
+
+    def image(self, view: ViewHits, mode: str) -> pixels.Bytes:
+        """Return (H, W, 3) a view in a view mode; modes that the mock does not have look like ``lit``."""
+        if mode == "object_mask":
+            colors = [(0, 0, 0), *(actor.color for actor in self._actors), self._dome.color]
+            table = np.array(colors, dtype=np.uint8)
+            shown = pixels.through_vertex_colors(table) if "mask-gamma" in self.faults else table
+            return shown[view.label]
+        if mode == "normal":
+            return pixels.normals(view.normal)
+        return pixels.gray_depth(view.depth) if mode == "depth" else self._lit(view)
+
+    def _lit(self, view: ViewHits) -> pixels.Bytes:
+        drift = self.faults.strike("exposure-drift")
+        if drift is not None and self._adapts:
+            wanted = _MIDDLE_GREY / max(1 / 255, float(view.color.mean()) / 255)
+            self._gain += drift.amount() * (wanted - self._gain)
+        if self._gain == 1.0 and self._vignette is None:
+            return view.color
+        light = view.color * self._gain
+        if self._vignette is not None:
+            y, x = ((np.arange(n) + 0.5 - n / 2) / (n / 2) for n in view.label.shape)
+            squared_radius = (x[None, :] ** 2 + y[:, None] ** 2) / 2  # 1 in the corners
+            light *= 1 - self._vignette.amount() * squared_radius[..., None]
+        return np.clip(np.round(light), 0, 255).astype(np.uint8)
+
+    def depth(self, view: ViewHits, along_ray: bool) -> Array:
+        """Return (H, W) metres along the ray, or along the optical axis."""
+        depth = view.distance if along_ray else view.depth
+        if not along_ray and self.faults.strike("ray-depth"):
+            depth = view.distance / 100  # the dialects 1.x send centimetres
+        if growth := self.faults.strike("moving-world"):
+            depth = depth * self._depth_scale
+            self._depth_scale += growth.amount()
+        return depth
+
+    def placed(self) -> Scene:
+        """Return the scene with its objects where commands have put them."""
+        moves = {
+            name: (MIRROR @ axes(o.rotation) @ MIRROR, MIRROR @ o.pivot / 100.0, MIRROR @ o.location / 100.0)
+            for name, o in zip(self.scene.objects, self._actors, strict=True)
+            if o.location != o.pivot or o.rotation != _ORIGIN
+        }
+        return self.scene.moved(moves) if moves else self.scene
+
+    def _traced(self, camera: Camera, hidden: frozenset[str]) -> ViewHits:
+        """Return a view: traced once, and kept for requests of other modes."""
+        places = tuple((actor.location, actor.rotation) for actor in self._actors)
+        key = (camera.location, camera.rotation, camera.fov, camera.size, hidden, places)
         if key not in self._views:
-            t_w_c = MIRROR @ camera.location / 100.0
-            fov_deg = horizontal_fov(camera)
-            R_w_c = camera_to_world(camera.rotation)
-            self._views[key] = render_view(self.placed(), R_w_c, t_w_c, fov_deg, *camera.size, hidden)
+            pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
+            self._views[key] = render_view(self.placed(), *pose, camera.fov_h_deg(), *camera.size, hidden)
         self._views.move_to_end(key)
-        while len(self._views) > 1 and not self._fit():
+        while len(self._views) > _KEPT_VIEWS or (
+            len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _MOST_PIXELS
+        ):
             self._views.popitem(last=False)
         return self._views[key]
 
-    def hear(self, text: str) -> None:
-        """A command came, and is about to be answered."""
-
-    def lit(self, view: ViewHits) -> NDArray[np.uint8]:
-        """(H, W, 3) the picture in colour."""
-        return view.color
-
-    def mask(self, view: ViewHits) -> NDArray[np.uint8]:
-        """(H, W, 3) each object's colour; black where there is none."""
-        colors = [(0, 0, 0), *(actor.color for actor in self._actors)]
-        return np.array(colors, dtype=np.uint8)[view.label]
-
-    def _fit(self) -> bool:
-        """Whether the views that are kept are few enough, and small enough for memory."""
-        pixels = sum(view.label.size for view in self._views.values())
-        return len(self._views) <= _KEPT_VIEWS and pixels <= _MOST_PIXELS
-
-    def _places(self) -> tuple[tuple[Triple, Triple], ...]:
-        return tuple((actor.location, actor.rotation) for actor in self._actors)
-
-    def placed(self) -> Scene:
-        """The scene with its objects where commands have put them."""
-        moves = {}
-        for name, actor in zip(self.scene.objects, self._actors, strict=True):
-            if actor.location != actor.pivot or actor.rotation != (0.0, 0.0, 0.0):
-                R = MIRROR @ axes(actor.rotation) @ MIRROR
-                pivot, place = (MIRROR @ at / 100.0 for at in (actor.pivot, actor.location))
-                moves[name] = (R, pivot, place)
-        return self.scene.moved(moves) if moves else self.scene
-
-    @staticmethod
-    def _box_cm(scene: Scene, name: str) -> NDArray[np.float64]:
-        return np.sort(100.0 * np.array(scene.bounds(name)) @ MIRROR, axis=0)
+    def _pose_shown(self, camera: Camera) -> Pose:
+        """Return the pose that an image is taken from: the camera's, or an earlier one."""
+        numbers = (i for i, each in enumerate(self.cameras) if each is camera)
+        key = next(numbers, camera.name)  # the window's camera has no number
+        pose = camera.location, camera.rotation
+        shown = self._shown.setdefault(key, pose)
+        if shown == pose:
+            self._lag.pop(key, None)
+            return pose
+        if key not in self._lag:
+            fault = self.faults.strike("stale")
+            self._lag[key] = int(fault.amount()) if fault else 0
+        if self._lag[key] > 0:
+            self._lag[key] -= 1
+            return shown
+        del self._lag[key]
+        self._shown[key] = pose
+        return pose
 
 
-def horizontal_fov(camera: Camera) -> float:
-    """The field of view across: the engine applies it to the longer side."""
-    width, height = camera.size
-    if width >= height:
-        return camera.fov
-    return math.degrees(2 * math.atan(math.tan(math.radians(camera.fov) / 2) * width / height))
+def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
+    """Return the view with a sphere around the camera behind everything."""
+    rays, length = pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), *camera.size)
+    sky = view.distance > radius_m
+    return dataclasses.replace(
+        view,
+        label=np.where(sky, label, view.label).astype(np.uint16),
+        depth=np.where(sky, radius_m / length, view.depth),
+        distance=np.where(sky, radius_m, view.distance),
+        normal=np.where(sky[..., None], -rays, view.normal),
+    )
 
 
 _CHANNEL = (0, 255, 127, 63, 191, 31, 95, 159, 223, 15, 47, 79, 111, 143, 175, 207,
@@ -176,7 +286,7 @@ _FIXED = ((False, False, True), (False, True, False), (False, True, True), (True
 
 
 def palette() -> Iterator[Color]:
-    """The plugin's default mask colours, in order (protocol reference, section 5.1)."""
+    """Yield the plugin's default mask colours, in order (protocol reference, section 5.1)."""
     for m, value in enumerate(_CHANNEL):
         for fixed in _FIXED:
             choices = [(value,) if is_fixed else _CHANNEL[:m] for is_fixed in fixed]

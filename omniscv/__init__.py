@@ -1,14 +1,58 @@
-"""omniscv: omnidirectional images with exact ground truth, from perspective captures of virtual worlds."""
+"""omniscv: omnidirectional images with exact ground truth, from perspective captures of virtual worlds.
 
-from __future__ import annotations
+Public names are imported when they are first used, so that ``import omniscv`` is quick.
+"""
 
-from omniscv import cameras
-from omniscv.captures import open_source, record
-from omniscv.errors import OmniscvError
-from omniscv.geometry import Pose
-from omniscv.output.image import OmniImage
-from omniscv.render import render
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["OmniImage", "OmniscvError", "Pose", "__version__", "cameras", "open_source", "record", "render"]
+if TYPE_CHECKING:
+    from omniscv import cameras
+    from omniscv.compose.image import OmniImage
+    from omniscv.compose.renderer import Renderer, render
+    from omniscv.errors import OmniscvError
+    from omniscv.geometry import Pose
+    from omniscv.planning import RenderOptions
+    from omniscv.sources.recording import record
+    from omniscv.sources.registry import open_source
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "OmniImage": "omniscv.compose.image:OmniImage",
+    "OmniscvError": "omniscv.errors:OmniscvError",
+    "Pose": "omniscv.geometry:Pose",
+    "RenderOptions": "omniscv.planning:RenderOptions",
+    "Renderer": "omniscv.compose.renderer:Renderer",
+    "cameras": "omniscv.cameras",
+    "modalities": "omniscv.modalities",
+    "open_source": "omniscv.sources.registry:open_source",
+    "planning": "omniscv.planning",
+    "record": "omniscv.sources.recording:record",
+    "render": "omniscv.compose.renderer:render",
+    "sources": "omniscv.sources",
+}
+
+__all__ = [
+    "OmniImage",
+    "OmniscvError",
+    "Pose",
+    "RenderOptions",
+    "Renderer",
+    "__version__",
+    "cameras",
+    "open_source",
+    "record",
+    "render",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'omniscv' has no attribute {name!r}")
+    globals()[name] = resolve_name(_HOMES[name])
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

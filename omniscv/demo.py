@@ -1,57 +1,40 @@
-"""The main job, once, without Unreal: serve, capture over TCP, record, compose, replay, compare, show."""
-
-from __future__ import annotations
+"""The pipeline from end to end, without Unreal: serve, capture over TCP, record, compose, replay, compare."""
 
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
-import mock_server
 from omniscv import cameras
-from omniscv.captures import open_source, record
-from omniscv.captures.source import ObjectTable, Source
-from omniscv.compose import Composer
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
 from omniscv.errors import OmniscvError
 from omniscv.geometry import Pose
-from omniscv.output.image import OmniImage
-from omniscv.output.sheet import contact_sheet
-from omniscv.render import render
+from omniscv.sources.base import Source
+from omniscv.sources.recording import record
+from omniscv.sources.recording.inspection import info
+from omniscv.sources.registry import open_source
+from omniscv.viewing.contact_sheet import contact_sheet
 
 MODES = ("lit", "object_mask", "depth")
 ROOMS = ("four-wall", "six-wall")
 POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
 
-_WIDE = {"width": 512, "height": 256}
-_ROUND = {"width": 384, "height": 384}
-_RINGS = {"width": 192, "height": 192}  # their captures grow with the rings
-_EVERY_MODEL: dict[str, dict[str, Any]] = {
-    "equirectangular": _WIDE,
-    "cylindrical": {**_WIDE, "fov_h_deg": 360, "fov_v_deg": 120},
-    "noncentral-panorama": {"width": 384, "height": 192, "radius": 1.0},
-    "fisheye-equidistant": {**_ROUND, "fov_deg": 185},
-    "fisheye-stereographic": {**_ROUND, "fov_deg": 220},
-    "fisheye-equisolid": {**_ROUND, "fov_deg": 240},
-    "fisheye-orthographic": {**_ROUND, "fov_deg": 180},
-    "kannala-brandt": {
-        **_ROUND, "fx": 122.0, "fy": 122.0, "cx": 192.0, "cy": 192.0,
-        "k": [0.02, -0.008, 0.002, -0.0004], "fov_deg": 185,
-    },
-    "scaramuzza": {**_ROUND, "coefficients": [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8], "fov_deg": 190},
-    "catadioptric-parabolic": {**_ROUND, "semi_latus_rectum": 1.0, "focal": 150.0},
-    "catadioptric-hyperbolic": {**_ROUND, "distance": 1.0, "semi_latus_rectum": 0.4},
-    "catadioptric-planar": {**_ROUND, "fov_deg": 100},
-    "noncentral-conical-mirror": {**_RINGS, "half_angle_deg": 55.0, "distance": 0.3},
-    "noncentral-spherical-mirror": {**_RINGS, "mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280},
-    "pinhole": {**_ROUND, "fov_deg": 90},
-}  # fmt: skip
+_CENTRAL_PX, _NONCENTRAL_PX = (384, 512), (192, 384)
+"""Widths of square images and of panoramas; captures of non-central cameras grow with their centres."""
 
 
 def demo_cameras() -> dict[str, cameras.Camera]:
-    """One camera of every model, as the contact sheet shows them."""
-    return {name: cameras.create(name, **parameters) for name, parameters in _EVERY_MODEL.items()}
+    """Return an example of every registered model, as the contact sheet shows it."""
+    found = {}
+    for name in cameras.names():
+        model = cameras.model(name)
+        square, wide = _CENTRAL_PX if model.central else _NONCENTRAL_PX
+        camera = model.example(square)
+        found[name] = camera if camera.width < 2 * camera.height else model.example(wide)
+    return found
 
 
 @dataclass
@@ -66,46 +49,39 @@ class DemoReport:
     seconds: float = 0.0
 
     def lines(self) -> Iterator[str]:
-        """What a person wants to know of it."""
+        """Yield the lines to print."""
         yield f"{self.captures} captures over TCP, {self.images} images in {self.seconds:.0f} s"
-        yield f"{self.compared} files recomposed from the records, the server gone: the same bytes"
-        yield from (f"look at {sheet}" for sheet in self.sheets)
+        yield f"{self.compared} files recomposed from the recordings without the server: the same bytes"
+        yield from (f"contact sheet: {sheet}" for sheet in self.sheets)
 
 
 def run_demo(out: Path, progress: Callable[[int, int], None] | None = None) -> DemoReport:
-    """Serves each room, records and composes every camera in every mode, and recomposes from the record.
+    """Serve each room, record and compose every camera in every mode, and recompose from the recording.
 
     Args:
-        out: folder for the records, the images of each room, and the contact sheets.
+        out: folder for the recordings, the images of each room, and the contact sheets.
         progress: called with (images done, images in all).
 
     Raises:
-        OmniscvError: an image recomposed from the record differs from the one that was captured.
+        OmniscvError: an image recomposed from the recording differs from the one that was captured.
     """
     started = time.monotonic()
     report = DemoReport(out)
-    total = 2 * len(ROOMS) * len(_EVERY_MODEL)
-    done = 0
+    done, total = count(1), 2 * len(ROOMS) * len(cameras.names())
 
     def step() -> None:
-        nonlocal done
-        done += 1
         if progress:
-            progress(done, total)
+            progress(next(done), total)
 
     for room in ROOMS:
-        record_path = out / f"{room}.sqlite"
-        with (
-            mock_server.serve(mock_server.load_scene(room)) as server,
-            open_source(server.uri) as live,
-            record(live, record_path) as source,
-        ):
+        recording = out / f"{room}.sqlite"
+        with open_source(f"mock://{room}") as live, record(live, recording) as source:
             images, files = _compose(source, out / room, step)
-            report.captures += server.statistics.total("vget /camera/")
-            objects: ObjectTable = source.objects()
-        with TemporaryDirectory() as again, open_source(str(record_path)) as replay:
+            objects = source.objects()
+        with TemporaryDirectory() as again, open_source(str(recording)) as replay:
             _, replayed = _compose(replay, Path(again), step)
             report.compared += _compare(files, replayed)
+        report.captures += sum(info(recording).captures.values())
         report.images += len(images) * len(MODES)
         report.sheets.append(
             contact_sheet(images, objects, out / f"{room}.png", f"omniscv: every camera in the room '{room}'")
@@ -115,19 +91,18 @@ def run_demo(out: Path, progress: Callable[[int, int], None] | None = None) -> D
 
 
 def _compose(source: Source, out: Path, step: Callable[[], None]) -> tuple[dict[str, OmniImage], list[Path]]:
-    composer = Composer()
+    renderer = Renderer(source)
     images: dict[str, OmniImage] = {}
     files: list[Path] = []
     for name, camera in demo_cameras().items():
-        image = render(camera, POSE, source, MODES, composer=composer)
-        files += image.save(out, stem=name)
-        images[name] = image
+        images[name] = renderer.render(camera, POSE, MODES)
+        files += images[name].save(out, stem=name)
         step()
     return images, files
 
 
 def _compare(captured: list[Path], replayed: list[Path]) -> int:
-    """The number of image files that agree: all, or an error that names the first that does not."""
+    """Return the number of image files that agree: all, or an error that names the first that does not."""
     pairs = [(a, b) for a, b in zip(captured, replayed, strict=True) if a.suffix != ".json"]
     for a, b in pairs:
         if a.read_bytes() != b.read_bytes():

@@ -1,10 +1,12 @@
-"""Work in blocks on all cores, for functions that let go of Python's lock (NumPy, OpenCV, nogil kernels)."""
+"""Work on all cores, for functions that release the GIL: NumPy, OpenCV, compiled kernels.
 
-from __future__ import annotations
+The calling thread works on the items itself; threads of one pool help it as far as they are free. So no call
+waits for work that nobody has started, and calls may be nested, in any thread and in forked children.
+"""
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import pairwise
 from typing import TypeVar
@@ -12,8 +14,7 @@ from typing import TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 
-_WORTH_IT = 1 << 16
-"""Elements below which handing work to another thread costs more than it gains."""
+MIN_PARALLEL_ELEMENTS = 1 << 16  # below it, starting another thread costs more time than it saves
 
 
 def cores() -> int:
@@ -22,25 +23,51 @@ def cores() -> int:
 
 
 def blocks(function: Callable[[slice], R], count: int, elements: int | None = None) -> list[R]:
-    """``function`` of slices that cover ``range(count)``, side by side; results in order.
+    """Results of a function for slices that cover ``range(count)``, computed in parallel, in order.
 
     Args:
         function: called with each slice.
-        count: how many rows there are.
-        elements: how much work that is; the count if not given.
+        count: number of rows.
+        elements: number of elements in all rows; the count if not given.
     """
-    parts = cores() if (elements or count) >= _WORTH_IT else 1
+    parts = cores() if (elements or count) >= MIN_PARALLEL_ELEMENTS else 1
     edges = [count * i // parts for i in range(parts + 1)]
     return side_by_side(function, [slice(a, b) for a, b in pairwise(edges)])
 
 
 def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """``function`` of every item, on all cores; results in order, the first error raised."""
-    if len(items) < 2 or cores() < 2:
+    """Results of a function for every item, computed on all cores, in order.
+
+    After a call that raises, no further item is started; the error of the first such item is raised.
+    """
+    helpers = min(cores(), len(items)) - 1
+    if helpers < 1:
         return [function(item) for item in items]
-    return list(_pool().map(function, items))
+    results: dict[int, R] = {}
+    errors: dict[int, BaseException] = {}
+    remaining = iter(range(len(items)))  # next() of it is atomic
+
+    def work() -> None:
+        for index in remaining:
+            if errors:
+                return
+            try:
+                results[index] = function(items[index])
+            except BaseException as error:  # raised below, in the calling thread
+                errors[index] = error
+
+    helping = [_pool().submit(work) for _ in range(helpers)]
+    work()
+    wait([future for future in helping if not future.cancel()])
+    if errors:
+        raise errors[min(errors)]
+    return [results[index] for index in range(len(items))]
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores(), thread_name_prefix="omniscv")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork

@@ -1,84 +1,77 @@
-"""A pytest plugin: an UnrealCV server for tests, and captures recorded once and replayed ever after.
+"""A pytest plugin: a UnrealCV server for tests, and captures recorded once and replayed from then on.
 
-pytest finds it by itself where omniscv is installed. docs/testing.md shows how to use it.
+pytest loads it wherever omniscv is installed; docs/testing.md shows how to use it. What it needs is imported
+when a test uses a fixture, so that it costs other projects nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
     import mock_server
-    from omniscv.captures.source import Source
-
-_MARKERS = (
-    "unreal(scene='four-wall', **options): what unreal_server serves; options as of mock_server.serve: "
-    "dialect, faults, latency_ms, depth ...",
-    "recorded(file): the file that recorded_source replays, relative to recorded_dir.",
-)
+    from omniscv.sources import Source
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.getgroup("omniscv").addoption(
-        "--unrealcv",
-        metavar="HOST:PORT",
-        help="the game that recorded_source records, where --record-mode says so; else it records the mock",
-    )
+    text = "the game that recorded_source records where --record-mode asks for it; the mock if not given"
+    parser.getgroup("omniscv").addoption("--unrealcv", metavar="HOST:PORT", help=text)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    for line in _MARKERS:
+    unreal = "unreal(scene='four-wall', **options): what unreal_server serves; see mock_server.serve"
+    recorded = "recorded(file): the recording of recorded_source, relative to recorded_dir"
+    for line in (unreal, recorded):
         config.addinivalue_line("markers", line)
 
 
 @pytest.fixture
 def unreal_server(request: pytest.FixtureRequest) -> Iterator[mock_server.Server]:
-    """A mock UnrealCV server, running: ``@pytest.mark.unreal(scene=..., dialect=...)`` says which."""
+    """A running mock UnrealCV server, as ``@pytest.mark.unreal(scene=..., dialect=...)`` describes it."""
     import mock_server
 
     marker = request.node.get_closest_marker("unreal")
-    options: dict[str, Any] = {"scene": "four-wall", **(marker.kwargs if marker else {})}
-    with mock_server.serve(**options) as server:
+    with mock_server.serve(**{"scene": "four-wall", **(marker.kwargs if marker else {})}) as server:
         yield server
 
 
 @pytest.fixture(scope="module")
 def recorded_dir(request: pytest.FixtureRequest) -> Path:
-    """Where a module's recorded files are: ``captures/MODULE`` beside it; override it for another place."""
+    """The folder of a module's recordings: ``captures/MODULE`` beside it; override it for another one."""
     return request.path.parent / "captures" / request.path.stem
 
 
 @pytest.fixture
 def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Iterator[Source]:
-    """A source of captures from a recorded file, named by ``@pytest.mark.recorded(file)`` or by the test.
+    """A source that replays a recording, named by ``@pytest.mark.recorded(file)`` or after the test.
 
-    pytest-recording's ``--record-mode`` decides:
+    pytest-recording's ``--record-mode`` decides whether it records:
 
     ==============  =================================================================
-    none (default)  replay; what is not in the file is an error
+    none (default)  replay; a capture that is not in the file is an error
     once            record if there is no file, else replay
     new_episodes    replay what is in the file, record the rest
-    all             record all that is asked for; what else is in the file stays
-    rewrite         record a new file, which takes the old one's place at the end
+    all             record every request anew; what else is in the file stays
+    rewrite         record a new file, which replaces the old one at the end
     ==============  =================================================================
     """
-    from omniscv.captures.recording import RecordedSource, Recording
+    from omniscv.sources.recording import RecordedSource, Recording
 
     path = recorded_dir / _file(request)
     mode = request.config.getoption("--record-mode", None) or "none"
     if mode == "none" or (mode == "once" and path.exists()):
         if not path.exists():
-            pytest.fail(f"{path}: expected a recorded file; make it with --record-mode=once", pytrace=False)
+            pytest.fail(f"{path}: expected a recording; make it with --record-mode=once", pytrace=False)
         with RecordedSource(path) as replay:
             yield replay
         return
-    whole = mode in ("once", "rewrite")
-    target = path.with_name(f"{path.name}.new") if whole else path
-    if whole:
+    target = path
+    if mode in ("once", "rewrite"):
+        target = path.with_name(f"{path.name}.new")
         target.unlink(missing_ok=True)
     with _live(request) as live, Recording(live, target, anew=mode == "all") as recording:
         recording.objects()
@@ -95,13 +88,12 @@ def _file(request: pytest.FixtureRequest) -> str:
 
 
 def _live(request: pytest.FixtureRequest) -> Source:
-    """The game that the command line names, or the mock that the test's marker describes."""
-    from omniscv.captures.opening import open_source
+    """The game of ``--unrealcv``, else the mock that the test's marker describes."""
+    from omniscv.sources import open_source
 
     if request.config.pluginmanager.has_plugin("recording"):
         from pytest_recording import network
 
-        network.unblock()  # @pytest.mark.block_network means: except for recording
+        network.unblock()  # @pytest.mark.block_network blocks replays, not recording
     game = request.config.getoption("--unrealcv")
-    uri = request.getfixturevalue("unreal_server").uri if game is None else f"unreal://{game}"
-    return open_source(uri)
+    return open_source(request.getfixturevalue("unreal_server").uri if game is None else f"unreal://{game}")

@@ -1,10 +1,16 @@
 """The dialects by name."""
 
 from mock_server.dialects.common import Dialect
-from mock_server.dialects.l import L
-from mock_server.dialects.m import M
-from mock_server.dialects.n1 import N1
-from mock_server.dialects.n2 import N2
+from mock_server.dialects.v0_3_10 import Plugin0310
+from mock_server.dialects.v1 import Branch52, Branch422, Plugin1
+from mock_server.settings import DialectName
 
-BY_NAME: dict[str, type[Dialect]] = {"1.x": N1, "0.3.10": L, "L": L, "M": M, "N1": N1, "N2": N2}
-"""``1.x`` is for those who do not care which. The letters are those of the protocol reference."""
+BY_NAME: dict[DialectName, type[Dialect]] = {
+    "1.x": Plugin1,
+    "0.3.10": Plugin0310,
+    "L": Plugin0310,
+    "M": Branch422,
+    "N1": Plugin1,
+    "N2": Branch52,
+}
+"""``1.x`` is any of the modern ones. The letters are those of the protocol reference."""

@@ -1,60 +1,38 @@
-"""What all dialects share: matching, help, status, and the commands that answer alike everywhere."""
-
-from __future__ import annotations
+"""What all dialects share: matching, help, status, and the commands with the same replies everywhere."""
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mock_server import pictures
 from mock_server.files import OutputFolder
-from mock_server.protocol import Command, command, to_int32
-from mock_server.render import ViewHits
-from mock_server.rotator import Triple
-from mock_server.world import World
+from mock_server.protocol import Command, to_int32
+from mock_server.settings import Settings
+from mock_server.world import SceneObject, World
 
 
 @dataclass(frozen=True)
 class Later:
-    """A reply that comes only after this many more frames, behind the replies of those frames."""
+    """A reply that is sent so many frames later, after the replies of those frames."""
 
     frames: int
     make: Callable[[], str | bytes]
 
 
-Reply = str | bytes | Later
+Reply = str | bytes | Later | None
+"""None is sent as ``ok``, as empty text is."""
 Row = tuple[str, str, Callable[..., Reply]]
-"""A template, its description, and what answers it."""
+"""A template, its description, and its handler."""
+
+THREE = "[float] [float] [float]"
 
 _VIEWMODES = ("lit", "unlit", "depth", "normal", "object_mask",
               "base_color", "debug", "wireframe", "vertex_color", "no_transparency")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What the plugin's configuration and the mock's options fix.
-
-    Attributes:
-        port: where the server listens; told by the status.
-        width, height, fov_deg: of new cameras, px and degrees.
-        window: width and height of the game's window, px.
-        half_depth: whether depth goes through half floats, as in the engine.
-        files: where file commands write.
-    """
-
-    port: int
-    width: int
-    height: int
-    fov_deg: float
-    window: tuple[int, int]
-    half_depth: bool
-    files: OutputFolder
-
-
 class Dialect(ABC):
-    """A command set over a world."""
+    """A command set over a world, of a server at ``port``; file commands write into ``files``."""
 
     version: ClassVar[str] = "0.3.10"
     unknown: ClassVar[str] = "error Can not find a handler for URI '{}'"
@@ -65,36 +43,43 @@ class Dialect(ABC):
     encoding: ClassVar[str] = "latin-1"
     requests_per_frame: ClassVar[int | None] = None
     has_unix: ClassVar[bool] = False
-    """Whether the plugin on Linux goes on with a Unix socket after its first client."""
+    """Whether the plugin on Linux continues on a Unix socket after its first client."""
+    status_on_unix: ClassVar[str] = "No Client Connected"
+    """The second line of the status on that socket: the plugin checks the TCP listener only."""
+    lag: ClassVar[tuple[int, int]] = (1, 1)
+    """Frames by which the player's camera follows the pawn: its location, and its rotation."""
 
-    def __init__(self, world: World, settings: Settings) -> None:
-        self.world, self.settings = world, settings
+    def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
+        self.world, self.settings, self.port, self.files = world, settings, port, files
         self.on_unix = False
         self.held = 0
         """How many requests the next frames hold back until all of them have come."""
-        self.commands = [command(template, text, handler) for template, text, handler in self.rows()]
+        self.commands = [Command(*row) for row in self.rows()]
 
     @abstractmethod
     def rows(self) -> list[Row]:
-        """The commands in the order of the help."""
+        """Return the commands in the order of the help."""
 
-    @abstractmethod
     def tick(self) -> None:
-        """A frame of the engine ends."""
+        """End a frame of the engine."""
+        if not self.world.paused:
+            self.world.tick()
+            camera = self.world.cameras[0]
+            camera.location, camera.rotation = self.world.player.delayed(*self.lag)
 
     def parse(self, payload: bytes) -> tuple[int, str] | None:
-        """Id and command of a request; None if it has no id."""
+        """Return id and command of a request; None if it has no id."""
         found = self.request.search(payload.partition(b"\0")[0])
         if found is None:
             return None
         return to_int32(found[1].decode()), found[2].decode(self.encoding, "replace")
 
     def malformed(self, payload: bytes) -> bytes | None:
-        """What a request without an id is answered; None for silence."""
+        """Return the reply to a request without an id; None for no reply."""
         return None
 
     def answer(self, text: str) -> Reply:
-        """The reply to a command's text; an empty one is sent as ``ok``."""
+        """Return the reply to a command; an empty one is sent as ``ok``."""
         for each in reversed(self.commands):  # templates registered later win
             arguments = self.match(each, text)
             if arguments is not None:
@@ -103,95 +88,95 @@ class Dialect(ABC):
         return self.unknown.format(text)
 
     def match(self, each: Command, text: str) -> tuple[Any, ...] | None:
-        """The arguments of a command, or None if it does not fit."""
+        """Return the arguments of a command; None if it does not match."""
         return each.match(text)
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
-        """A handler that gets the camera of a number, or answers that it is missing."""
-
-        def handler(index: int, *arguments: Any) -> Reply:
-            if index >= len(self.world.cameras):
-                return (missing or self.no_camera).format(index)
-            return act(self.world.cameras[index], *arguments)
-
-        return handler
+        """Return a handler that looks up a camera by its number, or replies that it is missing."""
+        return _looked_up(lambda: dict(enumerate(self.world.cameras)), act, missing or self.no_camera)
 
     def with_object(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
-        """A handler that gets the object of a name, or answers that it is missing."""
+        """Return a handler that looks up an object by its name, or replies that it is missing."""
+        return _looked_up(lambda: self.world.objects, act, missing or self.no_object)
 
-        def handler(name: str, *arguments: Any) -> Reply:
-            if name not in self.world.objects:
-                return (missing or self.no_object).format(name)
-            return act(self.world.objects[name], *arguments)
-
-        return handler
-
-    def plugin_rows(self) -> list[Row]:
-        """The commands about the plugin itself."""
+    def plugin_rows(self, echo: Callable[[str], Reply] = str) -> list[Row]:
+        """Return the commands about the plugin itself."""
         return [
             ("vget /unrealcv/status", "State of the server and its configuration", self.status),
             ("vget /unrealcv/help", "All commands", self._help),
-            ("vget /unrealcv/echo [str]", "The word itself", self.echo),
+            ("vget /unrealcv/echo [str]", "The word itself", echo),
             ("vget /unrealcv/version", "Version of the plugin", lambda: self.version),
             ("vget /scene/name", "Name of the project", lambda: self.world.scene.name),
         ]
 
     def viewmode_rows(self) -> list[Row]:
-        """The view mode of the viewport."""
+        """Return the commands about the window's view mode."""
         return [
             ("vset /viewmode [str]", "Sets the view mode", self._set_viewmode),
             ("vget /viewmode", "The view mode", lambda: self.world.viewmode),
         ]
 
-    def console_rows(self, verb: str, least: int, most: int, handler: Callable[..., Reply]) -> list[Row]:
-        """A command of several words, one template for each number of words."""
+    def console_rows(self, verb: str, least: int, most: int) -> list[Row]:
+        """Return a command of several words, one template for each number of words."""
+        no_actor = "error Can not find actor with id '{}'".format
+        templates = [f"{verb} {' '.join(['[str]'] * n)}" for n in range(least, most + 1)]
         return [
-            (f"{verb} {' '.join(['[str]'] * n)}", f"{verb} with {n} words", handler)
-            for n in range(least, most + 1)
+            (t, f"{verb} with {t.count('[')} words", ok if verb == "vrun" else no_actor) for t in templates
         ]
 
-    def echo(self, word: str) -> Reply:
-        """The word."""
-        return word
-
     def status(self) -> str:
-        """The status text."""
-        s = self.settings
+        """Return the status text. Clients look for captured files beside the file that it names."""
+        state = self.status_on_unix if self.on_unix else "Client Connected"
+        width, height = self.settings.size
         return (
-            f"Is Listening\n{self.client_state()}\n{s.port}\nConfiguration\nConfig file: /unrealcv.ini\n"
-            f"Port: {s.port}\nWidth: {s.width}\nHeight: {s.height}\nFOV: {s.fov_deg:f}\nEnableInput: true\n"
-            "EnableRightEye: false\n"
+            f"Is Listening\n{state}\n{self.port}\nConfiguration\n"
+            f"Config file: {self.files.path.absolute()}/unrealcv.ini\nPort: {self.port}\nWidth: {width}\n"
+            f"Height: {height}\nFOV: {self.settings.fov_deg:f}\nEnableInput: true\nEnableRightEye: false\n"
         )
-
-    def client_state(self) -> str:
-        """The second line of the status."""
-        return "Client Connected"
-
-    def viewport(self, view: ViewHits) -> pictures.Bytes:
-        """What the window shows of a view, in the present view mode."""
-        if self.world.viewmode == "object_mask":
-            return self.world.mask(view)
-        if self.world.viewmode == "normal":
-            return pictures.normals(view)
-        if self.world.viewmode == "depth":
-            return pictures.gray_depth(view)
-        return self.world.lit(view)
 
     def _help(self) -> str:
         return "".join(f"{c.template}\n{c.description}\n" for c in self.commands)
 
-    def _set_viewmode(self, mode: str) -> str:
+    def _set_viewmode(self, mode: str) -> Reply:
         if mode.lower() not in _VIEWMODES:
             return f"error Can not set ViewMode to {mode.lower()}"
         self.world.viewmode = mode.lower()
-        return "ok"
+        return None
 
 
-def ok(*_: Any) -> str:
-    """What commands answer that change nothing a capture shows."""
-    return "ok"
+def _looked_up(
+    things: Callable[[], Mapping[Any, object]], act: Callable[..., Reply], missing: str
+) -> Callable[..., Reply]:
+    def handler(key: str | int, *arguments: Any) -> Reply:
+        found = things().get(key)
+        return missing.format(key) if found is None else act(found, *arguments)
+
+    return handler
 
 
-def numbers(values: Triple, form: str = "{:.3f}") -> str:
-    """Three numbers, separated by spaces."""
-    return " ".join(form.format(value) for value in values)
+def ok(*_: Any) -> None:
+    """Reply to a command that changes nothing a capture shows."""
+
+
+def sets(attribute: str, value: object = None) -> Callable[..., None]:
+    """Return a handler that sets an attribute of its first argument, to its other arguments or ``value``."""
+
+    def handler(target: object, *given: float) -> None:
+        setattr(target, attribute, value if not given else given if len(given) > 1 else given[0])
+
+    return handler
+
+
+def color(o: SceneObject) -> str:
+    """Return an object's colour as it was set, not as masks show it."""
+    return "(R={},G={},B={},A=255)".format(*o.color)
+
+
+def paint(o: SceneObject, r: int, g: int, b: int) -> None:
+    """Set an object's colour; the engine keeps 8 bits of each number."""
+    o.color = (r % 256, g % 256, b % 256)
+
+
+def numbers(values: Iterable[float], form: str = "{:.3f}") -> str:
+    """Return numbers, separated by spaces."""
+    return " ".join(map(form.format, values))

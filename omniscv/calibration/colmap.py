@@ -8,22 +8,18 @@ other model, a limit ``fov_deg``, a name that is no whole number. The camera fra
 y down, z forward.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
-from omniscv.calibration.intrinsics import Intrinsics, lens, of_lens, of_perspective, perspective
-from omniscv.calibration.parsing import numbers, shown, whole_number, within
-from omniscv.cameras import Camera
-from omniscv.cameras.kannala_brandt import KannalaBrandt
-from omniscv.cameras.panoramas import Equirectangular
+from omniscv.arguments import numbers, one_of, shown
+from omniscv.calibration.common import camera_of, intrinsics_of, whole_number, within
+from omniscv.cameras import Camera, Equirectangular
 from omniscv.errors import ArgumentError
 
 PARAMETER_COUNTS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "OPENCV_FISHEYE": 8, "EQUIRECTANGULAR": 2}
 
 
 def read_colmap(text: str) -> dict[str, Camera]:
-    """The cameras of a ``cameras.txt``, named by their ids.
+    """Return the cameras of a ``cameras.txt``, named by their ids.
 
     Raises:
         ArgumentError: no camera, an id twice, a model other than those above, or a line that is not
@@ -31,21 +27,19 @@ def read_colmap(text: str) -> dict[str, Camera]:
     """
     cameras: dict[str, Camera] = {}
     for number, line in enumerate(text.splitlines(), start=1):
-        words = line.partition("#")[0].split()
-        if not words:
-            continue
-        with within(f"line {number}"):
-            name, camera = _camera(words)
-            if name in cameras:
-                raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
-            cameras[name] = camera
+        if words := line.partition("#")[0].split():
+            with within(f"line {number}"):
+                name, camera = _camera(words)
+                if name in cameras:
+                    raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
+                cameras[name] = camera
     if not cameras:
         raise ArgumentError("expected lines 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got none")
     return cameras
 
 
 def write_colmap(cameras: Mapping[str, Camera]) -> str:
-    """The ``cameras.txt`` of cameras named by whole numbers, their ids.
+    """Return the ``cameras.txt`` of cameras named by whole numbers, their ids.
 
     Raises:
         ArgumentError: a name that is no whole number >= 1, or a model that COLMAP does not have.
@@ -67,12 +61,10 @@ def write_colmap(cameras: Mapping[str, Camera]) -> str:
 def _camera(words: list[str]) -> tuple[str, Camera]:
     if len(words) < 4:
         raise ArgumentError(f"expected 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got {shown(' '.join(words))}")
-    model = words[1]
-    if model not in PARAMETER_COUNTS:
-        raise ArgumentError(f"MODEL: expected one of {', '.join(PARAMETER_COUNTS)}, got {shown(model)}")
+    model = one_of("MODEL", words[1], PARAMETER_COUNTS)
     name = str(whole_number("CAMERA_ID", words[0]))
     width, height = whole_number("WIDTH", words[2]), whole_number("HEIGHT", words[3])
-    parameters = numbers(f"PARAMS of {model}", words[4:], PARAMETER_COUNTS[model])
+    parameters = numbers(f"PARAMS of {model}", words[4:], (PARAMETER_COUNTS[model],)).tolist()
     if model == "EQUIRECTANGULAR":
         if parameters != [width, height]:
             raise ArgumentError(
@@ -81,19 +73,13 @@ def _camera(words: list[str]) -> tuple[str, Camera]:
         return name, Equirectangular(width, height)
     if model == "SIMPLE_PINHOLE":
         parameters = [parameters[0], *parameters]
-    given = Intrinsics(*parameters[:4])
-    if model == "OPENCV_FISHEYE":
-        return name, lens(width, height, given, parameters[4:])
-    return name, perspective(width, height, given)
+    return name, camera_of(width, height, parameters)
 
 
 def _parameters(camera: Camera) -> tuple[str, list[float]]:
     if isinstance(camera, Equirectangular):
-        return "EQUIRECTANGULAR", [float(camera.width), float(camera.height)]
-    if isinstance(camera, KannalaBrandt):
-        given, k = of_lens(camera)
-        return "OPENCV_FISHEYE", [*given, *k]
-    straight = of_perspective(camera)
-    if straight is not None:
-        return "PINHOLE", list(straight)
-    raise ArgumentError(f"COLMAP: expected pinhole, kannala-brandt or equirectangular, got {camera.name}")
+        return "EQUIRECTANGULAR", [camera.width, camera.height]
+    intrinsics = intrinsics_of(camera)
+    if intrinsics is None:
+        raise ArgumentError(f"COLMAP: expected pinhole, kannala-brandt or equirectangular, got {camera.name}")
+    return "PINHOLE" if len(intrinsics) == 4 else "OPENCV_FISHEYE", intrinsics

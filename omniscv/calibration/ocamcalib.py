@@ -18,31 +18,23 @@ Carried: ``scaramuzza``. Not carried: every other model, a limit ``fov_deg``, an
 writing to within 0.01 px, as OCamCalib does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
-from omniscv.calibration.intrinsics import refuse_limit
-from omniscv.calibration.parsing import numbers, shown, whole_number, within
-from omniscv.cameras import Camera
-from omniscv.cameras.scaramuzza import Scaramuzza
+from omniscv.arguments import numbers, shown
+from omniscv.calibration.common import HALF_PIXEL, only_camera, refuse_limit, whole_number, within
+from omniscv.cameras import Camera, Scaramuzza
+from omniscv.cameras.base import Array
 from omniscv.errors import ArgumentError
 
-CENTER_SHIFT_PX = 0.5
-"""Added to a centre of OCamCalib's."""
-
 _INVERSE_ERROR_PX = 0.01
-_INVERSE_DEGREES = range(3, 33)
-_SAMPLES = 500
 
 
 def read_ocamcalib(text: str) -> dict[str, Camera]:
-    """The camera of a ``calib_results.txt``, named ``cam0``.
+    """Return the camera of a ``calib_results.txt``, named ``cam0``.
 
     Raises:
         ArgumentError: a number is missing, left over or not finite, c is not above 0, a0 is not below 0.
@@ -50,42 +42,31 @@ def read_ocamcalib(text: str) -> dict[str, Camera]:
     words = [word for line in text.splitlines() for word in line.partition("#")[0].split()]
     polynomial, words = _counted("polynomial", words)
     _, words = _counted("inverse polynomial", words)
-    center, words = numbers("center, row and column", words[:2], 2), words[2:]
-    affine, words = numbers("affine parameters c, d, e", words[:3], 3), words[3:]
+    center, words = numbers("center, row and column", words[:2], (2,)), words[2:]
+    affine, words = numbers("affine parameters c, d, e", words[:3], (3,)), words[3:]
     if len(words) != 2:
         raise ArgumentError(f"image size: expected height and width and no more, got {shown(words)}")
     height, width = whole_number("height", words[0]), whole_number("width", words[1])
-    coefficients, affine_columns_first = _exchange_axes(np.array(polynomial), np.array(affine))
-    row, column = center
-    return {
-        "cam0": Scaramuzza(
-            width,
-            height,
-            coefficients=coefficients,
-            affine=affine_columns_first,
-            center=(column + CENTER_SHIFT_PX, row + CENTER_SHIFT_PX),
-        )
-    }
+    coefficients, affine = _exchange_axes(polynomial, affine)
+    return {"cam0": Scaramuzza(width, height, coefficients, affine, center=center[::-1] + HALF_PIXEL)}
 
 
 def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
-    """The ``calib_results.txt`` of one ``scaramuzza`` camera; its name is not carried.
+    """Return the ``calib_results.txt`` of one ``scaramuzza`` camera; its name is not carried.
 
     Raises:
         ArgumentError: not exactly one camera, another model, a limit ``fov_deg``, an affine part with
             c <= 0, or a polynomial whose inverse no polynomial of degree 32 meets within 0.01 px
             in the image.
     """
-    if len(cameras) != 1:
-        raise ArgumentError(f"OCamCalib's file holds one camera, got {len(cameras)}: {shown(list(cameras))}")
-    ((name, camera),) = cameras.items()
+    name, camera = only_camera(cameras, "OCamCalib")
     with within(name):
         if not isinstance(camera, Scaramuzza):
             raise ArgumentError(f"OCamCalib: expected a camera scaramuzza, got {camera.name}")
         refuse_limit(camera)
         polynomial, affine = _exchange_axes(camera.coefficients, camera.affine)
         inverse = _inverse(polynomial, affine, camera)
-    column, row = camera.center - CENTER_SHIFT_PX
+    column, row = camera.center - HALF_PIXEL
     sections = {
         "polynomial coefficients for the DIRECT mapping function (cam2world)": [len(polynomial), *polynomial],
         "polynomial coefficients for the inverse mapping function (world2cam)": [len(inverse), *inverse],
@@ -99,15 +80,13 @@ def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
     )
 
 
-def _counted(key: str, words: list[str]) -> tuple[list[float], list[str]]:
+def _counted(key: str, words: list[str]) -> tuple[Array, list[str]]:
     """The numbers after their count, and the words after them."""
     count = whole_number(f"number of coefficients of the {key}", words[0] if words else None)
-    return numbers(key, words[1 : count + 1], count), words[count + 1 :]
+    return numbers(key, words[1 : count + 1], (count,)), words[count + 1 :]
 
 
-def _exchange_axes(
-    coefficients: NDArray[np.float64], affine: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _exchange_axes(coefficients: Array, affine: Array) -> tuple[Array, Array]:
     """Coefficients and affine part with rows first from those with columns first, or the other way."""
     c, d, e = affine
     if not c > 0:
@@ -116,21 +95,19 @@ def _exchange_axes(
     return coefficients * powers, np.array([1.0, e, d]) / c
 
 
-def _inverse(
-    polynomial: NDArray[np.float64], affine: NDArray[np.float64], camera: Scaramuzza
-) -> NDArray[np.float64]:
+def _inverse(polynomial: Array, affine: Array, camera: Scaramuzza) -> Array:
     """Coefficients of rho by the angle ``atan(z / |(x, y)|)``, least degree first, for all of the image."""
     c, d, e = affine
     corners = np.array([[0, 0], [camera.width, 0], [0, camera.height], [camera.width, camera.height]])
     rows_first = (corners - camera.center)[:, ::-1]
     farthest = np.hypot(*np.linalg.solve(np.array([[c, d], [e, 1.0]]), rows_first.T)).max()
-    rho = np.linspace(0, farthest, _SAMPLES)
+    rho = np.linspace(0, farthest, 500)
     angle = np.arctan2(polyval(rho, polynomial), rho)
-    falling = np.flatnonzero(np.diff(angle) <= 0)  # from there on another pixel has the ray already
-    end = int(falling[0]) + 1 if falling.size else _SAMPLES
-    rho, angle = rho[:end], angle[:end]
+    # Where the angle falls another pixel has the ray already.
+    rising = np.logical_and.accumulate(np.diff(angle, prepend=-np.inf) > 0)
+    rho, angle = rho[rising], angle[rising]
     error = np.inf
-    for degree in _INVERSE_DEGREES:
+    for degree in range(3, 33):
         inverse = Polynomial.fit(angle, rho, degree).convert().coef
         error = min(error, float(np.abs(polyval(angle, inverse) - rho).max()))
         if error <= _INVERSE_ERROR_PX:

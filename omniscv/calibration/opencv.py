@@ -5,28 +5,23 @@ Carried: ``kannala-brandt``. Not carried: every other model, a limit ``fov_deg``
 do not hold the image size either.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.calibration.intrinsics import Intrinsics, lens, of_lens
-from omniscv.calibration.parsing import field, mapping, numbers, shown, whole_number, within
-from omniscv.cameras import Camera
-from omniscv.cameras.kannala_brandt import KannalaBrandt
+from omniscv.arguments import numbers, shown
+from omniscv.calibration import common
+from omniscv.calibration.common import HALF_PIXEL, field, within
+from omniscv.cameras import Camera, KannalaBrandt
 from omniscv.errors import ArgumentError
 
-CENTER_SHIFT_PX = 0.5
-"""Added to a principal point of OpenCV's."""
-
-_MATRIX_TAG = re.compile(r"!!opencv-(nd-)?matrix")
+_NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
 
 
 def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> KannalaBrandt:
-    """The ``kannala-brandt`` camera of ``cv2.fisheye``'s K and D.
+    """Return the ``kannala-brandt`` camera of ``cv2.fisheye``'s K and D.
 
     Args:
         K: (3, 3), px, ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`` with pixel centres at whole numbers:
@@ -37,16 +32,16 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
     Raises:
         ArgumentError: other shapes, numbers that are not finite, skew, or focal lengths not above 0.
     """
-    K_flat = _flat("K", K, [(3, 3)])
-    k = _flat("D", D, [(4,), (4, 1), (1, 4)])
-    fx, skew, cx, zero, fy, cy, *last = K_flat
-    if skew != 0 or zero != 0 or last != [0, 0, 1]:
-        raise ArgumentError(f"K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {K_flat} (row by row)")
-    return lens(width, height, Intrinsics(fx, fy, cx + CENTER_SHIFT_PX, cy + CENTER_SHIFT_PX), k)
+    rows = numbers("K", K, (3, 3)).tolist()
+    k = numbers("D", np.squeeze(np.asarray(D, dtype=object)), (4,))
+    (fx, _, cx), (_, fy, cy), _ = rows
+    if rows != [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]:
+        raise ArgumentError(f"K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {rows}")
+    return KannalaBrandt(width, height, fx, fy, cx + HALF_PIXEL, cy + HALF_PIXEL, k)
 
 
 def to_opencv_fisheye(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """K (3, 3) and D (4,) for ``cv2.fisheye``; 0.5 is taken from the principal point.
+    """Return K (3, 3) and D (4,) for ``cv2.fisheye``; 0.5 is taken from the principal point.
 
     OpenCV's ``projectPoints`` works on x / z, so it is right only for points with z > 0.
 
@@ -55,13 +50,13 @@ def to_opencv_fisheye(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.f
     """
     if not isinstance(camera, KannalaBrandt):
         raise ArgumentError(f"OpenCV fisheye: expected a camera kannala-brandt, got {camera.name}")
-    (fx, fy, cx, cy), k = of_lens(camera)
-    K = np.array([[fx, 0, cx - CENTER_SHIFT_PX], [0, fy, cy - CENTER_SHIFT_PX], [0, 0, 1]])
-    return K, np.array(k)
+    common.refuse_limit(camera)
+    cx, cy = camera.center - HALF_PIXEL
+    return np.array([[camera.fx, 0, cx], [0, camera.fy, cy], [0, 0, 1]]), camera.k.copy()
 
 
 def read_opencv_fisheye(text: str) -> dict[str, Camera]:
-    """The camera, named ``cam0``, of a YAML or JSON file as OpenCV's calibration sample writes it.
+    """Return the camera, named ``cam0``, of a YAML or JSON file as OpenCV's calibration sample writes it.
 
     The keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
     ``fisheye_model``, which may be missing but not 0: the same file with four coefficients of the plain
@@ -70,64 +65,36 @@ def read_opencv_fisheye(text: str) -> dict[str, Camera]:
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_fisheye`.
     """
-    body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
-    data = mapping(_MATRIX_TAG.sub("", body))
-    is_fisheye = data.get("fisheye_model", 1)
-    if is_fisheye != 1:
+    data = common.mapping(_NOT_YAML.sub("", text))
+    fisheye = data.get("fisheye_model", 1)
+    if fisheye != 1:
         raise ArgumentError(
-            f"fisheye_model: expected 1, OpenCV's fisheye model, got {shown(is_fisheye)}; "
-            "the plain model with its tangential terms is none of ours"
+            f"fisheye_model: expected 1, OpenCV's fisheye model, got {shown(fisheye)}; "
+            "no camera here has the tangential terms of the plain model"
         )
-    width, height = (whole_number(key, field(data, key)) for key in ("image_width", "image_height"))
-    K = _matrix(data, "camera_matrix", 9)
-    D = _matrix(data, "distortion_coefficients", 4)
-    return {"cam0": from_opencv_fisheye(np.reshape(K, (3, 3)), D, width, height)}
+    width, height = (common.whole_number(key, field(data, key)) for key in ("image_width", "image_height"))
+    matrices = []
+    for key, count in (("camera_matrix", 9), ("distortion_coefficients", 4)):
+        with within(key):
+            matrices.append(numbers("data", field(field(data, key), "data"), (count,)))
+    return {"cam0": from_opencv_fisheye(matrices[0].reshape(3, 3), matrices[1], width, height)}
 
 
 def write_opencv_fisheye(cameras: Mapping[str, Camera]) -> str:
-    """The YAML file of one camera, for ``cv2.FileStorage``; its name is not carried.
+    """Return the YAML file of one camera, for ``cv2.FileStorage``; its name is not carried.
 
     Raises:
         ArgumentError: not exactly one camera, or as :func:`to_opencv_fisheye`.
     """
-    if len(cameras) != 1:
-        raise ArgumentError(f"OpenCV's file holds one camera, got {len(cameras)}: {shown(list(cameras))}")
-    ((name, camera),) = cameras.items()
+    name, camera = common.only_camera(cameras, "OpenCV")
     with within(name):
         K, D = to_opencv_fisheye(camera)
-    return "\n".join(
-        [
-            "%YAML:1.0",
-            "---",
-            f"image_width: {camera.width}",
-            f"image_height: {camera.height}",
-            "fisheye_model: 1",
-            *_matrix_lines("camera_matrix", K),
-            *_matrix_lines("distortion_coefficients", D.reshape(4, 1)),
-            "",
-        ]
-    )
+    import cv2  # slow to load, and reading does without
 
-
-def _flat(key: str, value: ArrayLike, shapes: list[tuple[int, ...]]) -> list[float]:
-    array = np.asarray(value, dtype=object)
-    if array.shape not in shapes:
-        raise ArgumentError(f"{key}: expected shape {' or '.join(map(str, shapes))}, got {array.shape}")
-    return numbers(key, array.ravel().tolist(), array.size)
-
-
-def _matrix(data: object, key: str, count: int) -> list[float]:
-    matrix = field(data, key)
-    with within(key):
-        return numbers("data", field(matrix, "data"), count)
-
-
-def _matrix_lines(key: str, matrix: NDArray[np.float64]) -> list[str]:
-    rows, columns = matrix.shape
-    return [
-        f"{key}: !!opencv-matrix",
-        f"   rows: {rows}",
-        f"   cols: {columns}",
-        "   dt: d",
-        f"   data: [ {', '.join(map(repr, matrix.ravel().tolist()))} ]",
-    ]
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("fisheye_model", 1)
+    storage.write("camera_matrix", K)
+    storage.write("distortion_coefficients", D.reshape(4, 1))
+    return str(storage.releaseAndGetString())

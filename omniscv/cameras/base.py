@@ -8,33 +8,51 @@ Conventions
 A pixel or point that the model cannot serve is data, not an error: it comes back with
 ``valid = False`` and NaN in its numbers. A wrong call (shape, parameter) raises ``ArgumentError``.
 
+Extremes
+    Points farther than 1e150 m are not seen, nor, by a central camera, points within 1e-308 m of the
+    optical centre. A point is valid only if the ray of its pixel points to it: to 1e-5 rad and the angle
+    that 1e-7 px turn that ray, and never more than 60 degrees off, whatever the size and the parameters.
+    Numbers that a model cannot compute with are refused with an ``ArgumentError``.
+
 To add a model
-    1. Write a class in the file of its family (or a new one): subclass :class:`Camera` (or a family
-       base), give it ``name``, a docstring that is the model in ten lines (formula, parameters with
-       units, domain, source), ``parameters()``, ``_unproject`` and ``_project``.
-    2. List it in ``_MODELS`` of ``omniscv/cameras/__init__.py``.
-    3. Add an example of it to ``tests/cameras/examples.py``: the contract suite then runs on it.
-    4. Show it: its ways into its limits in ``APPROACHES`` of ``scripts/draw-stability``, an image in
-       ``_EVERY_MODEL`` of ``omniscv/demo.py``.
+    1. Subclass :class:`CentralCamera` (or :class:`Camera`, or a family's base), here or in another
+       package, decorate the class with
+       ``omniscv.cameras.register``, give it ``name``, a docstring that is the model in ten lines
+       (formula, parameters with units, domain, source), a constructor that keeps each argument in an
+       attribute of the same name, ``_directions`` (``Camera``: ``_unproject``) and ``_project``.
+    2. Unless ``cls(width, width)`` is a typical camera, give the parameters of one as ``typical``, or
+       override ``example`` where they grow with the size. The demo, the stability picture and the
+       contract suite use it; ``tests/cameras/examples.py`` may add cameras at the ends of its parameters.
+    3. In this package, import it in ``omniscv/cameras/__init__.py``.
 """
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import cached_property, partial, wraps
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omniscv.arguments import numbers, whole_number
 from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Parameter = float | str | Sequence[float] | Array | None
+"""What a constructor argument of a model may be."""
 
 _FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
 _NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
 _ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
+_LARGEST_PX = 10**6  # of larger images, rounding at the border would be more than 1e-6 px
+
+_STEP_PX = 1e-6  # rounding of a pixel's coordinates is far below it
+_STEEPEST = 1e-3  # rad in such a step: the most that rays turn where pixels resolve them
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,31 +88,39 @@ class Viewpoints:
 
 
 class Camera(ABC):
-    """A camera model with its image size.
+    """A camera model with its image size: immutable, equal to and hashed as cameras of the same numbers.
+
+    Constructors keep their arguments in attributes of the same names (or, like ``fov_deg``, in others
+    that follow from them); :meth:`parameters`, :meth:`to_dict`, equality and pickling use these.
 
     Args:
-        width, height: image size in pixels, each at least 1.
+        width, height: image size in pixels, each 1 to 1,000,000.
         center: (u, v) px, where the axis meets the image; the image's middle if not given.
 
     Raises:
-        ArgumentError: a size below 1, or a centre that is not two finite numbers.
+        ArgumentError: another size, or a centre that is not two finite numbers.
     """
 
     name: ClassVar[str]
     central: ClassVar[bool] = True
-    has_center: ClassVar[bool] = True  # the constructor takes ``center``
+    typical: ClassVar[dict[str, Any]] = {}
+    _farthest_off: ClassVar[float] = 1.0  # between unit vectors: a point and the ray of its pixel
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
-        self.width, self.height = (
-            self._whole_number(key, value, "pixels") for key, value in (("width", width), ("height", height))
-        )
-        middle = np.array([self.width / 2, self.height / 2])
-        self.center = middle if center is None else self._numbers("center", center, 2)
+        self.width = whole_number("width", width, "pixels", most=_LARGEST_PX)
+        self.height = whole_number("height", height, "pixels", most=_LARGEST_PX)
+        middle = (self.width / 2, self.height / 2)
+        self.center = numbers("center", middle if center is None else center, (2,))
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        """Return a typical camera of the model: an image ``width`` pixels wide, parameters ``typical``."""
+        return cls(width, width, **cls.typical)
 
     # -- the contract ---------------------------------------------------------------------------
 
     def unproject(self, pixels: ArrayLike | None = None) -> Rays:
-        """The rays of pixels.
+        """Return the rays of pixels.
 
         Args:
             pixels: (..., 2) (u, v) in px; every pixel's centre, (H, W, 2), if not given.
@@ -103,23 +129,22 @@ class Camera(ABC):
             Rays of shape (...), camera frame.
         """
         uv = self.pixels() if pixels is None else _last_axis("pixels", pixels, 2)
+        u, v = uv[..., 0], uv[..., 1]
         with np.errstate(all="ignore"):
-            u, v = uv[..., 0], uv[..., 1]
             inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
             origins, directions, valid = self._unproject(_where(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
         return Rays(_where(valid, origins, np.nan), _where(valid, directions, np.nan), valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, Mask]:
-        """The pixels that see points.
+        """Return the pixels that see points.
 
         Args:
             points: (..., 3), camera frame, metres.
 
         Returns:
             pixels (..., 2) in px, NaN where not valid, and valid (...): the point is seen by a
-            valid pixel within the image. Points farther than 1e150 m and, by central cameras, the
-            optical centre (to 1e-308 m) are not seen.
+            valid pixel within the image.
         """
         xyz = _last_axis("points", points, 3)
         with np.errstate(all="ignore"):
@@ -128,7 +153,9 @@ class Camera(ABC):
             placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= _FARTHEST))
             pixels, valid = self._project(_where(placed, xyz, 1.0))
             pixels, inside = self._within_image(pixels)
-        valid = np.asarray(valid & placed & inside)
+            valid = np.asarray(valid & placed & inside)
+            if self._unresolved_px:
+                valid = self._seen_by_their_pixels(xyz, pixels, valid)
         return _where(valid, pixels, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
@@ -136,26 +163,19 @@ class Camera(ABC):
         return self.unproject(pixels).valid
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """The optical centres. One for a central camera; ``count`` asks for fewer otherwise."""
+        """Return the optical centres: one of a central camera, else at most ``count`` if given."""
         if count is not None:
-            self._whole_number("count", count, "viewpoints")
+            whole_number("count", count, "viewpoints")
         index = np.where(self.valid(), 0, -1).astype(np.int32)
         return Viewpoints(np.zeros((1, 3)), index)
 
-    def parameters(self) -> dict[str, Any]:
-        """The model's own constructor arguments, beyond width, height and center, JSON-ready."""
-        return {}
-
     @abstractmethod
-    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         """Origins, unit directions, valid of pixels (..., 2) inside the rectangle; warnings are off."""
 
     @abstractmethod
-    def _project(self, points: Array) -> tuple[Array, Mask]:
-        """Pixels, valid of finite points (..., 3), for central models not the optical centre.
-
-        Warnings are off, the rectangle is checked outside.
-        """
+    def _project(self, points: Array) -> tuple[Array, Mask | bool]:
+        """Pixels, in the rectangle or not, valid of finite points (..., 3), not the optical centre."""
 
     # -- common to all --------------------------------------------------------------------------
 
@@ -164,83 +184,119 @@ class Camera(ABC):
         u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return np.stack([u, v], axis=-1)
 
+    def parameters(self) -> dict[str, Any]:
+        """The model's own constructor arguments, beyond width, height and center, JSON-ready."""
+        return {k: v for k, v in self._arguments().items() if k not in ("width", "height", "center")}
+
     def to_dict(self) -> dict[str, Any]:
         """Name, size, centre and parameters: what :func:`omniscv.cameras.from_dict` takes."""
-        return {
-            "model": self.name,
-            "width": self.width,
-            "height": self.height,
-            **({"center": self.center.tolist()} if self.has_center else {}),
-            **self.parameters(),
-        }
+        return {"model": self.name, **self._arguments()}
+
+    def _arguments(self) -> dict[str, Any]:
+        """The constructor arguments that make this camera again; those that are None are left out."""
+        given = ((key, getattr(self, key, None)) for key in inspect.signature(type(self)).parameters)
+        return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in given if v is not None}
 
     def __repr__(self) -> str:
-        fields = ", ".join(f"{k}={v!r}" for k, v in self.to_dict().items() if k != "model")
+        fields = ", ".join(f"{key}={value!r}" for key, value in self._arguments().items())
         return f"{type(self).__name__}({fields})"
 
+    @cached_property
+    def _key(self) -> tuple[type[Camera], str]:
+        return type(self), repr(self)
+
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Camera) and self.to_dict() == other.to_dict()
+        return isinstance(other, Camera) and self._key == other._key
 
     def __hash__(self) -> int:
-        return hash(repr(self))
+        return hash(self._key)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), **self._arguments()), ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Check and freeze the class's cameras once their constructor has ended."""
+        super().__init_subclass__(**options)
+        construct = cls.__init__
+
+        @wraps(construct)
+        def __init__(self: Camera, *args: Any, **kwargs: Any) -> None:  # noqa: N807
+            with np.errstate(all="ignore"):
+                construct(self, *args, **kwargs)
+            if type(self) is cls:
+                self._freeze()
+
+        cls.__init__ = __init__  # type: ignore[method-assign]
+
+    def _freeze(self) -> None:
+        for key, value in vars(self).items():
+            if isinstance(value, float | np.ndarray) and not np.isfinite(value).all():
+                raise ArgumentError(f"camera: expected numbers that float64 can compute with, got {self!r}")
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                vars(self)[key] = value = value.copy()
+                value.flags.writeable = False
+        vars(self)["_frozen"] = True
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if "_frozen" in vars(self):
+            delattr(self, name)
+        super().__setattr__(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(
+            f"{type(self).__name__}.{name}: cameras are immutable; make another one, for example with "
+            "omniscv.cameras.from_dict({**camera.to_dict(), ...})"
+        )
 
     def _within_image(self, pixels: Array) -> tuple[Array, Mask]:
         """Which pixels (..., 2) lie in the rectangle; those that rounding took out of it are put back."""
         size = np.array([self.width, self.height])
         slack = _ROUNDING * (size + np.abs(self.center))
-        u, v = pixels[..., 0], pixels[..., 1]
-        inside = (u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height)
-        near = (u >= -slack[0]) & (u <= size[0] + slack[0]) & (v >= -slack[1]) & (v <= size[1] + slack[1])
-        rounded = near & ~inside
-        return _where(~rounded, pixels, np.clip(pixels, 0, size)) if rounded.any() else pixels, near
+        near = np.asarray(((pixels >= -slack) & (pixels <= size + slack)).all(axis=-1))
+        return np.clip(pixels, 0, size), near
 
-    # -- argument checks that models share ------------------------------------------------------
+    @cached_property
+    def _pixel_rounding(self) -> float:
+        """How far, px, rounding may move a pixel that is computed as an offset from the centre."""
+        return float(4e-16 * (max(self.width, self.height) + np.abs(self.center).max()))
 
-    @staticmethod
-    def _whole_number(key: str, value: int, of_what: str) -> int:
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-            raise ArgumentError(f"{key}: expected a whole number of {of_what} >= 1, got {value!r}")
-        return int(value)
+    @cached_property
+    def _unresolved_px(self) -> float:
+        """Within how many px of the centre float64 pixels may not resolve rays; 0 for ordinary cameras."""
+        steps = _STEP_PX * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        rays = self.unproject(self.center + steps)
+        if not rays.valid[1:].all():
+            return np.inf
+        if not rays.valid[0]:  # as at the tip of a cone
+            return _STEP_PX
+        turned = np.linalg.norm(rays.directions[1:] - rays.directions[0], axis=-1).max()
+        return 0.0 if turned <= _STEEPEST else np.inf
 
-    @staticmethod
-    def _numbers(key: str, value: ArrayLike, count: int) -> Array:
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as cause:
-            raise ArgumentError(f"{key}: expected {count} finite numbers, got {value!r}") from cause
-        if array.shape != (count,) or not np.isfinite(array).all():
-            raise ArgumentError(f"{key}: expected {count} finite numbers, got {value!r}")
-        return array
+    def _seen_by_their_pixels(self, points: Array, pixels: Array, valid: Mask) -> Mask:
+        """Of valid points (..., 3), those to which the rays of their pixels, as float64 has them, point."""
+        u, v = np.abs(pixels[..., 0] - self.center[0]), np.abs(pixels[..., 1] - self.center[1])
+        suspect = valid & (np.maximum(u, v) <= self._unresolved_px)
+        if not suspect.any():
+            return valid
+        rays = self.unproject(pixels[suspect])
+        offset = points[suspect] - rays.origins
+        offset /= np.abs(offset).max(axis=-1, keepdims=True)
+        offset /= np.linalg.norm(offset, axis=-1, keepdims=True)
+        valid = valid.copy()
+        valid[suspect] = np.linalg.norm(offset - rays.directions, axis=-1) <= self._farthest_off
+        return valid
 
-    @staticmethod
-    def _number(
-        key: str,
-        value: float,
-        *,
-        above: float = -np.inf,
-        least: float = -np.inf,
-        below: float = np.inf,
-        most: float = np.inf,
-    ) -> float:
-        """``value`` as a float within its limits (``above``, ``below`` exclude them)."""
-        limits = [
-            text
-            for text, bound in (
-                (f"> {above:.15g}", above),
-                (f">= {least:.15g}", least),
-                (f"< {below:.15g}", below),
-                (f"<= {most:.15g}", most),
-            )
-            if np.isfinite(bound)
-        ]
-        wanted = "a finite number" + (" " + " and ".join(limits) if limits else "")
-        try:
-            number = float(value)
-        except (TypeError, ValueError) as cause:
-            raise ArgumentError(f"{key}: expected {wanted}, got {value!r}") from cause
-        if not (np.isfinite(number) and above < number < below and least <= number <= most):
-            raise ArgumentError(f"{key}: expected {wanted}, got {value!r}")
-        return number
+
+class CentralCamera(Camera):
+    """A camera whose rays all start at the origin: a model gives their directions."""
+
+    @abstractmethod
+    def _directions(self, pixels: Array) -> tuple[Array, Mask | bool]:
+        """Unit directions, valid of pixels (..., 2) inside the rectangle; warnings are off."""
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
+        directions, valid = self._directions(pixels)
+        return np.zeros_like(directions), directions, valid
 
 
 def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
@@ -257,19 +313,31 @@ def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:
     return vectors if keep.all() else np.where(keep[..., None], vectors, instead)
 
 
-def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
-    """Sine and cosine of ``angle_deg / 2``, 0 to 180, that keep their digits next to 0, 90 and 180 degrees.
+# -- geometry that models share -----------------------------------------------------------------
 
-    In radians a right angle is not exact: tan of the last number before it is off by half.
-    """
+
+def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
+    """Raise ArgumentError where both of two ways to give one number are used."""
+    if focal is not None and fov_deg is not None:
+        raise ArgumentError(f"focal: expected focal or fov_deg, got both ({focal!r} px and {fov_deg!r} deg)")
+
+
+def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
+    """Sine and cosine of ``angle_deg / 2``, 0 to 180; exact to the last digits next to 0, 90, 180 degrees."""
     half = angle_deg / 2
     return np.sin(np.radians(min(half, 180 - half))), np.sin(np.radians(90 - half))
 
 
-def polar(pixels: Array, center: Array) -> tuple[Array, Array, Array]:
-    """Radius in px and the unit vector (cos a, sin a) of the azimuth; (1, 0) at the centre."""
-    x, y = pixels[..., 0] - center[0], pixels[..., 1] - center[1]
+def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Array]:
+    """Radius and the unit vector (cos a, sin a) of the azimuth of (..., 2); (1, 0) at the centre."""
+    offset = xy - np.asarray(center)
+    x, y = offset[..., 0], offset[..., 1]
     r = np.hypot(x, y)
     at_center = r < _NEAREST
     safe = np.where(at_center, 1.0, r)
     return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)
+
+
+def turned_about_axis(across: Array, along: Array, cos_a: Array, sin_a: Array) -> Array:
+    """(..., 3) the vector with these parts across and along the axis z, at an azimuth."""
+    return np.stack([across * cos_a, across * sin_a, along], axis=-1)

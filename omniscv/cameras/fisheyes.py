@@ -1,45 +1,30 @@
 """Fisheye lenses: four ways from the angle off the axis to the radius in the image."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from omniscv.arguments import number
 from omniscv.cameras.base import Array, sin_cos_of_half
 from omniscv.cameras.radial import Meridian, RadialCamera
+from omniscv.cameras.registry import register
 
-_HAIR = 1e-17
-"""Where all pixels of the rim look straight back, this much across keeps their azimuth."""
+_MIN_SINE = 1e-17
+"""Keeps the azimuth of the rim's pixels at phi = pi, where all of them look straight back."""
 
 
 class Fisheye(RadialCamera):
     """A lens with ``r = f h(phi)``, phi from +z; ``fov_deg`` 180 if neither it nor ``focal`` is given."""
 
-    max_fov_deg: ClassVar[float] = 360.0
-    fov_is_open: ClassVar[bool] = False
-
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        focal: float | None = None,
-        fov_deg: float | None = None,
-        center: ArrayLike | None = None,
-    ) -> None:
-        super().__init__(width, height, focal, fov_deg, center)
-
-    def _default_focal(self) -> float:
-        return min(self.width, self.height) / 2 / self._radius_of_fov(180.0)
+    _fov_limit: ClassVar = {"most": 360.0}
+    _default_fov_deg = 180.0
 
     def _radius_of_fov(self, fov_deg: float) -> float:
-        limit = {"below" if self.fov_is_open else "most": self.max_fov_deg}
-        across, along = sin_cos_of_half(self._number("fov_deg", fov_deg, above=0, **limit))
-        with np.errstate(divide="ignore", invalid="ignore"):  # on the branch that is not taken
-            return float(self._radius(across, along))
+        across, along = sin_cos_of_half(number("fov_deg", fov_deg, above=0, **self._fov_limit))
+        return float(self._radius(across, along))
 
 
+@register
 class FisheyeEquidistant(Fisheye):
     """Equal angles at equal distances: ``phi = r / f`` (the paper's equi-angular lens).
 
@@ -49,17 +34,17 @@ class FisheyeEquidistant(Fisheye):
     """
 
     name = "fisheye-equidistant"
+    typical: ClassVar = {"fov_deg": 185}
+    _edge = np.pi
 
-    def _edge(self) -> float:
-        return np.pi
-
-    def _direction(self, t: Array) -> Meridian:
+    def _meridian(self, t: Array) -> Meridian:
         return Meridian(np.sin(t), np.cos(t))
 
     def _radius(self, across: Array, along: Array) -> Array:
         return np.arctan2(across, along)
 
 
+@register
 class FisheyeStereographic(Fisheye):
     """Circles stay circles: ``phi = 2 atan(r / 2f)``, ``r = 2 f tan(phi / 2)``.
 
@@ -69,12 +54,10 @@ class FisheyeStereographic(Fisheye):
     """
 
     name = "fisheye-stereographic"
-    fov_is_open = True
+    typical: ClassVar = {"fov_deg": 220}
+    _fov_limit: ClassVar = {"below": 360.0}
 
-    def _edge(self) -> float:
-        return np.inf
-
-    def _direction(self, t: Array) -> Meridian:
+    def _meridian(self, t: Array) -> Meridian:
         half = t / 2
         scale = 1 + half * half
         return Meridian(t / scale, (1 - half) * (1 + half) / scale)
@@ -84,6 +67,7 @@ class FisheyeStereographic(Fisheye):
         return np.where(along >= 0, 2 * across / (1 + along), 2 * (1 - along) / across)
 
 
+@register
 class FisheyeOrthographic(Fisheye):
     """The hemisphere seen from infinitely far: ``phi = asin(r / f)`` (the paper's orthogonal lens).
 
@@ -93,18 +77,17 @@ class FisheyeOrthographic(Fisheye):
     """
 
     name = "fisheye-orthographic"
-    max_fov_deg = 180.0
+    _fov_limit: ClassVar = {"most": 180.0}
+    _edge = 1.0
 
-    def _edge(self) -> float:
-        return 1.0
-
-    def _direction(self, t: Array) -> Meridian:
+    def _meridian(self, t: Array) -> Meridian:
         return Meridian(t, np.sqrt((1 - t) * (1 + t)))
 
     def _radius(self, across: Array, along: Array) -> Array:
         return np.where(along >= 0, across, np.nan)
 
 
+@register
 class FisheyeEquisolid(Fisheye):
     """Equal solid angles on equal areas: ``phi = 2 asin(r / f)``, ``r = f sin(phi / 2)``.
 
@@ -115,13 +98,12 @@ class FisheyeEquisolid(Fisheye):
     """
 
     name = "fisheye-equisolid"
+    typical: ClassVar = {"fov_deg": 240}
+    _edge = 1.0
 
-    def _edge(self) -> float:
-        return 1.0
-
-    def _direction(self, t: Array) -> Meridian:
+    def _meridian(self, t: Array) -> Meridian:
         rest = (1 - t) * (1 + t)
-        return Meridian(np.where(rest > 0, 2 * t * np.sqrt(rest), _HAIR), 1 - 2 * t * t)
+        return Meridian(np.where(rest > 0, 2 * t * np.sqrt(rest), _MIN_SINE), 1 - 2 * t * t)
 
     def _radius(self, across: Array, along: Array) -> Array:
         # sin(phi / 2) two ways: neither subtracts like numbers on its side.

@@ -7,68 +7,48 @@ these models count from -z. With ``x_bar = (u - u_0) / (-eta f)`` and ``rho`` it
 2012), and its table of xi and eta.
 """
 
-from __future__ import annotations
-
-from typing import Any
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from omniscv.arguments import number
 from omniscv.cameras.base import Array, sin_cos_of_half
 from omniscv.cameras.radial import Meridian, RadialCamera
+from omniscv.cameras.registry import register
 
 
 class SphereModel(RadialCamera):
     """The unified sphere model with mirror parameters xi and eta, and the mirror's edge."""
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        xi: float,
-        eta: float,
-        focal: float | None,
-        fov_deg: float | None,
-        center: ArrayLike | None,
-    ) -> None:
-        self.xi, self.eta = xi, eta
-        super().__init__(width, height, focal, fov_deg, center)
+    xi: float
+    eta: float
+    _one_less_xi_squared: float  # 1 - xi^2, without subtracting like numbers
 
-    def _default_focal(self) -> float:
-        return self.width / 2
-
-    def _one_less_xi_squared(self) -> float:
-        """1 - xi^2, without subtracting like numbers where a model knows better."""
-        return 1 - self.xi**2
-
-    def _direction(self, t: Array) -> Meridian:
+    def _meridian(self, t: Array) -> Meridian:
         rho = t / -self.eta
-        root = np.sqrt(1 + self._one_less_xi_squared() * rho * rho)
+        root = np.sqrt(1 + self._one_less_xi_squared * rho * rho)
         scale = 1 / (rho * rho + 1)
         return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
 
     def _radius(self, across: Array, along: Array) -> Array:
         # xi - along, by what both lack to 1 where the ray looks far ahead and xi is near 1; but where both
         # are next to 0, as for a nearly flat hyperboloid, from the numbers themselves.
-        ahead = across * across / (1 + along) - self._one_less_xi_squared() / (1 + self.xi)
+        ahead = across * across / (1 + along) - self._one_less_xi_squared / (1 + self.xi)
         below = np.where(along <= 0.5, self.xi - along, ahead)
         return np.where(below > 0, -self.eta * across / below, np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
-        limit = self._fov_limit_deg()
-        across, back = sin_cos_of_half(self._number("fov_deg", fov_deg, above=0, below=limit))
-        with np.errstate(divide="ignore"):  # on the branch that is not taken
-            return float(self._radius(across, -back))
-
-    def _fov_limit_deg(self) -> float:
-        """The field of view that the model reaches but does not hold."""
-        edge = self._edge()
-        if np.isinf(edge):
-            return 360.0 if self.xi == 1 else 2 * float(np.degrees(np.arccos(-self.xi)))
-        across, along = self._direction(np.array(edge))
-        return 2 * float(np.degrees(np.arctan2(across, -along)))
+        if np.isinf(self._edge):
+            limit = 2 * float(np.degrees(np.arccos(-self.xi)))
+        else:
+            across, along, _ = self._meridian(np.array(self._edge))
+            limit = 2 * float(np.degrees(np.arctan2(across, -along)))
+        across, back = sin_cos_of_half(number("fov_deg", fov_deg, above=0, below=limit))
+        return float(self._radius(across, -back))
 
 
+@register
 class CatadioptricParabolic(SphereModel):
     """A paraboloid under a telecentric camera: ``xi = 1``, ``eta = -2p``.
 
@@ -79,6 +59,7 @@ class CatadioptricParabolic(SphereModel):
     """
 
     name = "catadioptric-parabolic"
+    xi, _one_less_xi_squared = 1.0, 0.0
 
     def __init__(
         self,
@@ -89,16 +70,16 @@ class CatadioptricParabolic(SphereModel):
         fov_deg: float | None = None,
         center: ArrayLike | None = None,
     ) -> None:
-        self.semi_latus_rectum = self._number("semi_latus_rectum", semi_latus_rectum, above=0)
-        super().__init__(width, height, 1.0, -self.semi_latus_rectum, focal, fov_deg, center)
+        self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
+        self.eta = -self.semi_latus_rectum
+        super().__init__(width, height, focal, fov_deg, center)
 
-    def parameters(self) -> dict[str, Any]:
-        return {"semi_latus_rectum": self.semi_latus_rectum, "focal": self.focal}
-
-    def _edge(self) -> float:
-        return np.inf
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, width, semi_latus_rectum=1.0, focal=0.39 * width)
 
 
+@register
 class CatadioptricHyperbolic(SphereModel):
     """A hyperboloid with the camera at its outer focus: ``xi = d / D``, ``eta = -2p / D``,
     ``D = sqrt(d^2 + 4 p^2)``.
@@ -111,6 +92,7 @@ class CatadioptricHyperbolic(SphereModel):
     """
 
     name = "catadioptric-hyperbolic"
+    typical: ClassVar = {"semi_latus_rectum": 0.4}
 
     def __init__(
         self,
@@ -122,31 +104,20 @@ class CatadioptricHyperbolic(SphereModel):
         fov_deg: float | None = None,
         center: ArrayLike | None = None,
     ) -> None:
-        self.distance = self._number("distance", distance, above=0)
-        self.semi_latus_rectum = self._number("semi_latus_rectum", semi_latus_rectum, above=0)
+        self.distance = number("distance", distance, above=0)
+        self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
+        ratio = self.semi_latus_rectum / self.distance
+        number("semi_latus_rectum / distance", ratio, least=1e-150, most=1e150)
         root = float(np.hypot(self.distance, self.semi_latus_rectum))
-        super().__init__(
-            width, height, self.distance / root, -self.semi_latus_rectum / root, focal, fov_deg, center
-        )
-
-    def parameters(self) -> dict[str, Any]:
-        return {
-            "distance": self.distance,
-            "semi_latus_rectum": self.semi_latus_rectum,
-            "focal": self.focal,
-        }
-
-    def _one_less_xi_squared(self) -> float:
-        return self.eta**2
-
-    def _edge(self) -> float:
-        d, latus = self.distance, self.semi_latus_rectum
-        root = float(np.hypot(d, latus))
+        self.xi, self.eta = self.distance / root, -self.semi_latus_rectum / root
+        self._one_less_xi_squared = self.eta**2
         # d / 2a = (D + 2p) / d, because D^2 - (2p)^2 = d^2; t^2 = (d / 2a)^2 - 1.
-        edge = np.sqrt(2 * latus * (root + latus)) / d
-        return float(np.nextafter(edge, 0))
+        edge = np.sqrt(2 * self.semi_latus_rectum * (root + self.semi_latus_rectum)) / self.distance
+        self._edge = float(np.nextafter(edge, 0))
+        super().__init__(width, height, focal, fov_deg, center)
 
 
+@register
 class CatadioptricPlanar(SphereModel):
     """A flat mirror: ``xi = 0``, ``eta = -1``; a pinhole that looks back along -z, mirrored as mirrors do.
 
@@ -156,19 +127,5 @@ class CatadioptricPlanar(SphereModel):
     """
 
     name = "catadioptric-planar"
-
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        focal: float | None = None,
-        fov_deg: float | None = None,
-        center: ArrayLike | None = None,
-    ) -> None:
-        super().__init__(width, height, 0.0, -1.0, focal, fov_deg, center)
-
-    def parameters(self) -> dict[str, Any]:
-        return {"focal": self.focal}
-
-    def _edge(self) -> float:
-        return np.inf
+    xi, eta, _one_less_xi_squared = 0.0, -1.0, 1.0
+    typical: ClassVar = {"fov_deg": 100}

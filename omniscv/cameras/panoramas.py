@@ -1,16 +1,46 @@
 """Panoramas: azimuth across, elevation down."""
 
-from __future__ import annotations
-
-from typing import Any
+from typing import ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from omniscv.cameras.base import Array, Camera, Mask, sin_cos_of_half
-from omniscv.errors import ArgumentError
+from omniscv.arguments import number, one_of
+from omniscv.cameras.base import Array, Camera, CentralCamera, Mask, sin_cos_of_half
+from omniscv.cameras.registry import register
+
+Profile = Literal["angular", "perspective"]
 
 
-class Equirectangular(Camera):
+class AngularGrid(Camera):
+    """Azimuth by column and elevation by row, in equal steps, to half the field of view on either side."""
+
+    _half = np.array([np.pi, np.pi / 2])
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, max(1, width // 2), **cls.typical)
+
+    def _angles(self, pixels: Array) -> tuple[Array, Array]:
+        across, up = 2 * pixels[..., 0] / self.width - 1, 1 - 2 * pixels[..., 1] / self.height
+        return across * self._half[0], up * self._half[1]
+
+    def _directions(self, pixels: Array) -> tuple[Array, bool]:
+        theta, phi = self._angles(pixels)
+        level = np.cos(phi)
+        return np.stack([level * np.sin(theta), -np.sin(phi), level * np.cos(theta)], axis=-1), True
+
+    def _pixels_at(self, theta: Array, up: Array) -> Array:
+        """The pixels at azimuths and at parts ``up`` of the image's upper half."""
+        across = theta / self._half[0]
+        return np.stack([(across + 1) * self.width / 2, (1 - up) * self.height / 2], axis=-1)
+
+    def _project(self, points: Array) -> tuple[Array, Mask | bool]:
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        return self._pixels_at(np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z)) / self._half[1]), True
+
+
+@register
+class Equirectangular(AngularGrid, CentralCamera):
     """The whole sphere in a rectangle of angles.
 
     ``theta = (2u/W - 1) pi`` to the right, ``phi = (1/2 - v/H) pi`` up; direction
@@ -20,28 +50,13 @@ class Equirectangular(Camera):
     """
 
     name = "equirectangular"
-    has_center = False
 
     def __init__(self, width: int, height: int) -> None:
         super().__init__(width, height)
 
-    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
-        theta = (2 * pixels[..., 0] / self.width - 1) * np.pi
-        phi = (0.5 - pixels[..., 1] / self.height) * np.pi
-        directions = np.stack(
-            [np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)], axis=-1
-        )
-        return np.zeros_like(directions), directions, np.ones(pixels.shape[:-1], dtype=bool)
 
-    def _project(self, points: Array) -> tuple[Array, Mask]:
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        theta = np.arctan2(x, z)
-        phi = np.arctan2(-y, np.hypot(x, z))
-        pixels = np.stack([(theta / np.pi + 1) * self.width / 2, (0.5 - phi / np.pi) * self.height], axis=-1)
-        return pixels, np.ones(points.shape[:-1], dtype=bool)
-
-
-class Cylindrical(Camera):
+@register
+class Cylindrical(AngularGrid, CentralCamera):
     """A band around the horizon: ``theta = (2u/W - 1) fov_h / 2`` to the right, and up, by ``profile``:
 
     ``angular``: ``phi = (1 - 2v/H) fov_v / 2``, the paper's, a cropped equirectangular image;
@@ -51,7 +66,7 @@ class Cylindrical(Camera):
     """
 
     name = "cylindrical"
-    has_center = False
+    typical: ClassVar = {"fov_v_deg": 120}
 
     def __init__(
         self,
@@ -59,42 +74,29 @@ class Cylindrical(Camera):
         height: int,
         fov_h_deg: float = 360.0,
         fov_v_deg: float = 90.0,
-        profile: str = "angular",
+        profile: Profile = "angular",
     ) -> None:
         super().__init__(width, height)
-        if profile not in ("angular", "perspective"):
-            raise ArgumentError(f"profile: expected 'angular' or 'perspective', got {profile!r}")
-        self.profile = profile
-        self.fov_h_deg = self._number("fov_h_deg", fov_h_deg, above=0, most=360)
+        self.profile: Profile = one_of("profile", profile, get_args(Profile))
+        self.fov_h_deg = number("fov_h_deg", fov_h_deg, above=0, most=360)
         limit = {"most" if profile == "angular" else "below": 180.0}
-        self.fov_v_deg = self._number("fov_v_deg", fov_v_deg, above=0, **limit)
+        self.fov_v_deg = number("fov_v_deg", fov_v_deg, above=0, **limit)
         self._half = np.radians([self.fov_h_deg / 2, self.fov_v_deg / 2])
         if profile == "perspective":
             across, along = sin_cos_of_half(self.fov_v_deg)
             self._wall = across / along  # half the wall's height over the cylinder's radius
 
-    def parameters(self) -> dict[str, Any]:
-        return {"fov_h_deg": self.fov_h_deg, "fov_v_deg": self.fov_v_deg, "profile": self.profile}
-
-    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
-        theta = (2 * pixels[..., 0] / self.width - 1) * self._half[0]
-        row = 1 - 2 * pixels[..., 1] / self.height
+    def _directions(self, pixels: Array) -> tuple[Array, bool]:
         if self.profile == "angular":
-            level, up = np.cos(row * self._half[1]), np.sin(row * self._half[1])
-        else:  # not by way of phi, which has lost the wall's height when it is nearly straight up
-            height = row * self._wall
-            level = 1 / np.hypot(1.0, height)
-            up = height * level
-        directions = np.stack([level * np.sin(theta), -up, level * np.cos(theta)], axis=-1)
-        return np.zeros_like(directions), directions, np.ones(pixels.shape[:-1], dtype=bool)
+            return super()._directions(pixels)
+        # Not by way of phi, which has lost the wall's height when it is nearly straight up.
+        theta, _ = self._angles(pixels)
+        height = (1 - 2 * pixels[..., 1] / self.height) * self._wall
+        level = 1 / np.hypot(1.0, height)
+        return np.stack([level * np.sin(theta), -(height * level), level * np.cos(theta)], axis=-1), True
 
-    def _project(self, points: Array) -> tuple[Array, Mask]:
+    def _project(self, points: Array) -> tuple[Array, Mask | bool]:
+        if self.profile == "angular":
+            return super()._project(points)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        from_axis = np.hypot(x, z)
-        if self.profile == "angular":
-            row = np.arctan2(-y, from_axis) / self._half[1]
-        else:
-            row = -y / from_axis / self._wall
-        column = np.arctan2(x, z) / self._half[0]
-        pixels = np.stack([(column + 1) * self.width / 2, (1 - row) * self.height / 2], axis=-1)
-        return pixels, np.ones(points.shape[:-1], dtype=bool)  # the band is the rectangle
+        return self._pixels_at(np.arctan2(x, z), -y / np.hypot(x, z) / self._wall), True

@@ -1,28 +1,27 @@
 """What lenses and mirrors have in common: everything turns about the axis, within an image circle.
 
-A model says how the distance from the image's centre, over the focal length, and the ray's angle from
-its axis belong together; the image circle and the two ways to give the focal length are the same for all.
+A model relates the distance from the image's centre, over the focal length, to the ray's angle from its
+axis; the image circle and the two ways to give the focal length are the same for all.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.cameras.base import Array, Camera, Mask, polar
-from omniscv.errors import ArgumentError
+from omniscv.arguments import number
+from omniscv.cameras.base import Array, Camera, Mask, polar, refuse_focal_and_fov, turned_about_axis
 
 ROUNDING = 1e-12  # relative: what rounding may add to a radius
 
 
 class Meridian(NamedTuple):
-    """A direction in the half-plane of its azimuth: across the axis z, and along it."""
+    """Rays in the half-plane of their azimuth: ``(0, z) + s (across, along)`` in (rho, z)."""
 
     across: Array
     along: Array
+    z: Array | float = 0.0
 
 
 class CircleCamera(Camera):
@@ -31,67 +30,65 @@ class CircleCamera(Camera):
     Domain. ``0 <= r <= min(width, height) / 2`` px, and as far as the model reaches.
     """
 
+    _edge: float = np.inf  # the model's last normalised radius; set before this constructor runs
+    _default_fov_deg: float | None = None  # where neither is given; else a focal length of half the width
+
     def __init__(
-        self, width: int, height: int, focal: float | None, fov_deg: float | None, center: ArrayLike | None
+        self,
+        width: int,
+        height: int,
+        focal: float | None = None,
+        fov_deg: float | None = None,
+        center: ArrayLike | None = None,
     ) -> None:
         super().__init__(width, height, center)
+        refuse_focal_and_fov(focal, fov_deg)
         circle = min(self.width, self.height) / 2
-        if focal is not None and fov_deg is not None:
-            raise ArgumentError(
-                f"focal: expected focal or fov_deg, got both ({focal!r} px and {fov_deg!r} deg)"
-            )
+        fov_deg = self._default_fov_deg if focal is None and fov_deg is None else fov_deg
         if fov_deg is not None:
-            self.focal = circle / self._radius_of_fov(fov_deg)
+            self.focal = float(np.divide(circle, self._radius_of_fov(fov_deg)))
         else:
-            self.focal = self._default_focal() if focal is None else self._number("focal", focal, above=0)
-        self._reach_px = min(circle, self.focal * self._edge())
-
-    @abstractmethod
-    def _default_focal(self) -> float:
-        """The focal length, px, where neither it nor the field of view is given."""
-
-    @abstractmethod
-    def _edge(self) -> float:
-        """The last normalised radius of the model; infinite where it has none."""
+            self.focal = number("focal", self.width / 2 if focal is None else focal, above=0)
+        self._reach_px = min(circle, self.focal * self._edge)
 
     @abstractmethod
     def _radius_of_fov(self, fov_deg: float) -> float:
         """The normalised radius of the ray ``fov_deg / 2`` off the axis, checked."""
 
-    def _place(self, radius: Array, cos_a: Array, sin_a: Array) -> tuple[Array, Mask]:
-        """The pixels at normalised radii and azimuths, and which are within reach (NaN is not)."""
-        r_px = self.focal * radius
-        seen = r_px <= self._reach_px * (1 + ROUNDING)
-        # A hair inside the edge, so that the pixel that comes out is one that has a ray.
-        r_px = np.minimum(r_px, self._reach_px * (1 - 0.1 * ROUNDING))
+    @abstractmethod
+    def _meridian(self, t: Array) -> Meridian:
+        """The rays of normalised radii 0 <= t <= edge, directions unit; NaN where there is none."""
+
+    @abstractmethod
+    def _radius_seeing(self, rho: Array, z: Array) -> Array:
+        """The normalised radius whose ray comes from a point at rho >= 0; NaN where there is none."""
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
+        r_px, cos_a, sin_a = polar(pixels, self.center)
+        across, along, z = self._meridian(np.minimum(r_px / self.focal, self._edge))
+        directions = turned_about_axis(across, along, cos_a, sin_a)
+        origins = np.zeros_like(directions)
+        if not self.central:
+            origins[..., 2] = z
+        return origins, directions, (r_px <= self._reach_px) & np.isfinite(along)
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        rho, cos_a, sin_a = polar(points[..., :2])
+        r_px = self.focal * self._radius_seeing(rho, points[..., 2])
+        seen = r_px <= self._reach_px * (1 + ROUNDING)  # NaN is not
+        # Inside the edge by what rounding may add, so that the pixel that comes out is one that has a ray.
+        last = min(self._reach_px * (1 - 0.1 * ROUNDING), self._reach_px - self._pixel_rounding)
+        r_px = np.minimum(r_px, max(last, 0.0))
         return self.center + np.stack([r_px * cos_a, r_px * sin_a], axis=-1), seen
 
 
 class RadialCamera(CircleCamera):
     """A central camera of revolution."""
 
-    def parameters(self) -> dict[str, Any]:
-        return {"focal": self.focal}
-
-    # -- what a model says ----------------------------------------------------------------------
-
-    @abstractmethod
-    def _direction(self, t: Array) -> Meridian:
-        """The unit direction of normalised radii 0 <= t <= edge."""
-
     @abstractmethod
     def _radius(self, across: Array, along: Array) -> Array:
         """The normalised radius that sees a unit direction; NaN where there is none."""
 
-    # -- common to all --------------------------------------------------------------------------
-
-    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
-        r_px, cos_a, sin_a = polar(pixels, self.center)
-        across, along = self._direction(np.minimum(r_px / self.focal, self._edge()))
-        directions = np.stack([across * cos_a, across * sin_a, along], axis=-1)
-        return np.zeros_like(directions), directions, r_px <= self._reach_px
-
-    def _project(self, points: Array) -> tuple[Array, Mask]:
-        across, cos_a, sin_a = polar(points[..., :2], np.zeros(2))
-        length = np.hypot(across, points[..., 2])
-        return self._place(self._radius(across / length, points[..., 2] / length), cos_a, sin_a)
+    def _radius_seeing(self, rho: Array, z: Array) -> Array:
+        length = np.hypot(rho, z)
+        return self._radius(rho / length, z / length)

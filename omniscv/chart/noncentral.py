@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mock_server import Hits, load_scene
 from omniscv.cameras import Camera, create
-from omniscv.captures.view import View
 from omniscv.chart import pareto
-from omniscv.chart.truth import TracedSource, traced, traced_mean
+from omniscv.chart.pareto import Chart, Panel
+from omniscv.chart.truth import traced, traced_mean
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import render
 from omniscv.geometry import Array, Pose
-from omniscv.render import render
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
+from omniscv.sources.scene import SceneSource, open_scene
+
+if TYPE_CHECKING:
+    from mock_server import Hits
 
 WAYS: tuple[tuple[str, int | None], ...] = (
     ("cube", None),
@@ -43,7 +47,7 @@ class Row:
     """One way to make one camera's image.
 
     Attributes:
-        views: pictures captured, each in three modes; ``requests`` are views times modes.
+        views: pictures captured; ``requests``: captures, over all modes.
         megapixels: captured, in one mode.
         wrong: part of the valid pixels whose label differs or whose depth is off by more than 1 %.
         unsure: part of the valid pixels that are marked.
@@ -83,117 +87,84 @@ def measure(width: int = 384, progress: Callable[[int, int], None] | None = None
         width: of the panorama, px; mirrors are half as wide.
         progress: called with (images done, images in all).
     """
-    scene = load_scene("four-wall")
+    scene = open_scene("scene://four-wall").scene
     rows: list[Row] = []
     for name, camera in cameras(width).items():
         hits, mean = traced(scene, camera, _POSE), traced_mean(scene, camera, _POSE)
         for strategy, viewpoints in WAYS:
-            rows.append(_measured(name, camera, strategy, viewpoints, hits, mean))
+            source = _Counting(SceneSource(scene, cached_views=_KEPT))
+            started = time.perf_counter()
+            image = render(camera, _POSE, source, _MODES, strategy=strategy, viewpoints=viewpoints)
+            compose_s = time.perf_counter() - started - source.seconds
+            accuracy = _accuracy(image, hits, mean)
+            row = Row(
+                name,
+                strategy,
+                viewpoints,
+                default=(strategy, viewpoints) == DEFAULT,
+                views=len(source.views),
+                requests=source.requests,
+                megapixels=sum(view.width * view.height for view in source.views) / 1e6,
+                compose_s=compose_s,
+                seconds={ms: compose_s + source.requests * ms / 1e3 for ms in LATENCIES_MS},
+                **accuracy,
+            )
+            rows.append(row)
             if progress:
                 progress(len(rows), 3 * len(WAYS))
     return rows
 
 
-class _Counting(TracedSource):
-    """Traces, and tells how long that took; keeps the last few views for their other modes."""
+class _Counting(SourceWrapper):
+    """Counts what is captured, and how long that takes."""
 
-    def __init__(self) -> None:
-        super().__init__(load_scene("four-wall"), lit=np.uint8)
-        self.pixels, self.tracing_s = 0, 0.0
+    def __init__(self, source: Source) -> None:
+        super().__init__(source)
+        self.requests, self.views, self.seconds = 0, set[View](), 0.0
 
-    def _trace(self, view: View) -> dict[str, NDArray[Any]]:
-        started = time.perf_counter()
-        if len(self._kept) >= _KEPT:
-            del self._kept[next(iter(self._kept))]
-        made = super()._trace(view)
-        self.pixels += view.width * view.height
-        self.tracing_s += time.perf_counter() - started
-        return made
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        captures = self._source.capture(requests)
+        while True:
+            started = time.perf_counter()
+            capture = next(captures, None)
+            self.seconds += time.perf_counter() - started
+            if capture is None:
+                return
+            self.requests += 1
+            self.views.add(capture.view)
+            yield capture
 
 
-def _measured(
-    name: str, camera: Camera, strategy: str, viewpoints: int | None, hits: Hits, mean: Array
-) -> Row:
-    source = _Counting()
-    started = time.perf_counter()
-    image = render(camera, _POSE, source, _MODES, strategy=strategy, viewpoints=viewpoints)
-    compose_s = time.perf_counter() - started - source.tracing_s
+def _accuracy(image: OmniImage, hits: Hits, mean: Array) -> dict[str, float]:
     valid = image.valid & np.isfinite(mean).all(axis=-1)
-    assert image.depth is not None
-    assert image.lit is not None
-    right = (image.labels == hits.label) & (np.abs(image.depth - hits.distance) <= 0.01 * hits.distance)
-    off = (image.lit.astype(np.float64) / 255 - mean)[valid]
-    unsure = image.layers.unsure
-    requests = source.made * len(_MODES)
-    return Row(
-        name,
-        strategy,
-        viewpoints,
-        default=(strategy, viewpoints) == DEFAULT,
-        views=source.made,
-        requests=requests,
-        megapixels=source.pixels / 1e6,
-        wrong=float(1 - right[valid].mean()),
-        unsure=0.0 if unsure is None else float(unsure[valid].mean()),
-        psnr_db=float(-10 * np.log10((off**2).mean())),
-        compose_s=compose_s,
-        seconds={latency: compose_s + requests * latency / 1e3 for latency in LATENCIES_MS},
-    )
+    near = np.abs(image["depth"] - hits.distance) <= 0.01 * hits.distance
+    off = (image["lit"].astype(np.float64) / 255 - mean)[valid]
+    return {
+        "wrong": float(1 - ((image["labels"] == hits.label) & near)[valid].mean()),
+        "unsure": 0.0 if image.unsure is None else float(image.unsure[valid].mean()),
+        "psnr_db": float(-10 * np.log10((off**2).mean())),
+    }
 
 
 def write(rows: list[Row], out: Path) -> list[Path]:
-    """Writes the measurements and draws them: ``chart-noncentral.json`` and ``chart-noncentral.png``."""
-    out.mkdir(parents=True, exist_ok=True)
-    data, picture = out / "chart-noncentral.json", out / "chart-noncentral.png"
-    data.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
-    _draw(rows, picture)
-    return [data, picture]
-
-
-def _draw(rows: list[Row], path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    def wrong(row: Row) -> float:
-        return max(row.wrong, _LEAST)
-
-    panels: list[tuple[str, Callable[[Row], float], str, Callable[[Row], float]]] = [
-        ("requests", lambda row: float(row.requests), "wrong label or depth, part", wrong),
-        (
-            "requests",
-            lambda row: float(row.requests),
-            "lit: rms error",
-            lambda row: 10 ** (-row.psnr_db / 20),
-        ),
-        *(
-            (f"seconds at {latency} ms a request", _seconds(latency), "wrong label or depth, part", wrong)
-            for latency in LATENCIES_MS
-        ),
+    """Write the measurements and draw them: ``chart-noncentral.json`` and ``chart-noncentral.png``."""
+    title = "Work against accuracy: strategies and optical centres (at the dots); ringed: the default"
+    wrong = "wrong label or depth, part"
+    panels = [
+        Panel(wrong, "requests", attrgetter("requests"), _wrong),
+        Panel("lit: rms error", "requests", attrgetter("requests"), lambda row: 10 ** (-row.psnr_db / 20)),
+        *(Panel(wrong, f"seconds at {ms} ms a request", _seconds(ms), _wrong) for ms in LATENCIES_MS),
     ]
-    names = list(dict.fromkeys(row.camera for row in rows))
-    figure = Figure(figsize=(3.6 * len(panels), 3.2 * len(names)), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(len(names), len(panels), squeeze=False)
-    for name, line in zip(names, grid, strict=True):
-        for (x_label, cost, y_label, error), axes in zip(panels, line, strict=True):
-            pareto.draw(
-                axes,
-                [row for row in rows if row.camera == name],
-                cost=cost,
-                error=error,
-                kind=lambda row: row.strategy,
-                label=lambda row: "all" if row.viewpoints is None else str(row.viewpoints),
-                is_default=lambda row: row.default,
-            )
-            axes.set_title(f"{name}: {y_label}", size=8)
-            axes.set_xlabel(x_label, size=7)
-            axes.tick_params(labelsize=6, which="both")
-    grid[0][0].legend(fontsize=7)
-    figure.suptitle(
-        "Work against accuracy: strategies and optical centres (at the dots); ringed: the default", size=10
+    return pareto.write(
+        rows,
+        out,
+        Chart("noncentral", title, "camera", "strategy", lambda row: row.viewpoints or "all", panels),
     )
-    figure.savefig(path)
 
 
-def _seconds(latency: int) -> Callable[[Row], float]:
-    return lambda row: row.seconds[latency]
+def _wrong(row: Row) -> float:
+    return max(row.wrong, _LEAST)
+
+
+def _seconds(latency_ms: int) -> Callable[[Row], float]:
+    return lambda row: row.seconds[latency_ms]

@@ -1,76 +1,89 @@
-"""The command line: arguments in, one clear line out when something is wrong.
+"""The command line: one module per command, imported when the command is used.
 
 Exit codes: 0 done; 1 failed; 2 wrong usage; 130 stopped by Ctrl-C.
 """
 
-from __future__ import annotations
-
+import signal
 import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Annotated, Any, cast
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 import omniscv
-from omniscv.cli import chart, doctor, look, make
-from omniscv.cli.progress import err, out
+from omniscv.cli import console
 from omniscv.errors import ArgumentError, OmniscvError
 
-_STOPPED = 130  # what shells report for Ctrl-C
+COMMANDS = ("demo", "render", "record", "plan", "serve", "cameras", "captures", "chart", "doctor")
+"""Each is a module of this package with an ``app``."""
+
+
+class _Modules(Mapping[str, Any]):
+    """The commands by name, each imported when it is looked up."""
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in COMMANDS:
+            raise KeyError(name)
+        return typer.main.get_command(import_module(f"omniscv.cli.{name}").app)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+class _Commands(TyperGroup):
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = cast(Any, _Modules())
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        console.line(f"omniscv {omniscv.__version__}")
+        raise typer.Exit
+
+
+_Version = typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+
+
+def _root(version: Annotated[bool, _Version] = False) -> None:
+    """Omnidirectional images with exact ground truth, from captures of virtual worlds."""
+
 
 app = typer.Typer(
-    name="omniscv",
-    help="Omnidirectional images with exact ground truth, from captures of virtual worlds.",
+    cls=_Commands,
+    callback=_root,
     epilog="Start with: omniscv demo out/",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-make.add_to(app)
-look.add_to(app)
-chart.add_to(app)
-doctor.add_to(app)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        out.print(f"omniscv {omniscv.__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _main(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="The version."),
-) -> None:
-    pass
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Runs a command line and ends the process with its exit code."""
-    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+def main() -> None:
+    """Run the process's command line, and end the process with its exit code."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells have background jobs ignore it
+    sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: list[str]) -> int:
-    """Runs a command line.
-
-    Returns:
-        The exit code; every failure has printed one line on standard error.
-    """
+    """Run a command line, and return its exit code; every failure prints one line on standard error."""
+    message = ""
     try:
-        code = app(arguments, prog_name="omniscv", standalone_mode=False)
-    except typer.Exit as done:
-        code = done.exit_code
+        code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
     except TyperException as usage:
-        return _say(f"{usage.format_message()} (omniscv --help tells more)", usage.exit_code)
-    except ArgumentError as error:
-        return _say(error, 2)
+        code, text = usage.exit_code, usage.format_message()
+        message = text and f"{text} (see omniscv --help)"  # no text where the help was printed
     except (OmniscvError, OSError) as error:
-        return _say(error, 1)
-    if code == _STOPPED:
-        return _say("stopped; what was captured is in the record, run the command again to go on", _STOPPED)
-    return code if isinstance(code, int) else 0
-
-
-def _say(message: object, code: int) -> int:
-    err.print(f"omniscv: {' '.join(str(message).split())}", markup=False)
+        code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
+    if code == 130:
+        message = "stopped; recorded captures are kept, rerun to resume"
+    if message:
+        console.error(message)
     return code

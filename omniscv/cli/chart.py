@@ -1,56 +1,26 @@
-"""Commands that measure speed against accuracy and draw it."""
+"""``omniscv chart``: measure speed against accuracy, and draw it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal
 
-import typer
+from typer import Argument, Option, Typer
 
-from omniscv.cli.progress import out as console
-from omniscv.cli.progress import progress_bar
+from omniscv.cli import console
 
-Row = TypeVar("Row")
-
-Out = Annotated[Path, typer.Option("--out", help="Folder for the JSON and the picture.")]
+app = Typer(add_completion=False)
 
 
-def add_to(app: typer.Typer) -> None:
-    """Adds the commands."""
-    charts = typer.Typer(help="Measure speed against accuracy, and draw it.", no_args_is_help=True)
-    charts.command(epilog="Example: omniscv chart central --out docs")(central)
-    charts.command(epilog="Example: omniscv chart noncentral --out docs")(noncentral)
-    app.add_typer(charts, name="chart")
-
-
-def central(
-    out: Out = Path("charts"),
-    width: Annotated[int, typer.Option(min=16, help="Width of the images, px.")] = 512,
+@app.command(epilog="Example: omniscv chart central --width 128 --out charts")
+def chart(
+    kind: Annotated[Literal["central", "noncentral"], Argument(help="Of cameras.")],
+    out: Annotated[Path, Option(help="Folder for the JSON and the picture.")] = Path("charts"),
+    width: Annotated[int | None, Option(min=16, help="Of the images, px; else 512 or 384.")] = None,
 ) -> None:
-    """Filters x face sizes x central models, against exact tracing. Takes a minute or two."""
-    from omniscv.chart.central import measure, write
-
-    _chart(measure, write, width, out)
-
-
-def noncentral(
-    out: Out = Path("charts"),
-    width: Annotated[int, typer.Option(min=16, help="Width of the panorama, px.")] = 384,
-) -> None:
-    """Strategies x optical centres of the non-central models, against exact tracing. Takes minutes."""
-    from omniscv.chart.noncentral import measure, write
-
-    _chart(measure, write, width, out)
-
-
-def _chart(
-    measure: Callable[[int, Callable[[int, int], None]], list[Row]],
-    write: Callable[[list[Row], Path], list[Path]],
-    width: int,
-    out: Path,
-) -> None:
-    with progress_bar("measuring") as progress:
-        rows = measure(width, progress)
-    for path in write(rows, out):
-        console.print(path, markup=False)
+    """Compare filters and face sizes, or strategies, with exact tracing. Takes minutes."""
+    module = import_module(f"omniscv.chart.{kind}")
+    given = {} if width is None else {"width": width}
+    with console.progress_bar("measuring") as progress:
+        rows = module.measure(**given, progress=progress)
+    for path in module.write(rows, out):
+        console.line(path)

@@ -1,84 +1,140 @@
-"""What the commands' arguments look like, and how they become values."""
+"""Options of commands: classes whose attributes describe them, and how their texts become values."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints
 
-import yaml
+from typer import Argument, Context, Option
 
-from omniscv import cameras
-from omniscv.captures.view import MODES
 from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from omniscv.jobs import Job
+
+AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
+
+
+class Options:
+    """The options of a command: a subclass describes each by ``name: type = typer.Option(default, ...)``.
+
+    Attributes:
+        beside_job: what may be given beside a job file.
+    """
+
+    beside_job = frozenset(("job",))
+
+    def __init__(self, **values: Any) -> None:
+        vars(self).update(values)
+
+    @classmethod
+    def command(cls, body: Callable[[Self], None]) -> Callable[..., None]:
+        """Return the function of a command for typer; ``body`` is called with one object for all options."""
+
+        @wraps(body)
+        def run(context: Context, **values: Any) -> None:
+            for name in values if values.get("job") else ():
+                origin = context.get_parameter_source(name)
+                if name not in cls.beside_job and origin is not None and origin.name == "COMMANDLINE":
+                    option = f"--{name.replace('_', '-')}"
+                    raise ArgumentError(f"{option}: expected a job file or this option, got both")
+            body(cls(**values))
+
+        kinds = {"context": Context, **get_type_hints(cls)}
+        parameters = [
+            Parameter(
+                name, Parameter.KEYWORD_ONLY, default=getattr(cls, name, Parameter.empty), annotation=kind
+            )
+            for name, kind in kinds.items()
+        ]
+        run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+        return run
+
+
+class JobOptions(Options):
+    """A job: from its file, or with one camera and one pose."""
+
+    job: Path | None = Argument(None, metavar="JOB.yaml", help="A job, in place of options.")
+    source: str = Option("mock://four-wall", help="unreal://host:port, mock://NAME, scene://NAME, recording.")
+    camera: str = Option("equirectangular", help="A camera model; see 'omniscv cameras'.")
+    size: str = Option("1024x512", help="Width x height of the image, px.")
+    fov: float | None = Option(None, help="Full field of view, degrees.")
+    param: list[str] = Option([], help="A camera parameter such as radius=1 or k=0.1,0.2,0,0; repeatable.")
+    position: str = Option("0,0,1.5", help="X,Y,Z in metres: X forward, Y left, Z up.")
+    yaw: float = Option(0.0, help="Degrees, to the left +.")
+    pitch: float = Option(0.0, help="Degrees, nose up +.")
+    roll: float = Option(0.0, help="Degrees, right side down +.")
+    modes: str = Option("lit", help="Some of lit,object_mask (or mask),depth,normals.")
+    strategy: str = Option("auto", help="auto, cube, faces, strips, reproject, adaptive; see 'omniscv plan'.")
+    viewpoints: int | None = Option(None, help="Optical centres of a non-central camera.")
+    face_size: str = Option("auto", help="px of a 90 degree face, or auto.")
+    filter: str = Option("auto", help="auto, nearest, bilinear, bicubic or area.")
+    max_error: str | None = Option(None, help="Error that reproject and adaptive may make, such as 0.5px.")
+
+    def to_job(self, stem: str | None = None, **others: Any) -> Job:
+        """Return the job; ``others`` are further fields of :class:`omniscv.jobs.Job`, not for a job file."""
+        from omniscv.cameras import create
+        from omniscv.geometry import Pose
+        from omniscv.jobs import Job, load
+        from omniscv.planning import RenderOptions
+
+        if self.job is not None:
+            return load(self.job)
+        width, height = size(self.size)
+        fov = {} if self.fov is None else {"fov_deg": self.fov}
+        parameters = {"width": width, "height": height, **fov, **dict(map(_parameter, self.param))}
+        position = numbers("--position", self.position)
+        error = self.max_error
+        bound = () if error is None else numbers("--max-error", error.removesuffix("px"), "0.5")
+        edge: Any = int(self.face_size) if self.face_size.isdecimal() else self.face_size
+        filter: Any = self.filter
+        return Job(
+            source=self.source,
+            cameras={stem or self.camera: create(self.camera, **parameters)},
+            poses=(Pose.from_angles(position, self.yaw, self.pitch, self.roll),),
+            modes=modes(self.modes),
+            options=RenderOptions(self.strategy, self.viewpoints, edge, filter, *bound),
+            **others,
+        )
 
 
 def size(text: str) -> tuple[int, int]:
     """``1024x512`` as (width, height)."""
     width, cross, height = text.lower().partition("x")
-    if not (cross and width.isdigit() and height.isdigit()):
+    if not (cross and width.isdecimal() and height.isdecimal()):
         raise ArgumentError(f"--size: expected WIDTHxHEIGHT such as 1024x512, got {text!r}")
     return int(width), int(height)
 
 
-def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
-    """``0,0,1.5`` as ``count`` numbers."""
+def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ...]:
+    """``0,0,1.5`` as numbers, as many as the example has."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    if len(values) != count:
-        raise ArgumentError(f"{option}: expected {count} numbers separated by commas, got {text!r}")
+    if len(values) != len(example.split(",")):
+        raise ArgumentError(f"{option}: expected numbers such as {example}, got {text!r}")
     return values
 
 
 def modes(text: str) -> tuple[str, ...]:
-    """``lit,depth`` as modes; ``mask`` is short for ``object_mask``."""
-    chosen = tuple({"mask": "object_mask"}.get(part.strip(), part.strip()) for part in text.split(","))
-    if unknown := [mode for mode in chosen if mode not in MODES]:
-        raise ArgumentError(f"--modes: expected some of {', '.join(MODES)}; got {unknown[0]!r}")
-    return tuple(dict.fromkeys(chosen))
+    """``lit,mask`` as modes, each once."""
+    return tuple(dict.fromkeys(part.strip() for part in text.split(",")))
 
 
-def face_size(text: str) -> int | str:
-    """``auto`` or a whole number of pixels."""
-    if text == "auto":
-        return text
-    if not text.isdigit() or int(text) < 1:
-        raise ArgumentError(f"--face-size: expected 'auto' or a whole number of pixels >= 1, got {text!r}")
-    return int(text)
+def _parameter(text: str) -> tuple[str, Any]:
+    """``NAME=VALUE``; the value is YAML, or a list separated by commas."""
+    import yaml
 
-
-def launched(path: Path, edge: int | str) -> str:
-    """The address of a game that is to be started, with images of a face's size where it sets its own."""
-    return f"launch:{path}" + (f"?size={edge}x{edge}" if isinstance(edge, int) else "")
-
-
-def pixels(option: str, text: str) -> float:
-    """``0.5px`` or ``0.5`` as pixels."""
+    name, equals, value = text.partition("=")
     try:
-        return float(text.removesuffix("px"))
-    except ValueError:
-        raise ArgumentError(f"{option}: expected pixels such as 0.5px, got {text!r}") from None
-
-
-def parameters(pairs: list[str]) -> dict[str, Any]:
-    """``key=value`` pairs, each value read as YAML: numbers, lists, words."""
-    result: dict[str, Any] = {}
-    for pair in pairs:
-        key, equals, value = pair.partition("=")
-        if not equals or not key.isidentifier():
-            raise ArgumentError(f"--param: expected NAME=VALUE such as radius=1.0, got {pair!r}")
-        try:
-            result[key] = yaml.safe_load(value)
-        except yaml.YAMLError as cause:
-            raise ArgumentError(f"--param: expected NAME=VALUE with a YAML value, got {pair!r}") from cause
-    return result
-
-
-def camera(name: str, size_text: str, fov_deg: float | None, params: list[str]) -> cameras.Camera:
-    """A camera from the options --camera, --size, --fov and --param."""
-    width, height = size(size_text)
-    arguments = parameters(params)
-    if fov_deg is not None:
-        arguments["fov_deg"] = fov_deg
-    return cameras.create(name, width=width, height=height, **arguments)
+        if not (equals and name.isidentifier()):
+            raise ValueError
+        found = yaml.safe_load(value)
+        return name, yaml.safe_load(f"[{value}]") if isinstance(found, str) and "," in found else found
+    except (yaml.YAMLError, ValueError, RecursionError) as cause:
+        wanted = "NAME=VALUE such as radius=1.0 or k=0.1,0.2"
+        raise ArgumentError(f"--param: expected {wanted}, got {text!r}") from cause

@@ -1,15 +1,15 @@
-"""The views of one optical centre side by side in one large picture, so that one remap serves them all.
+"""The views of one optical centre as tiles of one large picture, so that one remap serves them all.
 
-For averaging, the picture also holds the views reduced to half, a quarter, ...: level 0, 1, 2, ...
-Around each view can lie a border, resampled from the neighbouring views, for filters to reach into.
+For averaging, the picture also holds the views' mip levels: level 0 at their own resolution, 1 at half, ...
+Around each tile can lie a gutter, resampled from the neighbouring views, for the filter support.
 Reduction is Burt and Adelson's (The Laplacian pyramid as a compact image code, 1983): the centre of a
-level's first pixel is that of the level before. Where no pixel takes from level 0, level 1 is made of
+level's first pixel is that of the level before. Where no point is sampled at level 0, level 1 is made of
 means of 2 x 2, which is three times as fast.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,144 +17,152 @@ from typing import Any
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from omniscv.captures.view import View
-from omniscv.compose.border import REACH, Border
+from omniscv.compose import kernels
+from omniscv.compose.folding import LARGEST_PX
+from omniscv.compose.gutter import FILTER_SUPPORT_PX, Gutter
+from omniscv.compose.kernels import Floats, Ints, Pixels
+from omniscv.compose.ray_lookup import RayLookup
 from omniscv.errors import ArgumentError
-from omniscv.parallel import blocks, side_by_side
-from omniscv.plan.places import Places
-
-_LIMIT = 32766
-"""cv2.remap takes no picture with a side of 32767 px or more."""
+from omniscv.geometry import Array
+from omniscv.parallel import side_by_side
+from omniscv.sources.base import View
 
 OUTSIDE = -16.0
-"""A place off every picture: remap's constant border, 0, is what it gets."""
+"""An out-of-atlas coordinate, where remap gives its constant border, 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The views of an atlas at one reduction.
+    """The tiles of an atlas at one mip level.
 
     Attributes:
         width, height: px of a view.
         corners: (V, 2) int, x and y of each view's own first pixel in the atlas.
-        border: what is laid around each view; None if nothing.
+        gutter: what is written around each tile; None if nothing.
     """
 
     width: int
     height: int
-    corners: NDArray[np.int64]
-    border: Border | None
+    corners: Ints
+    gutter: Gutter | None
 
-    def slot(self, picture: NDArray[Any], view: int, beyond: int = 0) -> NDArray[Any]:
+    def tile(self, picture: Pixels, view: int, beyond: int = 0) -> Pixels:
         """A view's own pixels in the atlas, and so many beyond its edges."""
         x, y = self.corners[view] - beyond
         return picture[y : y + self.height + 2 * beyond, x : x + self.width + 2 * beyond]
 
 
 class Atlas:
-    """A layout, and the last picture laid out in it.
+    """A layout of tiles.
 
     Args:
         views: all of one size.
-        levels: which reductions it holds: ``range(1)`` for the views alone; the first is 0 or 1.
-        bordered: whether views get a border; reduced ones always do.
-        bicubic: whether it is for that filter, which asks more of a border.
+        levels: which mip levels it holds: ``range(1)`` for the views alone; the first is 0 or 1.
+        guttered: whether tiles of level 0 get a gutter; other levels always do.
+        bicubic: whether it is for that filter, which needs a finer gutter.
+
+    Attributes:
+        shape: rows and columns of the picture.
+        levels: the tiles of each mip level.
 
     Raises:
         ArgumentError: more or larger views than fit.
     """
 
-    def __init__(self, views: Sequence[View], levels: range, bordered: bool, bicubic: bool) -> None:
+    def __init__(self, views: Sequence[View], levels: range, guttered: bool, bicubic: bool) -> None:
         self._view, self._count, self._first = views[0], len(views), levels.start
         self._origin = 0.5 if levels.start == 0 else 1.0
-        pad = REACH if bordered or levels != range(1) else 0
-        self._levels: list[Level] = []
+        pad = FILTER_SUPPORT_PX if guttered or levels != range(1) else 0
+        self.levels: list[Level] = []
         top = right = 0
         width, height = (n // 2**levels.start for n in (views[0].width, views[0].height))
         for level in levels:
             if level > levels.start:
                 width, height = (width + 1) // 2, (height + 1) // 2
             slot = np.array([width + 2 * pad, height + 2 * pad])
-            columns = max(1, min(int(np.ceil(np.sqrt(len(views)))), _LIMIT // int(slot[0])))
+            columns = max(1, min(int(np.ceil(np.sqrt(len(views)))), LARGEST_PX // int(slot[0])))
             at = np.array([divmod(i, columns)[::-1] for i in range(len(views))])
-            border = Border(views, width, height, 0.5**level, self._origin, bicubic) if pad else None
-            self._levels.append(Level(width, height, at * slot + (pad, pad + top), border))
+            gutter = Gutter(views, width, height, 0.5**level, self._origin, bicubic) if pad else None
+            self.levels.append(Level(width, height, at * slot + (pad, pad + top), gutter))
             top += int(slot[1]) * -(-len(views) // columns)
             right = max(right, int(slot[0]) * min(columns, len(views)))
-        if max(top, right) > _LIMIT:
+        if max(top, right) > LARGEST_PX:
             raise ArgumentError(
-                f"faces: expected {len(views)} views that fit into {_LIMIT} x {_LIMIT} px, got "
+                f"faces: expected {len(views)} views that fit into {LARGEST_PX} x {LARGEST_PX} px, got "
                 f"{views[0].width} x {views[0].height} each"
             )
-        self._shape = top, right
-        self._picture: NDArray[Any] | None = None
+        self.shape = top, right
+        self._spare: deque[Pixels] = deque()  # pictures that no sampling uses now
 
-    def lay_out(self, faces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        """The picture of (h, w, C) faces, one per view; it is overwritten by the next one of its kind."""
-        shape = (*self._shape, *faces[0].shape[2:])
-        if self._picture is None or self._picture.shape != shape or self._picture.dtype != faces[0].dtype:
-            self._picture = np.zeros(shape, faces[0].dtype)
-        picture, first = self._picture, self._levels[0]
+    @contextmanager
+    def picture(self, faces: Sequence[Pixels]) -> Iterator[Pixels]:
+        """Lay out (h, w) or (h, w, C) faces, one per view, in a picture of the caller's own."""
+        shape, dtype = (*self.shape, *faces[0].shape[2:]), faces[0].dtype
+        try:
+            picture = self._spare.pop()
+        except IndexError:
+            picture = np.zeros(0)
+        if picture.shape != shape or picture.dtype != dtype:
+            picture = np.zeros(shape, dtype)
+        self._lay_out(picture, faces)
+        yield picture
+        self._spare.append(picture)
+
+    def _lay_out(self, picture: Pixels, faces: Sequence[Pixels]) -> None:
+        first = self.levels[0]
 
         def place(k: int) -> None:
-            own = first.slot(picture, k)
+            own = first.tile(picture, k)
             own[...] = faces[k] if self._first == 0 else _halved(faces[k], first)
 
         side_by_side(place, range(self._count))
-        if first.border is not None:
-            first.border.fill(picture, first.corners)
-        for larger, smaller in pairwise(self._levels):
+        if first.gutter is not None:
+            first.gutter.fill(picture, first.corners)
+        for larger, smaller in pairwise(self.levels):
             _reduce(picture, larger, smaller)
-        return picture
 
-    def places(
-        self, places: Places, steps: NDArray[np.float32] | None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where places lie in the picture, as cv2.remap wants them: pixel centres at whole numbers.
+    @property
+    def nbytes(self) -> int:
+        """What is held in memory: pictures that are kept to be written again."""
+        return sum(picture.nbytes for picture in list(self._spare))
+
+    def coordinates(self, lookup: RayLookup, steps: Floats | None) -> tuple[Floats, Floats]:
+        """Return where rays lie in the picture, as cv2.remap wants them: pixel centres at whole numbers.
 
         Args:
-            places: (N,) places in the views.
+            lookup: of N rays.
             steps: (N,) angle between an output pixel's ray and the next; chooses the level. None: level 0.
         """
-        count = len(places.view)
-        x, y = np.empty(count, np.float32), np.empty(count, np.float32)
-        view = self._view
-        corners = np.array([level.corners for level in self._levels], dtype=np.float64)
-        steps = np.zeros(count, np.float32) if steps is None else steps
-
-        def part(rows: slice) -> None:
-            _to_atlas(
-                places.view[rows], places.x[rows], places.y[rows], steps[rows], view.focal_px,
-                view.width / 2, view.height / 2, corners, self._first, self._origin, x[rows], y[rows],
-            )  # fmt: skip
-
-        blocks(part, count)
+        x, y, view = np.empty_like(lookup.x), np.empty_like(lookup.y), self._view
+        corners = np.array([level.corners for level in self.levels], dtype=np.float64)
+        rows = lookup.view, lookup.x, lookup.y, np.zeros_like(x) if steps is None else steps, x, y
+        half = view.width / 2, view.height / 2
+        kernels.run(_to_atlas, rows, view.focal_px, *half, corners, self._first, self._origin)
         return x, y
 
 
-def _reduce(picture: NDArray[Any], larger: Level, smaller: Level) -> None:
-    """Fills a level from the one before: with the border, filters never see an edge."""
+def _reduce(picture: Pixels, larger: Level, smaller: Level) -> None:
+    """Fill a level from the one before: with the gutter, the filter never meets an edge."""
 
     def place(k: int) -> None:
-        reduced = cv2.pyrDown(larger.slot(picture, k, beyond=REACH))
-        first = REACH // 2
-        smaller.slot(picture, k)[...] = reduced[first : first + smaller.height, first : first + smaller.width]
+        reduced = cv2.pyrDown(larger.tile(picture, k, beyond=FILTER_SUPPORT_PX))
+        first = FILTER_SUPPORT_PX // 2
+        smaller.tile(picture, k)[...] = reduced[first : first + smaller.height, first : first + smaller.width]
 
     side_by_side(place, range(len(smaller.corners)))
-    assert smaller.border is not None
-    smaller.border.fill(picture, smaller.corners)
+    assert smaller.gutter is not None
+    smaller.gutter.fill(picture, smaller.corners)
 
 
-def _halved(face: NDArray[Any], level: Level) -> NDArray[Any]:
+def _halved(face: Pixels, level: Level) -> Pixels:
     whole = face[: 2 * level.height, : 2 * level.width]
     return np.asarray(cv2.resize(whole, (level.width, level.height), interpolation=cv2.INTER_AREA))
 
 
 @njit(cache=True, nogil=True)
 def minification(x: Any, y: Any, half_width: float, half_height: float, focal: float, step: Any) -> Any:
-    """How many pixels of a view, at a place in it, an angle spans: ``f / cos^1.5`` px per radian, the mean
+    """Return how many pixels of a view, at a point in it, an angle spans: ``f / cos^1.5`` a radian, the mean
     of a plane's scale along (``1/cos^2``) and across (``1/cos``) the way to its centre. Numbers or arrays."""
     u, v = (x - half_width) / focal, (y - half_height) / focal
     return step * focal * (1.0 + u * u + v * v) ** 0.75
@@ -162,19 +170,9 @@ def minification(x: Any, y: Any, half_width: float, half_height: float, focal: f
 
 @njit(cache=True, nogil=True)
 def _to_atlas(
-    view: NDArray[np.int16],
-    x: NDArray[np.float32],
-    y: NDArray[np.float32],
-    step: NDArray[np.float32],
-    focal: float,
-    half_width: float,
-    half_height: float,
-    corners: NDArray[np.float64],
-    first: int,
-    origin: float,
-    out_x: NDArray[np.float32],
-    out_y: NDArray[np.float32],
-) -> None:
+    view: Ints, x: Floats, y: Floats, step: Floats, out_x: Floats, out_y: Floats,
+    focal: float, half_width: float, half_height: float, corners: Array, first: int, origin: float,
+) -> None:  # fmt: skip
     last = corners.shape[0] - 1
     for i in range(view.shape[0]):
         k = view[i]

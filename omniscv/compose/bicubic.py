@@ -4,18 +4,14 @@ cv2.remap's own (a = -0.75, tables of 1/32 px) bends them by up to a tenth of a 
 convolution interpolation for digital image processing, 1981, with a = -0.5.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from omniscv.parallel import blocks
+from omniscv.compose import kernels
+from omniscv.compose.kernels import Floats, Pixels
 
 
-def sample_bicubic(picture: NDArray[Any], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[Any]:
+def sample_bicubic(picture: Pixels, x: Floats, y: Floats) -> Pixels:
     """Values at places; 0 where the 4 x 4 pixels around a place are not all in the picture.
 
     Args:
@@ -25,20 +21,16 @@ def sample_bicubic(picture: NDArray[Any], x: NDArray[np.float32], y: NDArray[np.
     Returns:
         (..., C) of the picture's dtype, rounded and clipped to its range where that is of integers.
     """
-    flat_x, flat_y = x.ravel(), y.ravel()
-    out = np.zeros((flat_x.size, picture.shape[2]), picture.dtype)
+    out = np.zeros((*x.shape, picture.shape[2]), picture.dtype)
     whole = picture.dtype.kind == "u"
     top = float(np.iinfo(picture.dtype).max) if whole else 0.0
-
-    def part(rows: slice) -> None:
-        _bicubic(picture, flat_x[rows], flat_y[rows], whole, top, out[rows])
-
-    blocks(part, flat_x.size)
-    return out.reshape(*x.shape, picture.shape[2])
+    rows = x.ravel(), y.ravel(), out.reshape(x.size, -1)
+    kernels.run(_bicubic, rows, picture, whole, top)
+    return out
 
 
 @njit(cache=True, nogil=True)
-def _weights(t: float, w: NDArray[np.float32]) -> None:
+def _weights(t: float, w: Floats) -> None:
     w[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
     w[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
     w[2] = t * (0.5 + t * (2.0 - 1.5 * t))
@@ -46,14 +38,7 @@ def _weights(t: float, w: NDArray[np.float32]) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _bicubic(
-    picture: NDArray[Any],
-    x: NDArray[np.float32],
-    y: NDArray[np.float32],
-    whole: bool,
-    top: float,
-    out: NDArray[Any],
-) -> None:
+def _bicubic(x: Floats, y: Floats, out: Pixels, picture: Pixels, whole: bool, top: float) -> None:
     height, width, channels = picture.shape
     across, down = np.empty(4, np.float32), np.empty(4, np.float32)
     for i in range(x.shape[0]):

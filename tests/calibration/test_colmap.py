@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from calibration.comparing import assert_same_rays
-from calibration.test_opencv import lenses, seen_in_front
 from hypothesis import given
 from hypothesis import strategies as st
+from support.lenses import lenses, seen_in_front
+from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.errors import ArgumentError

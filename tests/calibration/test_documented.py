@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from calibration.comparing import assert_same_rays
+from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 
@@ -20,7 +20,8 @@ EXPECTED = {
 @pytest.fixture
 def shown(tmp_path: Path) -> dict[str, dict[str, cameras.Camera]]:
     """Format: the cameras of the file that its section shows."""
-    blocks = re.findall(r"^```(?:yaml|text)\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    sections = PAGE.read_text(encoding="utf-8").partition("## OpenCV fisheye")[2]
+    blocks = re.findall(r"^```(?:yaml|text)\n(.*?)^```", sections, re.M | re.S)
     read = {}
     for format, block in zip(EXPECTED, blocks, strict=True):
         (tmp_path / format).write_text(block, encoding="utf-8")

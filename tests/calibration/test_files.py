@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from calibration.comparing import assert_same_rays
 from hypothesis import given
 from hypothesis import strategies as st
+from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.errors import ArgumentError
@@ -214,6 +214,7 @@ ENTRY = (
         "cam0: " + ENTRY.format("[4, 3]", "[0, 1, 1, 1]"),
         "cam0: {camera_model: pinhole}",
         "cam0: {camera_model: [pinhole], distortion_model: {none: none}}",
+        "cam0: " + ENTRY.format("[4, 3]", "[!!timestamp x, 1, 1, 1]"),
         "cam0: pinhole",
         "cam0:",
         "- cam0",
@@ -238,10 +239,10 @@ def test_hostile_yaml_is_refused_in_one_line(text: str) -> None:
         ("image_width: 40", "image_length: 40", "expected the key 'image_width'"),
         ("image_width: 40", "image_width: 0", "image_width: expected a whole number"),
         ("camera_matrix: !!opencv-matrix", "camera_matrix: 3 #", "expected YAML"),
-        ("[ 15.0,", "[ .Nan,", "camera_matrix: data: expected 9 finite"),
-        ("[ 15.0,", "[ -15.0,", "fx: expected a finite number > 0"),
-        ("[ 15.0,", "[", "camera_matrix: data: expected 9 finite"),
-        (", 1e-05 ]", ", 1e-05, 0.1 ]", "distortion_coefficients: data: expected 4 finite"),
+        ("[ 15.,", "[ .Nan,", "camera_matrix: data: expected 9 finite"),
+        ("[ 15.,", "[ -15.,", "fx: expected a finite number > 0"),
+        ("[ 15.,", "[", "camera_matrix: data: expected 9 finite"),
+        ("e-05 ]", "e-05, 0.1 ]", "distortion_coefficients: data: expected 4 finite"),
         ("   data: [ 0.1", "   date: [ 0.1", "distortion_coefficients: expected the key 'data'"),
     ],
 )

@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from calibration.comparing import assert_same_rays
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp, mpf
+from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.errors import ArgumentError

@@ -5,9 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from calibration.comparing import assert_same_rays
 from hypothesis import given
-from hypothesis import strategies as st
+from support.lenses import lenses, seen_in_front
+from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.errors import ArgumentError
@@ -16,22 +16,6 @@ SIZE = {"width": 64, "height": 48}
 LENS = cameras.create(
     "kannala-brandt", **SIZE, fx=30.0, fy=31.5, cx=33.25, cy=22.0, k=[0.1, -0.02, 0.003, 1e-5]
 )
-
-lenses = st.builds(
-    lambda fx, fy, cx, cy, k: cameras.create("kannala-brandt", **SIZE, fx=fx, fy=fy, cx=cx, cy=cy, k=k),
-    st.floats(10, 1000),
-    st.floats(10, 1000),
-    st.floats(-20, 100),
-    st.floats(-20, 100),
-    st.lists(st.floats(-0.1, 0.1), min_size=4, max_size=4),
-)
-
-
-def seen_in_front(camera: cameras.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Valid pixels whose rays lie within 80 degrees of the axis, and the rays: cv2 works on x / z."""
-    rays = camera.unproject()
-    seen = rays.valid & (rays.directions[..., 2] > np.cos(np.radians(80)))
-    return camera.pixels()[seen], rays.directions[seen]
 
 
 @given(lenses)

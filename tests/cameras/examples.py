@@ -1,10 +1,13 @@
-"""Example cameras of every registered model, for the contract suite: name -> constructor arguments.
+"""Cameras for the contract suite: every registered model's own example, and more of some models.
 
-A few per model: as it usually is, and as it is at the ends of its parameters. Small images of odd and
-even sizes; what holds for their pixels holds for more of them.
+``EXAMPLES`` has constructor arguments by name: cameras at the ends of their parameters. Small images of odd
+and even sizes; what holds for their pixels holds for more of them.
 """
 
+import inspect
 from typing import Any
+
+from omniscv import cameras
 
 WIDE = {"width": 96, "height": 48}
 ROUND = {"width": 61, "height": 61}
@@ -56,3 +59,32 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
     ],
     "pinhole": [LONG, {**LONG, "focal": 30.0, "center": (10, 40)}, {**ROUND, "fov_deg": 175}],
 }
+
+
+def example_cameras(central_only: bool = False) -> dict[str, cameras.Camera]:
+    """Cameras of every registered model: its own example, and those above."""
+    found = {}
+    for name in cameras.names():
+        if central_only and not cameras.model(name).central:
+            continue
+        found[f"{name}-example"] = cameras.model(name).example(64)
+        for i, parameters in enumerate(EXAMPLES.get(name, ())):
+            found[f"{name}-{i}"] = cameras.create(name, **parameters)
+    return found
+
+
+def changed(camera: cameras.Camera, **arguments: Any) -> cameras.Camera:
+    """The camera with other arguments; ``center`` is ignored by models without one, None is the default."""
+    keys = takes_center(camera.name)
+    center = arguments.pop("center", camera.center.tolist())
+    placed = (
+        {"center": center} if keys == ("center",) else dict(zip(keys, center or (None, None), strict=False))
+    )
+    given = {**camera.to_dict(), **arguments, **placed}
+    return cameras.from_dict({key: value for key, value in given.items() if value is not None})
+
+
+def takes_center(name: str) -> tuple[str, ...]:
+    """The constructor's parameters for the centre: ("center",), ("cx", "cy") or ()."""
+    taken = inspect.signature(cameras.model(name)).parameters
+    return tuple(key for key in ("center", "cx", "cy") if key in taken)

@@ -5,9 +5,10 @@ pixels at corners, next to the rim and to the centre; points next to the axes, f
 """
 
 import numpy as np
-from contract import PIXEL_TOLERANCE, never_wrong
+from examples import takes_center
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.camera_contract import PIXEL_TOLERANCE, never_wrong
 
 from omniscv import cameras
 
@@ -27,7 +28,7 @@ place = st.one_of(st.none(), st.tuples(st.floats(-50, 450), st.floats(-50, 450))
 def model(name, **parameters):
     """Cameras of a model, of any size, with centres beside the image, too, where it takes one."""
     sizes = {"width": size, "height": size}
-    if cameras.model(name).has_center:
+    if takes_center(name) == ("center",):
         sizes["center"] = place
     return st.fixed_dictionaries({**sizes, **parameters}).map(lambda given: cameras.create(name, **given))
 

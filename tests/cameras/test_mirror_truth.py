@@ -3,9 +3,9 @@
 import mpmath as mp
 import numpy as np
 import pytest
-from central_truth import DIGITS, bounce, hyperboloid, off_axis, paraboloid, plane
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.central_mirrors import DIGITS, bounce, hyperboloid, off_axis, paraboloid, plane
 
 from omniscv import cameras
 

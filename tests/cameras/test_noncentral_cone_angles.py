@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from noncentral_truth import ray_errors
+from support.camera_contract import last_radius
+from support.noncentral_mirrors import ray_errors
 
 from omniscv import cameras
 
@@ -33,7 +34,7 @@ def around(degrees):
 @pytest.mark.parametrize("part", [0.001, 0.5, 0.999])
 def test_45_degrees_is_an_angle_like_any_other(half_angle_deg, part):
     camera = create(half_angle_deg)
-    angle, offset = ray_errors(camera, camera.center + part * camera._reach_px * np.array([0.6, 0.8]))
+    angle, offset = ray_errors(camera, camera.center + part * last_radius(camera) * np.array([0.6, 0.8]))
     assert angle <= 1e-15
     assert offset <= 1e-15
 
@@ -50,7 +51,7 @@ def test_45_degrees_looks_sideways():
 def test_a_needle(half_angle_deg):
     """The image shrinks to ``r < tan tau``; what is left of it is as exact as the pixel's own place."""
     camera = create(half_angle_deg)
-    pixel = camera.center + 0.5 * camera._reach_px * np.array([0.6, 0.8])
+    pixel = camera.center + 0.5 * last_radius(camera) * np.array([0.6, 0.8])
     angle, offset = ray_errors(camera, pixel)
     assert angle <= 1e-15
     # The origin is off the line by the angle's error over the needle's own angle, at the tip's distance.
@@ -85,7 +86,7 @@ def test_the_plate_is_a_plane_mirror():
 @given(st.one_of(st.floats(1e-6, 89.999999), st.sampled_from(around(45.0))), st.floats(0.001, 0.999))
 def test_the_pixel_comes_back(half_angle_deg, part):
     camera = create(half_angle_deg)
-    pixel = camera.center + part * camera._reach_px * np.array([0.6, 0.8])
+    pixel = camera.center + part * last_radius(camera) * np.array([0.6, 0.8])
     rays = camera.unproject(pixel)
     reach = 1e3 * max(1, 1 / np.tan(np.radians(half_angle_deg)))  # beyond the needle's hit
     again, seen = camera.project(rays.origins + reach * rays.directions)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.camera_contract import last_radius
 
 from omniscv import cameras
 
@@ -62,7 +63,7 @@ def start(camera, pixel, rays):
 @given(any_camera, st.floats(-np.pi, np.pi), unit, far)
 def test_a_point_on_a_ray_is_seen_by_its_pixel(camera, azimuth, part, away):
     """Pixels anywhere between the centre and the last one; points from beside the mirror to 1e9 m."""
-    reach = getattr(camera, "_reach_px", SIZE / 2)
+    reach = last_radius(camera)
     pixel = camera.center + part * reach * (1 - 1e-12) * np.array([np.cos(azimuth), np.sin(azimuth)])
     rays = camera.unproject(pixel)
     if not rays.valid:
@@ -94,7 +95,7 @@ def test_the_ray_of_the_answer_passes_through_the_point(camera, points):
 
 def closest_rays(camera, points, samples=4001):
     """For each point, the least angle (rad) between it and a ray of its own azimuth, over all radii."""
-    reach = camera._reach_px
+    reach = last_radius(camera)
     r = np.sin(np.linspace(0, np.pi / 2, samples)[1:]) * reach * (1 - 1e-12)  # dense where rays spread
     least = np.empty(len(points))
     for i, (x, y, z) in enumerate(points):

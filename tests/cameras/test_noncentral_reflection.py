@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from noncentral_truth import bounce, ray_errors
+from support.noncentral_mirrors import bounce, ray_errors
 
 from omniscv import cameras
 

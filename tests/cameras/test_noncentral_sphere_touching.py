@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from noncentral_truth import ray_errors
+from support.camera_contract import last_radius
+from support.noncentral_mirrors import ray_errors
 
 from omniscv import cameras
 
@@ -33,11 +34,11 @@ def create(distance, **options):
 def test_rays_against_reflection(distance, part):
     """At 1e-18 m as at 1 km: errors of a few roundings relative to the distance itself."""
     camera = create(distance)
-    pixel = camera.center + part * camera._reach_px * np.array([0.6, -0.8])
+    pixel = camera.center + part * last_radius(camera) * np.array([0.6, -0.8])
     angle, offset = ray_errors(camera, pixel)
     # The pixel's place is known to 1e-16 of the image's size: what that is of the ball's size, when it
     # has become a dot, is no error of the model.
-    lost = SIZE / 2 / camera._reach_px
+    lost = SIZE / 2 / last_radius(camera)
     assert angle <= 1e-15 * lost
     assert offset <= 1e-15 * lost
 
@@ -47,7 +48,7 @@ def test_rays_against_reflection(distance, part):
 def test_the_pixel_comes_back(exponent, part, azimuth):
     camera = create(10**exponent)
     toward = np.array([np.cos(azimuth), np.sin(azimuth)])
-    pixel = camera.center + part * camera._reach_px * (1 - 1e-12) * toward
+    pixel = camera.center + part * last_radius(camera) * (1 - 1e-12) * toward
     rays = camera.unproject(pixel)
     assert rays.valid
     pixels, seen = camera.project(rays.origins + 10 * max(1, camera.distance) * rays.directions)

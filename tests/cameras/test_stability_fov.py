@@ -8,7 +8,7 @@ last number before it), and the next number must be refused, by name, with the l
 
 import numpy as np
 import pytest
-from contract import PIXEL_TOLERANCE, round_trip_error
+from support.camera_contract import PIXEL_TOLERANCE, round_trip_error
 
 from omniscv import cameras
 from omniscv.errors import ArgumentError

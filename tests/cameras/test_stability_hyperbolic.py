@@ -10,10 +10,10 @@ digits, with ratios from 1e-15 to 1e15.
 import mpmath as mp
 import numpy as np
 import pytest
-from central_truth import DIGITS, bounce, hyperboloid, off_axis
-from contract import PIXEL_TOLERANCE, round_trip_error
 from hypothesis import given
 from hypothesis import strategies as st
+from support.camera_contract import PIXEL_TOLERANCE, round_trip_error
+from support.central_mirrors import DIGITS, bounce, hyperboloid, off_axis
 
 from omniscv import cameras
 

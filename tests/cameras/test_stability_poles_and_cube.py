@@ -12,20 +12,15 @@ import itertools
 
 import numpy as np
 import pytest
-from examples import EXAMPLES
+from examples import example_cameras
 from hypothesis import given
 from hypothesis import strategies as st
 
 from omniscv import cameras
 from omniscv.geometry import cube_rotations
 
-CENTRAL = [name for name in cameras.names() if cameras.model(name).central]
-CASES = [
-    pytest.param(name, parameters, id=f"{name}-{i}")
-    for name in CENTRAL
-    for i, parameters in enumerate(EXAMPLES[name])
-]
-every_central = pytest.mark.parametrize(("name", "parameters"), CASES)
+EXAMPLES = example_cameras(central_only=True)
+every_central = pytest.mark.parametrize("camera", EXAMPLES.values(), ids=EXAMPLES)
 # 6 face centres, 12 edges' middles, 8 corners
 CUBE = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
 PANORAMAS = [("equirectangular", {}), ("cylindrical", {"fov_v_deg": 180})]
@@ -48,23 +43,21 @@ def angle_between(a, b):
 
 
 @every_central
-def test_edges_and_corners_come_back(name, parameters):
+def test_edges_and_corners_come_back(camera):
     """From cube to pixel to ray: the same direction."""
-    camera = cameras.create(name, **parameters)
     points = np.concatenate([CUBE, edge_points()])
     pixels, seen = camera.project(points)
     rays = camera.unproject(pixels)
     np.testing.assert_array_equal(rays.valid, seen)
     off = angle_between(rays.directions[seen], points[seen])
     # Pixels stay 1e-13 of the radius within the rim, up to 3e-13 rad; at r = f the root of that, twice.
-    steep = name in ("fisheye-orthographic", "fisheye-equisolid")
+    steep = camera.name in ("fisheye-orthographic", "fisheye-equisolid")
     assert off.max(initial=0) <= (1e-6 if steep else 1e-12)
 
 
 @every_central
-def test_no_crack_along_edges(name, parameters):
+def test_no_crack_along_edges(camera):
     """One last digit to either side of an edge: both seen, in places that touch; or the image ends there."""
-    camera = cameras.create(name, **parameters)
     points = edge_points()
     pixels, seen = camera.project(points)
     for axis in range(3):
@@ -74,7 +67,7 @@ def test_no_crack_along_edges(name, parameters):
             there, seen_there = camera.project(beside)
             both = seen & seen_there
             apart = np.abs(there - pixels)[both]
-            if name in ("equirectangular", "cylindrical"):  # the seam's two borders touch
+            if camera.name in ("equirectangular", "cylindrical"):  # the seam's two borders touch
                 apart[:, 0] = np.minimum(apart[:, 0], camera.width - apart[:, 0])
             assert apart.max(initial=0) <= 1e-6
             # One is seen and the other not only where the rays end: further out there is no pixel.
@@ -84,9 +77,8 @@ def test_no_crack_along_edges(name, parameters):
 
 
 @every_central
-def test_each_corner_is_in_three_faces(name, parameters):
+def test_each_corner_is_in_three_faces(camera):
     """The rays of corner pixels are as far along three face axes, to 1e-12: on all three faces' borders."""
-    camera = cameras.create(name, **parameters)
     pixels, seen = camera.project(CUBE[np.abs(CUBE).sum(axis=1) == 3])
     for ray in camera.unproject(pixels[seen]).directions:
         along = np.sort([ray @ R_w_c[:, 2] for _, R_w_c in cube_rotations()])

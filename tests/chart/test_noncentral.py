@@ -1,9 +1,11 @@
 """The chart of non-central cameras: every strategy is measured, and what it counts is what was captured."""
 
 import json
+from dataclasses import replace
 
-import cv2
+import numpy as np
 import pytest
+from PIL import Image
 
 from omniscv.chart import noncentral
 
@@ -24,8 +26,10 @@ def test_cube_takes_six_views_a_centre_and_the_others_less(rows):
     for name, camera in noncentral.cameras(64).items():
         mine = {(r.strategy, r.viewpoints): r for r in rows if r.camera == name}
         cube = mine["cube", None]
-        assert cube.views == 6 * len(camera.viewpoints().centers) + 6  # six that look around
-        assert cube.requests == 3 * cube.views
+        faces = 6 * len(camera.viewpoints().centers)
+        around = 6  # at the camera's position, in depth alone, to find which viewpoints are occluded
+        assert cube.views == faces + around
+        assert cube.requests == 3 * faces + around
         assert mine["faces", None].views < cube.views
         assert mine["faces", None].wrong == cube.wrong  # the same faces, less those that no ray hits
         assert mine["strips", None].megapixels < 0.6 * mine["faces", None].megapixels
@@ -33,7 +37,13 @@ def test_cube_takes_six_views_a_centre_and_the_others_less(rows):
         assert cube.seconds[30] - cube.seconds[0] == pytest.approx(0.03 * cube.requests)
 
 
-def test_it_writes_json_and_a_picture(rows, tmp_path):
+def test_it_writes_json_and_a_picture_of_a_line_a_camera(rows, tmp_path):
     data, picture = noncentral.write(rows, tmp_path)
-    assert len(json.loads(data.read_text())) == len(rows)
-    assert min(cv2.imread(str(picture)).shape[:2]) > 300
+    found = json.loads(data.read_text())
+    assert [row["seconds"]["30"] for row in found] == [row.seconds[30] for row in rows]
+    assert [row["wrong"] for row in found] == [row.wrong for row in rows]
+    _, shorter = noncentral.write([r for r in rows if r.camera != "cone"], tmp_path / "shorter")
+    _, moved = noncentral.write([*rows[:-1], replace(rows[-1], wrong=0.5)], tmp_path / "moved")
+    whole, without, other = (np.array(Image.open(path)) for path in (picture, shorter, moved))
+    assert without.shape[0] == pytest.approx(whole.shape[0] * 2 / 3, abs=2)
+    assert np.any(whole != other)

@@ -7,18 +7,18 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from support.exact import float_source
 
 import omniscv
 from mock_server.scene import Scene
 from omniscv.cameras import create
-from omniscv.chart.truth import TracedSource
 from omniscv.geometry import Pose
 
 SIZE = np.array([0.8, 1.2, 0.6])
 MIDDLE = np.array([2.2, 0.7, 1.1])
 PLAIN = {"kind": "plain", "colors": [[1, 1, 1]]}
 SOLID = {"texture": PLAIN, "solids": [{"box": SIZE.tolist(), "at": MIDDLE.tolist()}]}
-BOX = TracedSource(Scene("box", {"objects": {"Box": SOLID}}))
+BOX = float_source(Scene("box", {"objects": {"Box": SOLID}}))
 SQUARE = {"width": 192, "height": 192, "distance": 0.3}
 CAMERAS = {
     "panorama": (create("noncentral-panorama", width=512, height=256, radius=1.0), 0.0),

@@ -2,19 +2,18 @@
 
 import numpy as np
 import pytest
-from exact import cameras_at, distance_to_surfaces
+from support.exact import cameras_at, distance_to_surfaces, float_source
 
 import omniscv
 from mock_server import load_scene
 from mock_server.scene import Scene
 from omniscv.cameras import create
-from omniscv.captures.source import Source
-from omniscv.captures.view import Capture
-from omniscv.chart.truth import TracedSource, traced
+from omniscv.chart.truth import traced
 from omniscv.geometry import Pose
+from omniscv.sources.base import Capture, Source
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
-ROOMS = {name: TracedSource(load_scene(name)) for name in ("four-wall", "six-wall")}
+ROOMS = {name: float_source(load_scene(name)) for name in ("four-wall", "six-wall")}
 CENTRAL = {name: camera for name, camera in cameras_at(1024).items() if camera.central}
 
 
@@ -65,7 +64,7 @@ def test_half_floats_of_real_servers_err_by_half_a_step(tmp_path):
 class Sky(Source):
     """A floor one metre below, and nothing above the horizon."""
 
-    capabilities = omniscv.captures.Capabilities()
+    capabilities = omniscv.sources.Capabilities()
 
     def objects(self):
         raise AssertionError("no mask was asked for")
@@ -80,7 +79,7 @@ class Sky(Source):
             up = (rays / view.focal_px) @ view.pose.R_w_c[2]
             with np.errstate(divide="ignore"):
                 depth = np.where(up < 0, -1 / up, np.inf).astype(np.float32)
-            yield Capture(request, view, depth, b"", "npy")
+            yield Capture(request, view, depth)
 
 
 @pytest.mark.parametrize("filter", ["auto", "nearest", "bicubic"])
@@ -115,7 +114,7 @@ def test_a_thin_pole_keeps_its_depth():
             "objects": {"Pole": {"texture": red, "solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}},
         },
     )
-    source = TracedSource(scene)
+    source = float_source(scene)
     camera = create("equirectangular", width=1024, height=512)
     image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth", "object_mask"))
     pole = image.labels == scene.label("Pole")

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from exact import FIXED, cameras_at
+from support.exact import FIXED, cameras_at, float_source
 
 import omniscv
 from mock_server import load_scene
-from omniscv.chart.truth import TracedSource
 from omniscv.geometry import Pose
-from omniscv.plan import sampling
+from omniscv.planning import densities
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 CAMERAS = cameras_at(256)
@@ -21,12 +20,12 @@ def error_px(image):
     shown = 2 * image.lit.astype(np.float64) - 1
     wanted = rays.directions @ image.pose.R_w_c.T
     apart = np.linalg.norm(shown / np.linalg.norm(shown, axis=-1, keepdims=True) - wanted, axis=-1)
-    return (apart / sampling.steps(rays))[valid & np.isfinite(sampling.steps(rays))]
+    return (apart / densities.steps(rays.directions))[valid & np.isfinite(densities.steps(rays.directions))]
 
 
 @pytest.fixture(scope="module")
 def source():
-    return TracedSource(load_scene("direction"))
+    return float_source(load_scene("direction"))
 
 
 @pytest.mark.parametrize("filter", ["bilinear", "bicubic", "area"])
@@ -48,7 +47,7 @@ def test_pixels_show_their_own_rays(name, filter, source):
 @pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "catadioptric-hyperbolic"])
 def test_faces_without_overscan_serve_as_well(name):
     """A server that cannot set size or field of view: what lies beyond an edge comes from the next face."""
-    fixed = TracedSource(load_scene("direction"), FIXED)
+    fixed = float_source(load_scene("direction"), FIXED)
     error = error_px(omniscv.render(CAMERAS[name], POSE, fixed, filter="bilinear"))
     assert error.mean() <= 0.01
     assert error.max() <= 0.03

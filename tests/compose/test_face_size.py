@@ -1,14 +1,14 @@
-"""The automatic face size: the smallest that loses no detail against the camera's own sampling."""
+"""The automatic face size: the smallest that loses no detail against the camera's own densities."""
 
 import numpy as np
 import pytest
-from exact import cameras_at
+from support.exact import cameras_at, float_source
 
 import omniscv
 from mock_server import load_scene
-from omniscv.chart.truth import TracedSource, traced_mean
+from omniscv.chart.truth import traced_mean
 from omniscv.geometry import Pose
-from omniscv.plan import sampling
+from omniscv.planning import CameraRays
 
 POSES = [
     Pose.from_angles(
@@ -31,8 +31,8 @@ def test_twice_the_size_gains_less_than_a_tenth(name):
     for pose in POSES:
         truth = traced_mean(SCENE, camera, pose, across=3)
         for scale in square:
-            edge = round(sampling.face_size(camera) * scale)
-            image = omniscv.render(camera, pose, TracedSource(SCENE), filter="bilinear", face_size=edge)
+            edge = round(CameraRays(camera).face_size * scale)
+            image = omniscv.render(camera, pose, float_source(SCENE), filter="bilinear", face_size=edge)
             square[scale] += np.nanmean((image.lit - truth) ** 2)
     error = {scale: np.sqrt(total) for scale, total in square.items()}
     assert error[2] > 0.9 * error[1]
@@ -41,10 +41,10 @@ def test_twice_the_size_gains_less_than_a_tenth(name):
 
 def test_the_density_of_a_panorama_is_that_of_its_equator():
     camera = omniscv.cameras.create("equirectangular", width=2048, height=1024)
-    assert sampling.face_size(camera) == pytest.approx(1.2 * 2048 / np.pi, abs=8)
+    assert CameraRays(camera).face_size == pytest.approx(1.2 * 2048 / np.pi, abs=8)
 
 
 def test_the_density_of_a_pinhole_is_its_focal_length():
     """At the image's middle a step is 1 / f; the finest is towards the corners, by 1 / cos^2 at most."""
     camera = omniscv.cameras.create("pinhole", width=512, height=512, fov_deg=90)
-    assert 1.2 * 512 <= sampling.face_size(camera) <= 1.2 * 2 * 512
+    assert 1.2 * 512 <= CameraRays(camera).face_size <= 1.2 * 2 * 512

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import omniscv
+from omniscv import modalities
 from omniscv.cameras import create
-from omniscv.captures.decode import decode
-from omniscv.captures.source import Capabilities, ObjectTable, Source
-from omniscv.captures.view import MODES, Capture, View
-from omniscv.errors import BadReply, MissingCapture
+from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Pose
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source, View
+from omniscv.sources.codecs import decode
 
 POSE = Pose.from_angles((0, 0, 0), yaw_deg=20)
 CAMERA = create("equirectangular", width=64, height=32)
@@ -59,9 +59,9 @@ def test_values_and_types_pass_through(value, dtype, filter):
 def test_faces_of_different_sizes_are_refused():
     def make(i, request):
         view = request.view if i != 3 else View(request.view.pose, request.view.fov_deg, 50, 50)
-        return Capture(request, view, np.zeros((view.height, view.width, 3), np.uint8), b"", "png")
+        return Capture(request, view, np.zeros((view.height, view.width, 3), np.uint8))
 
-    with pytest.raises(BadReply, match="captures of one size and type"):
+    with pytest.raises(BadReplyError, match="captures of one size and type"):
         omniscv.render(CAMERA, POSE, Made(make))
 
 
@@ -69,17 +69,26 @@ def test_faces_of_different_types_are_refused():
     def make(i, request):
         return plain(1, np.uint8 if i else np.float32)(i, request)
 
-    with pytest.raises(BadReply, match="captures of one size and type"):
+    with pytest.raises(BadReplyError, match="captures of one size and type"):
         omniscv.render(CAMERA, POSE, Made(make))
 
 
 def test_views_that_do_not_see_every_ray_are_refused():
     def make(_, request):
         turned = View(Pose.from_angles((0, 0, 0), yaw_deg=90), 90.0, request.view.width, request.view.height)
-        return Capture(request, turned, np.zeros((turned.height, turned.width, 3), np.uint8), b"", "png")
+        return Capture(request, turned, np.zeros((turned.height, turned.width, 3), np.uint8))
 
-    with pytest.raises(MissingCapture, match="seen by none"):
+    with pytest.raises(MissingCaptureError, match="seen by none"):
         omniscv.render(CAMERA, POSE, Made(make))
+
+
+def test_a_source_that_ends_early_is_refused():
+    class Short(Made):
+        def capture(self, requests):
+            yield from list(super().capture(requests))[:-1]
+
+    with pytest.raises(BadReplyError, match="expected 6 captures of a viewpoint, got 5"):
+        omniscv.render(CAMERA, POSE, Short(plain(1, np.uint8)))
 
 
 def png(pixels):
@@ -107,7 +116,7 @@ def test_alpha_is_dropped_and_grey_becomes_colour(mode):
 def test_depth_that_cannot_be_is_refused(wrong, encoding):
     depth = np.ones((4, 6), np.float32)
     depth[2, 3] = wrong
-    with pytest.raises(BadReply, match="1 of 24"):
+    with pytest.raises(BadReplyError, match="1 of 24"):
         decode(npy(depth), encoding, "depth", VIEW)
 
 
@@ -128,7 +137,7 @@ def test_depth_that_cannot_be_is_refused(wrong, encoding):
     ],
 )
 def test_bytes_that_are_not_what_they_should_be(payload, encoding, mode):
-    with pytest.raises(BadReply, match="expected"):
+    with pytest.raises(BadReplyError, match="expected"):
         decode(payload, encoding, mode, VIEW)
 
 
@@ -136,12 +145,12 @@ def test_a_picture_that_claims_to_be_huge_is_not_decoded():
     """A PNG of a few bytes can claim a gigapixel: its header is checked before anything is allocated."""
     bomb = bytearray(png(np.zeros((4, 6, 3), np.uint8)))
     bomb[16:24] = (40000).to_bytes(4, "big") * 2
-    with pytest.raises(BadReply, match="40000 x 40000"):
+    with pytest.raises(BadReplyError, match="40000 x 40000"):
         decode(bytes(bomb), "png", "lit", VIEW)
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", modalities.names())
 def test_an_encoding_for_another_mode_is_refused(mode):
     wrong = "npy ray m" if mode != "depth" else "png"
-    with pytest.raises(BadReply, match=f"encoding of {mode}"):
+    with pytest.raises(BadReplyError, match=f"encoding of {mode}"):
         decode(b"", wrong, mode, VIEW)

@@ -5,12 +5,11 @@ import pytest
 
 import omniscv
 from omniscv.cameras import create
-from omniscv.captures.source import Capabilities, ObjectTable, Source
-from omniscv.captures.view import Capture, View
 from omniscv.compose.atlas import Atlas
+from omniscv.compose.ray_lookup import look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
-from omniscv.plan.places import locate
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source, View
 
 LARGE = 8192 + 8
 
@@ -21,36 +20,36 @@ def views(edge, count=6):
 
 
 def test_six_large_faces_fit_and_do_not_overlap():
-    atlas = Atlas(views(LARGE), range(4), bordered=True, bicubic=False)
-    assert max(atlas._shape) < 32767
+    atlas = Atlas(views(LARGE), range(4), guttered=True, bicubic=False)
+    assert max(atlas.shape) < 32767
     slots = [
         (*corner, corner[0] + level.width, corner[1] + level.height)
-        for level in atlas._levels
+        for level in atlas.levels
         for corner in level.corners
     ]
     for i, (left, top, right, bottom) in enumerate(slots):
-        assert 0 <= left < right <= atlas._shape[1]
-        assert 0 <= top < bottom <= atlas._shape[0]
+        assert 0 <= left < right <= atlas.shape[1]
+        assert 0 <= top < bottom <= atlas.shape[0]
         for other in slots[:i]:
             assert left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1]
 
 
-def test_places_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
+def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
     """float32 coordinates step by 1/512 px at 16384 and beyond, and the map's own rounding is as fine."""
     faces = views(LARGE)
     rays = np.random.default_rng(0).normal(size=(2000, 3))
-    places = locate(rays, faces)
-    atlas = Atlas(faces, range(1), bordered=False, bicubic=False)
-    x, y = atlas.places(places, None)
+    lookup = look_up(rays, faces)
+    atlas = Atlas(faces, range(1), guttered=False, bicubic=False)
+    x, y = atlas.coordinates(lookup, None)
     for k, view in enumerate(faces):
-        mine = places.view == k
-        exact = view.project(rays[mine])[:, :2] + atlas._levels[0].corners[k] - 0.5
+        mine = lookup.view == k
+        exact = view.project(rays[mine])[:, :2] + atlas.levels[0].corners[k] - 0.5
         np.testing.assert_allclose(np.stack([x, y], axis=1)[mine], exact, atol=0.005)
 
 
 def test_more_than_fit_are_refused():
     with pytest.raises(ArgumentError, match="fit into 32766"):
-        Atlas(views(LARGE, count=24), range(1), bordered=False, bicubic=False)
+        Atlas(views(LARGE, count=24), range(1), guttered=False, bicubic=False)
 
 
 class Ramp(Source):
@@ -66,7 +65,7 @@ class Ramp(Source):
             view = request.view
             column = np.arange(view.width, dtype=np.float32)[None, :, None]
             pixels = np.broadcast_to(column, (view.height, view.width, 3))
-            yield Capture(request, view, pixels, b"", "npy")
+            yield Capture(request, view, pixels)
 
 
 def test_an_image_from_an_8192_px_face():

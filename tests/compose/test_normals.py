@@ -19,7 +19,7 @@ POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg
 def test_normals_of_an_8_bit_server(name, filter):
     camera = create(name, width=256, height=128, **({"fov_deg": 220} if "fish" in name else {}))
     with omniscv.open_source("mock://four-wall") as live:
-        image = omniscv.render(camera, POSE, live, ("normal",), filter=filter)
+        image = omniscv.render(camera, POSE, live, ("normals",), filter=filter)
     truth = traced(load_scene("four-wall"), camera, POSE)
     wanted = truth.normal @ POSE.R_w_c
     length = np.linalg.norm(image.normals, axis=-1)
@@ -41,5 +41,5 @@ def test_normals_of_an_8_bit_server(name, filter):
 def test_the_sky_has_no_normal():
     camera = create("equirectangular", width=64, height=32)
     with omniscv.open_source("mock://direction") as live:
-        image = omniscv.render(camera, POSE, live, ("normal",))
+        image = omniscv.render(camera, POSE, live, ("normals",))
     assert (image.normals == 0).all()

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from exact import FIXED
+from support.exact import FIXED, float_source
 
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
-from omniscv.chart.truth import TracedSource
 from omniscv.geometry import Pose
 
 WAVES = load_scene("waves")
@@ -17,7 +16,7 @@ CAMERAS = {
     "fisheye-equidistant": create("fisheye-equidistant", width=512, height=512, fov_deg=240),
     "cylindrical": create("cylindrical", width=1024, height=512, fov_h_deg=360, fov_v_deg=150),
 }
-SOURCES = {"overscan": TracedSource(WAVES), "fixed 90 degrees": TracedSource(WAVES, FIXED)}
+SOURCES = {"overscan": float_source(WAVES), "fixed 90 degrees": float_source(WAVES, FIXED)}
 
 
 @pytest.mark.parametrize("filter", ["bilinear", "bicubic"])

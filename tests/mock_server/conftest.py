@@ -5,8 +5,8 @@ import logging
 import warnings
 
 import pytest
-from sight import seen_by_hand
-from wire import RawClient, leave
+from support.expected_views import seen_by_hand
+from support.wire import RawClient, leave
 
 import mock_server
 

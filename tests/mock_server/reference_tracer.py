@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass
 class Flat:
-    """A plane through ``center``; ``inside`` tells of world points on it whether they belong."""
+    """A plane through ``center``; ``inside`` says which world points on it belong."""
 
     name: str
     center: np.ndarray

@@ -1,7 +1,8 @@
-"""Every fault that the server can be told to have, seen from the other end of a socket."""
+"""Every fault that the server can inject, observed from the other end of a socket."""
 
 import contextlib
 import io
+import itertools
 import re
 import socket
 import time
@@ -12,7 +13,8 @@ import pytest
 
 import mock_server
 from mock_server import faults
-from mock_server.pictures import through_vertex_colors
+from mock_server.__main__ import main
+from mock_server.pixels import through_vertex_colors
 
 IMAGE = "vget /camera/0/lit png"
 DEPTH = "vget /camera/0/depth npy"
@@ -49,11 +51,13 @@ def send(client, command):
     client.send(b"7:" + command.encode())
 
 
-def test_the_table_names_every_fault_and_its_value():
-    rows = dict(re.findall(r"^``([a-z-]+)``\s+(?:([\d.]+|last one) )?", faults.__doc__, re.MULTILINE))
-    assert list(rows) == list(faults.DEFAULTS)
-    for name, default in faults.DEFAULTS.items():
-        assert rows[name] == {None: "", "": "last one"}.get(default) or float(rows[name]) == default
+def test_the_help_lists_every_fault(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    listed = re.findall(
+        r"^  ([a-z-]+)  +\S", capsys.readouterr().out.partition("\nfaults:\n")[2], re.MULTILINE
+    )
+    assert listed == list(faults.KINDS)
 
 
 @pytest.mark.parametrize(
@@ -77,18 +81,18 @@ def test_a_fault_that_is_none_is_refused_with_what_was_expected(text, message):
         mock_server.serve("four-wall", faults=[text])
 
 
-def test_the_same_seed_throws_the_same_dice_whatever_else_is_on():
-    def throws(texts, seed):
-        thrower = faults.Faults(texts, seed)
-        return [thrower.strike("missing") is not None for _ in range(200)]
+def test_the_same_seed_draws_the_same_faults_whatever_else_is_on():
+    def draws(texts, seed):
+        drawn = faults.Faults(texts, seed)
+        return [drawn.strike("missing") is not None for _ in range(200)]
 
-    alone = throws(["missing@0.3"], 5)
-    assert alone == throws(["delay@0.5", "missing@0.3"], 5)
-    assert alone != throws(["missing@0.3"], 6)
+    alone = draws(["missing@0.3"], 5)
+    assert alone == draws(["delay@0.5", "missing@0.3"], 5)
+    assert alone != draws(["missing@0.3"], 6)
     assert 40 <= sum(alone) <= 80  # 60 expected; the seed makes it the same every time
 
 
-def test_a_server_without_faults_throws_none(sound, start):
+def test_a_server_without_faults_injects_none(sound, start):
     assert sound.ask(IMAGE)[:4] == b"\x89PNG"
     assert not start().faults
 
@@ -233,7 +237,7 @@ def test_a_stopping_server_waits_for_no_fault(start, open_raw):
     server = start(faults=["delay=3600"])
     send(open_raw(server), "vget /viewmode")
     time.sleep(0.1)
-    server.stop()  # the suite's time limit is the judge
+    server.stop()  # a server that waits exceeds the suite's time limit
 
 
 # Faults of the picture: camera 1 is spawned, so that nothing else lags.
@@ -344,3 +348,53 @@ def test_object_missing_is_seen_but_not_measured_until_painted(faulty, sound):
     assert np.array_equal((pixels(client.ask(MASK)) != pixels(true[2])).any(-1), table)
     client.text("vset /object/Table/color {} {} {}".format(*re.findall(r"\d+", color)))
     assert [client.ask(c) for c in (IMAGE, DEPTH, MASK)] == true
+
+
+# Faults that a careful client must find: wrong field of view, depth, pose.
+
+
+def test_refuse_mask(faulty):
+    client = faulty("refuse-mask")
+    for mode in ("object_mask", "seg"):
+        assert client.text(f"vget /camera/0/{mode} png") == "error Captured data is empty"
+    assert client.ask(IMAGE)[:4] == b"\x89PNG"
+    old = faulty("refuse-mask", dialect="0.3.10")
+    assert old.text(MASK) == "error Fail to capture screen"
+    assert old.text("vget /viewmode") == "lit"
+
+
+def test_narrow_fov(faulty, sound):
+    client = faulty("narrow-fov=10")
+    assert client.text("vget /camera/0/fov") == "90.000000"
+    sound.text("vset /camera/0/fov 80")
+    assert client.ask(DEPTH) == sound.ask(DEPTH)
+
+
+def test_ray_depth_is_what_the_old_plugin_sends(faulty):
+    old = faulty(dialect="0.3.10")
+    assert np.array_equal(array(faulty("ray-depth").ask(DEPTH)), array(old.ask(DEPTH)))
+
+
+def test_moving_world(faulty):
+    client = faulty("moving-world=0.5", depth="float32")
+    depths = [array(client.ask(DEPTH)) for _ in range(3)]
+    for count, depth in enumerate(depths):
+        np.testing.assert_allclose(depth, (1 + 0.5 * count) * depths[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "1.x"])
+def test_ignore_pose(faulty, dialect):
+    client = faulty("ignore-pose", dialect=dialect)
+    assert client.text("vset /camera/0/location 50 0 150") == "ok"
+    assert client.text("vset /camera/0/rotation 0 90 0") == "ok"
+    for _ in range(3):
+        client.text("vget /unrealcv/version")
+    assert client.text("vget /camera/0/location") == "0.000 0.000 150.000"
+    assert client.text("vget /camera/0/rotation") == "0.000 0.000 0.000"
+
+
+def test_falling(faulty):
+    client = faulty("falling=2", dialect="0.3.10")
+    heights = [float(client.text("vget /camera/0/location").split()[2]) for _ in range(5)]
+    assert heights[0] <= 150
+    assert all(low < high and (high - low) % 2 == 0 for high, low in itertools.pairwise(heights))

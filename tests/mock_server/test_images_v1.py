@@ -1,10 +1,10 @@
-"""The images of dialect 1.x, judged by rays made from the reference's formulas."""
+"""The images of dialect 1.x, compared with rays made from the reference's formulas."""
 
 import struct
 
 import numpy as np
 import pytest
-from sight import nearly_all_equal, npy, png, seen_by_hand
+from support.expected_views import nearly_all_equal, npy, png, seen_by_hand
 
 import mock_server
 

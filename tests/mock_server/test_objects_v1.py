@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sight import png
+from support.expected_views import png
 
 import mock_server
 

@@ -8,10 +8,10 @@ import warnings
 
 import numpy as np
 import pytest
-from sight import npy, png, seen_by_hand
+from support.expected_views import npy, png, seen_by_hand
 
 import mock_server
-from mock_server.pictures import through_vertex_colors
+from mock_server.pixels import through_vertex_colors
 
 SIZE = (40, 30)
 WINDOW = (32, 20)

@@ -7,8 +7,8 @@ import warnings
 
 import numpy as np
 import pytest
-from sight import npy, png
-from wire import leave
+from support.expected_views import npy, png
+from support.wire import leave
 
 import mock_server
 

@@ -3,7 +3,9 @@
 Texts are written here as the reference gives them, not taken from the server.
 """
 
+import re
 import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -96,7 +98,7 @@ def fuzzed():
     st.lists(st.one_of(st.binary(min_size=1, max_size=200), st.text(min_size=1).map(str.encode)), max_size=5)
 )
 def test_no_payload_stops_the_server(fuzzed, payloads):
-    from wire import RawClient
+    from support.wire import RawClient
 
     client = RawClient(fuzzed)
     try:
@@ -121,6 +123,25 @@ def test_plugin(raw, start):
         "Height: 480", "FOV: 90.000000", "EnableInput: true", "EnableRightEye: false", "",
     ]  # fmt: skip
     assert lines[4].startswith("Config file: /")
+    assert lines[4].endswith("/unrealcv.ini")
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1", "N2"])
+def test_captured_files_are_beside_the_file_that_the_status_names(start, open_raw, tmp_path, dialect):
+    """Where clients look for them."""
+    raw = open_raw(start(dialect=dialect, folder=tmp_path, size=(8, 8)))
+    raw.ask("vget /camera/0/lit x.png")
+    named = re.search("^Config file: (.*)$", raw.text("vget /unrealcv/status"), re.MULTILINE)[1]
+    assert Path(named).with_name("x.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_temporary_folder_lasts_as_long_as_the_server(start, open_raw):
+    server = start(size=(8, 8))
+    raw = open_raw(server)
+    folder = Path(re.search("^Config file: (.*)$", raw.text("vget /unrealcv/status"), re.MULTILINE)[1]).parent
+    assert folder.is_dir()
+    server.stop()
+    assert not folder.exists()
 
 
 def test_help_lists_templates_and_descriptions(raw):
@@ -278,7 +299,7 @@ def test_the_official_client_pipelines_and_gets_text_and_bytes(start, connect):
     replies = client.request(["vget /unrealcv/version", "vget /cameras", "vget /camera/0/lit png"])
     assert replies[:2] == ["1.0.1", "PawnSensor "]
     assert isinstance(replies[2], bytes)
-    assert client.request("vget /unrealcv/echo après") is not None
+    assert client.request("vget /unrealcv/echo après") == "aprÃ¨s"  # N1 reads bytes as characters
     assert client.request("vset /camera/0/fov 60.0", -1) is True
     assert client.request("vget /camera/0/fov") == "60.000000"
 

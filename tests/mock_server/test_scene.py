@@ -1,4 +1,6 @@
-"""Tracing is exact: judged by geometry that needs no intersection, and by a tracer that shares nothing."""
+"""Tracing is exact: compared with geometry that needs no intersection, and with an independent tracer."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +41,7 @@ FOUR_WALL = mock_server.load_scene("four-wall")
 
 
 def room_data(name):
-    return yaml.safe_load((mock_server.scene._SCENES / f"{name}.yaml").read_text())
+    return yaml.safe_load((Path(mock_server.__file__).parent / "scenes" / f"{name}.yaml").read_text())
 
 
 def random_rays(rng, count):

@@ -1,0 +1,162 @@
+"""Plugin 0.3.10 (columns L of the protocol reference)."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from mock_server import pixels
+from mock_server.dialects.common import THREE, Dialect, Later, Reply, Row, color, numbers, ok, paint, sets
+from mock_server.rotator import MIRROR
+from mock_server.world import Camera
+
+_Form = Literal["png", "npy", "exr"]
+_CAPTURED = ("lit", "depth", "normal")
+_FILE_FRAMES = 2
+"""Frames that a file command waits, so that the pose has arrived."""
+
+
+class Plugin0310(Dialect):
+    """One pawn, whose view is captured every frame; requests read the last finished capture."""
+
+    lag = (1, 2)  # one frame is being rendered, and rotations take another
+
+    def rows(self) -> list[Row]:
+        obj, at, unpainted = self.with_object, "/object/[str]", "error Object {} not exist"
+        camera, cam, player = self.with_camera, "/camera/[uint]", self.world.player
+        image, npy = f"vget {cam}", partial(self._data, "npy")
+        return [
+            ("vrun [str]", "Runs an alias", ok),
+            ("vget /objects", "Names of the objects", lambda: " ".join(self.world.objects)),
+            (f"vget {at}/color", "Colour in the mask", obj(color, unpainted)),
+            (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(paint, unpainted)),
+            (f"vget {at}/name", "Its name", obj(lambda o: o.name)),
+            (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location, "{:.2f}"))),
+            (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation, "{:.2f}"))),
+            (f"vset {at}/location {THREE}", "Moves it", obj(sets("location"))),
+            (f"vset {at}/rotation {THREE}", "Turns it", obj(sets("rotation"))),
+            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
+            (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
+            (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
+            (f"{image}/[str]", "An image of a mode, in a file", self._to_file),
+            (f"{image}/[str] [str]", "An image of a mode, in a file of that name", self._to_file),
+            (f"{image}/lit", "A lit image, in a file", lambda i: self._to_file(i, "lit")),
+            (f"{image}/lit [str]", "The same, of that name", lambda i, n: self._to_file(i, "lit", n)),
+            (f"{image}/object_mask", "The mask in the window, in a file", self._window_mask),
+            (f"{image}/object_mask [str]", "The mask, as png or in a file", self._window_mask),
+            (f"{image}/screenshot", "The window, in a file", lambda _: self._saved(self._window)),
+            (f"vget {cam}/location", "Location, cm", camera(lambda _: numbers(player.location))),
+            (f"vget {cam}/rotation", "Pitch, yaw, roll", lambda _: numbers(player.rotation)),
+            (f"vget {cam}/pose", "Both", lambda _: f"{numbers(player.location)} {numbers(player.rotation)}"),
+            (f"vset {cam}/location {THREE}", "Moves the pawn", lambda _, *xyz: self._pose(xyz)),
+            (f"vset {cam}/rotation {THREE}", "Turns it", lambda _, *turn: self._pose((), turn)),
+            (f"vset {cam}/pose {THREE} {THREE}", "Both", lambda _, *p: self._pose(p[:3], p[3:])),
+            (f"vget {cam}/horizontal_fieldofview", "Degrees", camera(lambda c: f"{c.fov:.3f}")),
+            (f"vset {cam}/horizontal_fieldofview [float]", "Sets it", self._set_fov),
+            (f"vset {cam}/moveto {THREE}", "Moves the pawn up to what is in the way", self._move_to),
+            (f"vget {cam}/proj_matrix", "Projection", lambda _: "error Argument Invalid"),
+            *self.viewmode_rows(),
+            ("vget /actor/location", "Location of the pawn, cm", lambda: numbers(player.location)),
+            ("vget /actor/rotation", "Its rotation", lambda: numbers(player.rotation)),
+            *((f"{image}/{mode} png", f"{mode} as PNG", self._data("png", mode)) for mode in _CAPTURED),
+            (f"{image}/lit npy", "lit as NPY", npy("lit")),
+            (f"{image}/depth npy", "Distance along the ray, metres", npy("depth")),
+            # Registered, but the plugin has no such modes: no data, which becomes ok.
+            (f"{image}/plane_depth npy", "Planar depth", ok),
+            (f"{image}/vis_depth npy", "Depth as a picture", ok),
+            (f"{image}/normal npy", "normal as NPY", npy("normal")),
+            (f"{image}/lit_depth_normal npy", "All three in one reply", npy(*_CAPTURED)),
+            *self.plugin_rows(echo=lambda word: Later(1, lambda: word)),
+            ("vset /action/game/pause", "Pauses, or goes on", ok),
+            ("vset /action/game/level [str]", "Opens a level", ok),
+            ("vset /action/input/enable", "Lets the window's keys act", ok),
+            ("vset /action/input/disable", "Stops the window's keys", ok),
+            ("vset /action/keyboard [str] [float]", "Presses a key", ok),
+            *self.console_rows("vrun", 1, 3),
+            *self.console_rows("vexec", 2, 5),
+        ]
+
+    def malformed(self, payload: bytes) -> bytes:
+        return b"error: Malformat raw message '%b'" % payload.partition(b"\0")[0]
+
+    def _pose(self, location: Any, rotation: Any = ()) -> None:
+        player = self.world.player
+        if not self.world.faults.strike("ignore-pose"):
+            player.location, player.rotation = location or player.location, rotation or player.rotation
+
+    def _move_to(self, _: int, x: float, y: float, z: float) -> None:
+        """Move the pawn along a straight line, up to the first surface on it."""
+        start, goal = np.array(self.world.player.location), np.array([x, y, z])
+        length = float(np.linalg.norm(goal - start))
+        if length > 0:
+            hits = self.world.placed().trace(MIRROR @ start / 100, MIRROR @ (goal - start))
+            x, y, z = (start + min(1.0, 100 * float(hits.distance) / length) * (goal - start)).tolist()
+        self._pose((x, y, z))
+
+    def _set_fov(self, index: int, fov: float) -> Reply:
+        if index > 0:
+            return "error Setting field of view is only supported for camera 0"
+        self.world.cameras[0].fov = fov
+        return None
+
+    def _data(self, form: _Form, *modes: str) -> Callable[..., Reply]:
+        """Return a handler that replies images of modes. No data, as of a missing camera, becomes ok."""
+        missing = "error Invalid camera id {}" if form == "png" else "ok"
+        return self.with_camera(lambda _: b"".join(self._encoded(mode, form) for mode in modes), missing)
+
+    def _encoded(self, mode: str, form: _Form) -> bytes:
+        """Return an image's bytes; none where the camera has no pixels."""
+        camera = self.world.cameras[0]
+        if not camera.has_pixels():
+            return b""
+        view = self.world.capture(camera)
+        if mode == "depth":
+            distance = self.world.depth(view, along_ray=True)
+            if form == "png":
+                return pixels.png(pixels.rescaled(distance))
+            depth = pixels.stored(distance, form == "exr" or self.settings.depth == "half")
+            return pixels.npy(depth) if form == "npy" else pixels.exr(depth[..., None])
+        rgb = self.world.image(view, mode)
+        if form == "npy":
+            return pixels.npy(np.dstack([rgb, np.full_like(rgb[..., :1], 255)]) if mode == "lit" else rgb)
+        return pixels.png(rgb) if form == "png" else pixels.exr(rgb.astype(np.float32) / np.float32(255))
+
+    def _to_file(self, index: int, mode: str, name: str = "") -> Reply:
+        """Capture into a file, two frames from now."""
+        if mode not in _CAPTURED:
+            return f"error Unrecognized capture mode {mode}"
+        if index > 0:
+            return f"error Invalid camera id {index}"
+        if mode == "lit":
+            self.world.viewmode = "lit"
+        if name and not name.endswith((".png", ".exr")):
+            return self._saved(bytes, name)
+        return self._saved(lambda: self._encoded(mode, "exr" if name.endswith(".exr") else "png"), name)
+
+    def _window_mask(self, _: int, name: str = "") -> Reply:
+        """Capture the mask from the window, as PNG; the window stays in that view mode."""
+        if self.world.faults.strike("refuse-mask"):
+            return "error Fail to capture screen"
+        self.world.viewmode = "object_mask"
+        return Later(_FILE_FRAMES, self._window) if name == "png" else self._saved(self._window, name)
+
+    def _window(self) -> bytes:
+        """Return a PNG of the window, at its own size and initial field of view."""
+        pose, size = self.world.player.delayed(0, 0), self.settings.window_size
+        camera = Camera("viewport", *pose, self.settings.fov_deg, size)
+        shown = self.world.image(self.world.capture(camera), self.world.viewmode)
+        return pixels.png(
+            pixels.through_vertex_colors(shown) if self.world.viewmode == "object_mask" else shown
+        )
+
+    def _saved(self, make: Callable[[], bytes], name: str = "") -> Later:
+        """Write a file later, and reply its path, whether or not it was written."""
+        name = name or self.files.next_name()
+
+        def save() -> str:
+            if data := make():
+                self.files.write(name, data)
+            return f"{self.files.path}/{name}"
+
+        return Later(_FILE_FRAMES, save)

@@ -1,0 +1,216 @@
+"""The 1.x command set: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 since 2026 (N2)."""
+
+import itertools
+import re
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from mock_server import pixels
+from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, numbers, ok, paint, sets
+from mock_server.protocol import Command
+from mock_server.rotator import through_quaternion
+from mock_server.world import Camera, SceneObject
+
+_BAD_ARGUMENT = "error Argument Invalid"
+_MODES = ("lit", "depth", "normal", "object_mask", "seg")
+_ENCODERS = {"png": pixels.png, "bmp": pixels.bmp}
+_no_class = "error Can not find a class with name '{}'".format  # the mock has none to spawn objects of
+
+_LIT_SOURCES = ("ftc_hdr", "fc_hdr", "sc_hdr", "scna_hdr", "ldr",
+                "base", "color_depth", "scene_depth", "device_depth", "normal")  # fmt: skip
+_CHOICES = {
+    "lit_source": ("lit source", _LIT_SOURCES),
+    "reflection": ("reflection method", ("none", "lumen", "screen_space")),
+    "illumination": ("global illumination method", ("none", "lumen", "screen_space", "plugin")),
+    "exposure_method": ("exposure method", ("histogram", "basic", "manual")),
+}
+_NUMBERS = {
+    "exposure_bias": "[float]",
+    "auto_speed": "[float] [float]",
+    "auto_brightness": "[float] [float]",
+    "physical_exposure": "[uint]",
+    "motion_blur": "[float] [float] [float] [uint]",
+    "focal": "[float] [float]",
+}
+
+
+class Plugin1(Dialect):
+    """Plugin 1.0.1 of branch 4.27-stable, dialect N1."""
+
+    version = "1.0.1"
+    no_object = "error Can not find object"
+    no_camera = "error Invalid sensor id"
+    request = re.compile(rb"(\d+):(.*)")
+    has_unix = True
+    class_name = "Actor"
+
+    def rows(self) -> list[Row]:
+        obj, at = self.with_object, "/object/[str]"
+        camera, cam = self.with_camera, "/camera/[uint]"
+        strict = partial(camera, missing=_BAD_ARGUMENT)
+        return [
+            ("vrun [str]", "Runs an alias", ok),
+            ("vget /objects", "Names of the objects", lambda: "".join(f"{n} " for n in self.world.objects)),
+            ("vset /objects/spawn [str]", "Adds an object of a class", _no_class),
+            ("vset /objects/spawn [str] [str]", "The same, with a name", _no_class),
+            (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location))),
+            (f"vset {at}/location {THREE}", "Moves it", obj(sets("location"))),
+            (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
+            (f"vset {at}/rotation {THREE}", "Turns it", obj(sets("rotation"))),
+            (f"vget {at}/vertex_location", "Corners of its box, cm", obj(self._vertices)),
+            (f"vget {at}/color", "Colour in the mask", obj(color)),
+            (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(paint)),
+            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
+            (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
+            (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
+            (f"vset {at}/destroy", "Takes it out of the world", self._destroy),
+            (f"vget {at}/uclass_name", "Its class", obj(lambda o: self.class_name)),
+            (f"vset {at}/name [str]", "Renames it", obj(self.world.rename)),
+            (f"vget {at}/scale", "Its scale", obj(lambda o: "1.000 1.000 1.000")),
+            (f"vget {at}/bounds", "Its box, cm", obj(lambda o: numbers(self.world.bounds(o).flat, "{:.2f}"))),
+            *self.plugin_rows(),
+            ("vget /level/name", "Name of the map", lambda: self.world.scene.name),
+            ("vset /action/game/pause", "Pauses", lambda: sets("paused", True)(self.world)),
+            ("vset /action/game/resume", "Goes on", lambda: sets("paused", False)(self.world)),
+            ("vget /action/game/is_paused", "Whether paused", lambda: str(self.world.paused).lower()),
+            ("vset /action/game/level [str]", "Opens a level", ok),
+            ("vset /action/input/enable", "Lets the window's keys act", ok),
+            ("vset /action/input/disable", "Stops the window's keys", ok),
+            ("vset /action/eyes_distance [float]", "Distance of two eyes", lambda _: "error Not Implemented"),
+            ("vset /action/keyboard [str] [float]", "Presses a key", ok),
+            *self.console_rows("vrun", 1, 6),
+            *self.console_rows("vexec", 2, 7),
+            *self.console_rows("vbp", 2, 11),
+            ("vbatch [uint]", "Announces requests that belong together", ok),
+            ("vget /screenshot [str]", "What the window shows", self._screenshot),
+            (
+                "vget /cameras",
+                "Names of the cameras",
+                lambda: "".join(f"{c.name} " for c in self.world.cameras),
+            ),
+            ("vset /cameras/spawn", "Adds a camera", self.world.spawn),
+            (f"vget {cam}/location", "Location, cm", camera(lambda c: numbers(c.location))),
+            (f"vset {cam}/location {THREE}", "Moves it", camera(partial(self._set_pose, "location"))),
+            (f"vset {cam}/moveto {THREE}", "Moves the player", camera(self._move_to)),
+            (f"vget {cam}/rotation", "Pitch, yaw, roll", camera(self._rotation)),
+            (f"vset {cam}/rotation {THREE}", "Turns it", camera(partial(self._set_pose, "rotation"))),
+            *((f"vget {cam}/{m} [str]", f"An image: {m}", camera(partial(self._image, m))) for m in _MODES),
+            *self.viewmode_rows(),
+            (f"vget {cam}/fov", "Field of view, degrees", strict(lambda c: f"{c.fov:f}")),
+            (f"vset {cam}/fov [float]", "Sets it", strict(sets("fov"))),
+            (f"vset {cam}/size [uint] [uint]", "Sets width and height, px", strict(sets("size"))),
+            (f"vget {cam}/size", "Width and height, px", strict(lambda c: "{} {}".format(*c.size))),
+        ]
+
+    def _set_pose(self, attribute: str, camera: Camera, *values: float) -> None:
+        """Set a camera's location or rotation; camera 0 follows the player."""
+        if not self.world.faults.strike("ignore-pose"):
+            is_player = camera is self.world.cameras[0]
+            setattr(self.world.player if is_player else camera, attribute, values)
+
+    def _move_to(self, camera: Camera, *location: float) -> Reply:
+        if camera is not self.world.cameras[0]:
+            return "error MoveTo only supports the player camera with id 0"
+        self._set_pose("location", camera, *location)
+        return None
+
+    def _rotation(self, camera: Camera) -> str:
+        is_player = camera is self.world.cameras[0]
+        return numbers(camera.rotation if is_player else through_quaternion(camera.rotation))
+
+    def _screenshot(self, form: str) -> Reply:
+        return self._image("screenshot", self.world.cameras[0], form)
+
+    def _image(self, mode: str, camera: Camera, form: str) -> Reply:
+        """Return an image as bytes (``form`` is a format), or write it to a file (a name with an ending)."""
+        kinds = ("npy",) if mode == "depth" else ("png", "bmp")
+        kind = next((each for each in kinds if form.lower() == each or form.endswith(f".{each}")), "")
+        if not kind:
+            return f"error Invalid filename type, filename {form}"
+        mode = "object_mask" if mode == "seg" else mode
+        refused = mode == "object_mask" and self.world.faults.strike("refuse-mask")
+        if refused or not camera.has_pixels():
+            return "error Captured data is empty"
+        view, shown = self.world.capture(camera), self.world.viewmode
+        if mode == "depth":
+            depth = 100 * self.world.depth(view, along_ray=False)
+            data = pixels.npy(pixels.stored(depth, self.settings.depth == "half"))
+        else:
+            # The depth and normal view modes work through post-processing, which captures show too.
+            window = mode == "screenshot" or (mode == "lit" and shown in ("depth", "normal"))
+            data = _ENCODERS[kind](self.world.image(view, shown if window else mode))
+        if form.lower() == kind:
+            return data
+        self.files.write(form, data)  # the plugin does not report a file that it cannot write
+        return form
+
+    def _destroy(self, name: str) -> Reply:
+        return None if self.world.destroy(name) else self.no_object.format(name)
+
+    def _vertices(self, o: SceneObject) -> str:
+        corners = itertools.product(*self.world.bounds(o).T)
+        return "".join("     ".join(f"{value:.5f}" for value in corner) + "\n" for corner in corners)
+
+
+class Branch422(Plugin1):
+    """The branches 4.22, 4.25 and 4.27, dialect M: they call themselves 0.3.10, but have the 1.x commands."""
+
+    version = Dialect.version
+    request = Dialect.request
+    has_unix = False
+
+    def rows(self) -> list[Row]:
+        # The plugin bound the getter of the size, which is last, to the setter: its arguments are missing.
+        rows, size = super().rows()[:-1], "vget /camera/[uint]/size"
+        size_row = (size, "Width and height, px", lambda _: _BAD_ARGUMENT)
+        return [*(row for row in rows if row[0] != "vget /level/name"), size_row]
+
+
+class Branch52(Plugin1):
+    """UTF-8, at most 32 requests a frame, batches that are held, other error texts, capture controls."""
+
+    unknown = "error No handler found for URI '{}'"
+    no_object = "error Cannot find object"
+    encoding = "utf-8"
+    requests_per_frame = 32
+    class_name = "StaticMeshActor"
+    status_on_unix = "Client Connected"
+
+    def parse(self, payload: bytes) -> tuple[int, str] | None:
+        parsed = super().parse(payload)
+        return parsed and (max(0, parsed[0]), parsed[1])
+
+    def match(self, each: Command, text: str) -> tuple[Any, ...] | None:
+        """The first word must be the template's."""
+        return each.match(text) if text.split(" ")[0] == each.template.split(" ")[0] else None
+
+    def status(self) -> str:
+        return re.sub(r"FOV: .*", f"FOV: {self.settings.fov_deg:.1f}", super().status()).rstrip("\n")
+
+    def rows(self) -> list[Row]:
+        rows = super().rows()
+        templates = [row[0] for row in rows]
+        alias, one_word, batch = 0, templates.index("vrun [str]", 1), templates.index("vbatch [uint]")
+        rows[alias] = ("vrun [str]", "Runs an alias", "error Unrecognised alias '{}'".format)
+        rows[one_word] = ("vcmd [str]", "Runs a console command of one word", ok)
+        rows[batch] = ("vbatch [uint]", "Holds that many requests, and answers them in one frame", self._hold)
+        strict, at = partial(self.with_camera, missing=_BAD_ARGUMENT), "vset /camera/[uint]"
+        return [
+            *rows,
+            *((f"{at}/{key} [str]", f"Sets the {c[0]}", strict(_choose(*c))) for key, c in _CHOICES.items()),
+            *((f"{at}/{key} {form}", f"Sets {key}", strict(ok)) for key, form in _NUMBERS.items()),
+        ]
+
+    def _hold(self, count: int) -> None:
+        self.held = count
+
+
+def _choose(what: str, words: tuple[str, ...]) -> Callable[..., Reply]:
+    def handler(_: Camera, word: str) -> Reply:
+        if word.lower() in words:
+            return None
+        options = ", ".join(words[:-1]) + f" and {words[-1]}"
+        return f"error Can not support {what} {word}, available options are {options}"
+
+    return handler

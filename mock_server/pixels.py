@@ -1,0 +1,84 @@
+"""From a view's ray hits to the pixels of each mode, and to the plugin's bytes: PNG, BMP, NPY and EXR."""
+
+import struct
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+
+LARGEST_HALF = 65504.0
+"""The largest half float: depth saturates at it, also the sky's."""
+
+
+def normals(normal: NDArray[np.float64]) -> Bytes:
+    """Return (H, W, 3) ``0.5 n + 0.5`` of the normals in Unreal's world axes; middle grey for the sky."""
+    return np.round(255 * (0.5 + 0.5 * normal * (1, -1, 1))).astype(np.uint8)
+
+
+def gray_depth(depth: NDArray[np.float64]) -> Bytes:
+    """Return (H, W, 3) grey levels as the depth view mode shows planar depth (metres): 100 m is white."""
+    return _gray(np.minimum(100 * depth / 10_000.0, 1.0))
+
+
+def rescaled(distance: NDArray[np.float64]) -> Bytes:
+    """Return (H, W, 3) grey levels of distances from 0 to the image's own largest: for display only."""
+    limited = np.minimum(distance, LARGEST_HALF)
+    return _gray(limited / limited.max())
+
+
+def stored(depth: NDArray[np.float64], half: bool) -> NDArray[np.float32]:
+    """Return depth in the server's unit as in the engine's buffers: float32, rounded to half floats."""
+    limited = np.minimum(depth, LARGEST_HALF)
+    return (limited.astype(np.float16) if half else limited).astype(np.float32)
+
+
+def through_vertex_colors(colors: Bytes) -> Bytes:
+    """Return what is displayed of vertex colours: to linear light in 8 bits, and back (reference, 5.2)."""
+    linear = np.floor((colors / 255.0) ** 2.2 * 255.999)
+    return np.asarray(np.round((linear / 255.0) ** (1 / 2.2) * 255), dtype=np.uint8)
+
+
+def png(rgb: Bytes) -> bytes:
+    """Return an 8-bit RGBA PNG, alpha 255."""
+    bgra = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA)
+    return bytes(cv2.imencode(".png", bgra, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1])
+
+
+def bmp(rgb: Bytes) -> bytes:
+    """Return a 32-bit top-down BMP; the plugin repeats the byte count between header and pixels."""
+    height, width = rgb.shape[:2]
+    count = 4 * width * height
+    header = struct.pack("<2sIHHI", b"BM", 54 + count, 0, 0, 54)
+    info = struct.pack("<IiiHHIIiiII", 40, width, -height, 1, 32, 0, 0, 1024, 1024, 0, 0)
+    return header + info + struct.pack("<i", count) + bytes(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA).tobytes())
+
+
+def npy(array: NDArray[np.generic]) -> bytes:
+    """Return NPY 1.0 as the plugin writes it: header a multiple of 16, 16 more where it fits exactly."""
+    shape = ", ".join(map(str, array.shape))
+    kind = array.dtype.str.replace("|", "<")
+    text = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}"
+    text += " " * (15 - (10 + len(text)) % 16) + "\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode() + array.tobytes()
+
+
+def exr(rgb: NDArray[np.float32]) -> bytes:
+    """Return an EXR of half floats, uncompressed, RGBA with alpha 1; one channel is repeated."""
+    import OpenImageIO
+
+    rgba = np.ones((*rgb.shape[:2], 4), dtype=np.float32)
+    rgba[..., :3] = rgb
+    buffer = OpenImageIO.ImageBuf(rgba)
+    buffer.specmod().attribute("compression", "none")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "image.exr"
+        buffer.write(str(path), OpenImageIO.HALF)
+        return path.read_bytes()
+
+
+def _gray(share: NDArray[np.float64]) -> Bytes:
+    return np.repeat(np.round(255 * share).astype(np.uint8)[..., None], 3, axis=2)

@@ -1,0 +1,189 @@
+"""Reads the description of a scene, as in its YAML file; docs/scenes.md explains the words."""
+
+import functools
+import itertools
+import math
+import numbers as abstract
+import reprlib
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mock_server.kernel import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE
+from mock_server.textures import KINDS, Texture, direction_pattern, waves
+
+Array = NDArray[np.float64]
+Pattern = Callable[[Array], Array]
+Range = Literal["finite", "above 0", "from 0 to 1"]
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2
+_LARGEST = sys.float_info.max
+_RANGES: Mapping[Range, tuple[float, float]] = {
+    "finite": (-_LARGEST, _LARGEST),
+    "above 0": (math.ulp(0.0), _LARGEST),
+    "from 0 to 1": (0.0, 1.0),
+}
+_SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
+    "box": (BOX, 3, lambda x, y, z: (x / 2, y / 2, z / 2)),
+    "sphere": (SPHERE, 1, lambda radius: (radius, 0.0, 0.0)),
+    "cylinder": (CYLINDER, 2, lambda radius, height: (radius, 0.0, height / 2)),
+}
+"""Kind for the kernel, how many numbers are the size, and the half sizes for the kernel."""
+
+_MARGIN = 1 + 1e-9  # of bounding spheres, against rounding
+
+
+@dataclass
+class SceneFile:
+    """What a description becomes: solids, each of an object and a texture, and a sky or a pattern."""
+
+    sky: tuple[float, ...]  # the colour of rays that hit nothing, 0..1
+    pattern: Pattern | None  # what they show instead, as a function of unit directions (N, 3)
+    rows: list[Array] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    textures: list[Texture] = field(default_factory=list)
+
+    def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
+        """Add a solid of a centre, axes as rows, and half sizes; see ``kernel.COLUMNS``."""
+        row = np.zeros(COLUMNS)
+        row[0], row[2:17] = kind, np.concatenate([np.ravel(each) for each in columns])
+        row[17] = _MARGIN * np.hypot(np.hypot(row[14], row[15] if kind != CYLINDER else 0.0), row[16])
+        self.rows.append(row)
+        self.names.append(name)
+        self.textures.append(texture)
+
+
+def read(description: object, where: str) -> SceneFile:
+    """Return the solids and the sky of a description.
+
+    Raises:
+        ValueError: a word is unknown or missing, or a value is wrong; the message names it.
+    """
+    data = _mapping(description, where, "sky", "room", "objects", "pattern")
+    sky = _numbers(data.get("sky", (0.0, 0.0, 0.0)), 3, f"{where}: sky", "from 0 to 1")
+    scene = SceneFile(sky, _pattern(data.get("pattern"), where))
+    if "room" in data:
+        _add_room(scene, data["room"], f"{where}: room")
+    for name, value in _mapping(data.get("objects") or {}, f"{where}: objects").items():
+        if not isinstance(name, str) or not name or name.split() != [name]:
+            raise ValueError(f"{where}: objects: expected names without spaces, got {_SHORT.repr(name)}")
+        here = f"{where}: {name}"
+        item = _mapping(value, here, "solids", "texture")
+        texture = _texture(item.get("texture", {}), f"{here}: texture")
+        for solid in _list(item.get("solids"), 1, f"{here}: solids"):
+            _add_solid(scene, name, solid, texture, here)
+    return scene
+
+
+def _numbers(value: object, count: int, where: str, what: Range = "finite") -> tuple[float, ...]:
+    values = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] if count == 1 else []
+    found = [float(x) for x in values if isinstance(x, abstract.Real) and not isinstance(x, bool)]
+    least, most = _RANGES[what]
+    if not len(found) == len(values) == count or not all(least <= x <= most for x in found):
+        expected = f"{count} number{'s' if count > 1 else ''} ({what})"
+        raise ValueError(f"{where}: expected {expected}, got {_SHORT.repr(value)}")
+    return tuple(found)
+
+
+def _mapping(value: object, where: str, *words: str) -> Mapping[str, object]:
+    """Return a value that is a mapping, of these words only if there are any."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{where}: expected a mapping, got {_SHORT.repr(value)}")
+    unknown = [key for key in value if words and key not in words]
+    if unknown:
+        raise ValueError(f"{where}: expected words among {', '.join(sorted(words))}; got {unknown[0]!r}")
+    return value
+
+
+def _list(value: object, least: int, where: str) -> list[object]:
+    """Return a value that is a list of at least so many items."""
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) < least:
+        raise ValueError(f"{where}: expected a list of at least {least}, got {_SHORT.repr(value)}")
+    return list(value)
+
+
+def _texture(value: object, where: str) -> Texture:
+    data = _mapping(value, where, "kind", "colors", "scale", "angle_deg")
+    kind = data.get("kind", "plain")
+    if kind not in KINDS:
+        raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}; got {_SHORT.repr(kind)}")
+    listed = _list(data.get("colors", [[0.7] * 3]), 1, f"{where}: colors")
+    if len(listed) > 2:
+        raise ValueError(f"{where}: colors: expected one or two, got {len(listed)}")
+    colors = [_numbers(color, 3, f"{where}: colors", "from 0 to 1") for color in listed]
+    (scale,) = _numbers(data.get("scale", 1.0), 1, f"{where}: scale", "above 0")
+    (angle,) = _numbers(data.get("angle_deg", 0.0), 1, f"{where}: angle_deg")
+    return Texture(kind, colors[0], colors[-1], scale, math.radians(angle))
+
+
+def _pattern(value: object, where: str) -> Pattern | None:
+    if value is None:
+        return None
+    data = _mapping(value, f"{where}: pattern", "kind", "period_rad")
+    kind = data.get("kind")
+    if kind == "direction":
+        return direction_pattern
+    if kind == "waves":
+        (period,) = _numbers(data.get("period_rad"), 1, f"{where}: pattern: period_rad", "above 0")
+        return functools.partial(waves, period_rad=period)
+    raise ValueError(f"{where}: pattern: kind: expected direction or waves, got {_SHORT.repr(kind)}")
+
+
+def _add_room(scene: SceneFile, value: object, where: str) -> None:
+    """Add walls, floor and ceiling of a floor polygon."""
+    data = _mapping(value, where, "floor", "height", "walls", "floor_texture", "ceiling_texture")
+    floor = f"{where}: floor"
+    corners = np.array([_numbers(corner, 2, floor) for corner in _list(data.get("floor"), 4, floor)])
+    steps = np.roll(corners, -1, axis=0) - corners
+    if ((steps == 0).sum(axis=1) != 1).any():
+        raise ValueError(f"{floor}: expected neighbouring corners that differ in either x or y")
+    rectangles = _rectangles(corners)
+    # Twice the signed area of the polygon; the rectangles' differs if it is clockwise, or crosses itself.
+    twice = (corners[:, 0] * steps[:, 1] - corners[:, 1] * steps[:, 0]).sum()
+    if not math.isclose(twice, 2 * sum(np.prod(high - low) for low, high in rectangles)):
+        raise ValueError(f"{floor}: expected corners counter-clockwise, of edges that do not cross")
+    (height,) = _numbers(data.get("height", 2.8), 1, f"{where}: height", "above 0")
+    walls = [_texture(t, f"{where}: walls") for t in _list(data.get("walls", [{}]), 1, f"{where}: walls")]
+    for i, (corner, step) in enumerate(zip(corners, steps, strict=True)):
+        length = float(np.linalg.norm(step))
+        x, y = step / length
+        center, axes = [*(corner + step / 2), height / 2], [[x, y, 0], [0, 0, 1], [y, -x, 0]]
+        half = [length / 2, height / 2, 0.0]
+        scene.add(f"Layout_Wall_{i + 1}", walls[i % len(walls)], RECTANGLE, center, axes, half)
+    for name, z in (("floor", 0.0), ("ceiling", height)):
+        texture = _texture(data.get(f"{name}_texture", {}), f"{where}: {name}_texture")
+        for low, high in rectangles:
+            center, half = [*((low + high) / 2), z], [*((high - low) / 2), 0.0]
+            scene.add(f"Layout_{name.capitalize()}", texture, RECTANGLE, center, np.eye(3), half)
+
+
+def _rectangles(corners: Array) -> list[tuple[Array, Array]]:
+    """Cut a right-angled polygon into rectangles between its x values."""
+    xs = np.unique(corners[:, 0])
+    ends = np.roll(corners, -1, axis=0)
+    result = []
+    for x0, x1 in itertools.pairwise(xs):
+        middle = (x0 + x1) / 2
+        crossed = np.sort(corners[(corners[:, 0] - middle) * (ends[:, 0] - middle) < 0, 1])
+        result += [(np.array([x0, y0]), np.array([x1, y1])) for y0, y1 in crossed.reshape(-1, 2)]
+    return result
+
+
+def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, where: str) -> None:
+    data = _mapping(value, where, "box", "sphere", "cylinder", "at", "turn_deg", "texture")
+    shapes = [shape for shape in _SHAPES if shape in data]
+    if len(shapes) != 1:
+        raise ValueError(f"{where}: expected one of {', '.join(_SHAPES)}; got {', '.join(shapes) or 'none'}")
+    if "texture" in data:
+        texture = _texture(data["texture"], f"{where}: texture")
+    kind, count, half_of = _SHAPES[shapes[0]]
+    half = half_of(*_numbers(data[shapes[0]], count, f"{where}: {shapes[0]}", "above 0"))
+    center = _numbers(data.get("at"), 3, f"{where}: at")
+    turn = math.radians(*_numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg"))
+    x, y = math.cos(turn), math.sin(turn)
+    scene.add(name, texture, kind, center, [[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]], half)

@@ -1,0 +1,101 @@
+"""Checks of arguments, for every layer: errors of one line, what was expected and what came."""
+
+import math
+import reprlib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.errors import ArgumentError
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 80, 80
+
+
+def shown(value: object) -> str:
+    """Return ``repr(value)`` in one line, cut short: a few bytes of YAML can stand for gigabytes."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist() if value.size <= 100 else f"array of shape {value.shape}"
+    return " ".join(_SHORT.repr(value).split())
+
+
+def number(
+    name: str,
+    value: object,
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    below: float = math.inf,
+    most: float = math.inf,
+) -> float:
+    """Return ``value``, a number or a text, as a finite float within its limits, or raise ArgumentError.
+
+    ``above`` and ``below`` exclude the limit. A truth value is no number.
+    """
+    found = _as_float(value)
+    if not (math.isfinite(found) and above < found < below and least <= found <= most):
+        bounds = ((">", above), (">=", least), ("<", below), ("<=", most))
+        limits = " and ".join(f"{sign} {bound:.15g}" for sign, bound in bounds if math.isfinite(bound))
+        wanted = f"a finite number {limits}".rstrip()
+        raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
+    return found + 0.0  # -0.0 becomes 0.0: numbers that are equal look equal
+
+
+def optional_number(name: str, value: object, **limits: float) -> float | None:
+    """Return None for None, and else what :func:`number` returns."""
+    return None if value is None else number(name, value, **limits)
+
+
+def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
+    """Return a read-only float64 copy of finite numbers of a shape, in which None stands for any size >= 1;
+    raise ArgumentError for all else."""
+    leaves = _leaves(value, tuple(shape))
+    if not all(map(math.isfinite, leaves)):
+        count = "" if shape == (None,) else f"{shape[0]} " if len(shape) == 1 else f"{tuple(shape)} "
+        raise ArgumentError(f"{name}: expected {count}finite numbers, got {shown(value)}")
+    array = np.array(leaves).reshape([-1 if size is None else size for size in shape]) + 0.0
+    array.flags.writeable = False
+    return array
+
+
+def whole_number(name: str, value: object, unit: str = "", *, least: int = 1, most: int | None = None) -> int:
+    """Return ``value``, a whole number of ``unit``, as an int within its limits, or raise ArgumentError."""
+    wanted = f"{name}: expected a whole number{unit and ' of '}{unit}"
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ArgumentError(f"{wanted} >= {least}, got {shown(value)}")
+    if most is not None and value > most:
+        raise ArgumentError(f"{wanted} <= {most}, got {shown(value)}")
+    return int(value)
+
+
+def one_of(name: str, value: object, words: Iterable[str]) -> Any:
+    """Return ``value``, one of a few words, or raise ArgumentError."""
+    known = list(words)
+    if not isinstance(value, str) or value not in known:
+        raise ArgumentError(f"{name}: expected one of {', '.join(known)}; got {shown(value)}")
+    return value
+
+
+def _as_float(value: Any) -> float:
+    """The number that a scalar or a text is; NaN for all else."""
+    if getattr(value, "ndim", 0) or isinstance(value, bool | np.bool_):
+        return math.nan
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:
+    """The numbers of a nested sequence, row by row; NaN in place of what does not fit the shape."""
+    # Reads no more than the shape holds: YAML's aliases can nest one short list into billions of numbers.
+    if not shape:
+        return [_as_float(value)]
+    if hasattr(value, "__array__"):
+        value = np.asarray(value).tolist()
+    listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+    if not listed or len(value) != (max(1, len(value)) if shape[0] is None else shape[0]):
+        return [math.nan]
+    return [leaf for part in value for leaf in _leaves(part, shape[1:])]

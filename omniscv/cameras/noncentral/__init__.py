@@ -1,0 +1,1 @@
+"""Cameras whose rays do not meet in one point."""

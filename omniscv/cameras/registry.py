@@ -1,0 +1,89 @@
+"""Camera models by name: those of this package and those that other packages register."""
+
+import inspect
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from omniscv import plugins
+from omniscv.arguments import one_of, shown
+from omniscv.cameras.base import Camera, Parameter
+from omniscv.errors import ArgumentError
+
+C = TypeVar("C", bound=Camera)
+
+_MODELS: dict[str, type[Camera]] = {}
+
+
+def register(cls: type[C]) -> type[C]:
+    """Add a camera model under its ``name``; usable as a decorator.
+
+    Returns:
+        The class.
+
+    Raises:
+        ArgumentError: no subclass of :class:`Camera` or an abstract one, one without a name, or a name
+            that another class has.
+    """
+    if not (isinstance(cls, type) and issubclass(cls, Camera)):
+        raise ArgumentError(f"camera model: expected a subclass of omniscv.cameras.Camera, got {shown(cls)}")
+    name = getattr(cls, "name", None)
+    if not isinstance(name, str) or not name:
+        raise ArgumentError(f"{cls.__name__}.name: expected the model's name, got {shown(name)}")
+    if inspect.isabstract(cls):
+        missing = ", ".join(sorted(cls.__abstractmethods__))
+        raise ArgumentError(
+            f"{cls.__name__}: expected a class that implements {missing}, got an abstract one"
+        )
+    if _MODELS.setdefault(name, cls) is not cls:
+        raise ArgumentError(
+            f"{cls.__name__}.name: expected a name that no other model has, got {name!r} of "
+            f"{_MODELS[name].__module__}.{_MODELS[name].__qualname__}"
+        )
+    return cls
+
+
+def names() -> list[str]:
+    """Return the names of all models, in the order of their registration."""
+    plugins.load()
+    return list(_MODELS)
+
+
+def model(name: str) -> type[Camera]:
+    """Return the class of a model; raise ArgumentError where no model has that name."""
+    return _MODELS[name] if name in _MODELS else _MODELS[one_of("camera", name, names())]
+
+
+def create(name: str, width: int, height: int, **parameters: Parameter) -> Camera:
+    """Return a camera by its model's name, image size in px, and the model's own parameters.
+
+    Raises:
+        ArgumentError: an unknown name, or a parameter that the model does not take, lacks or refuses.
+    """
+    return _construct(name, {"width": width, "height": height, **parameters})
+
+
+def from_dict(data: Mapping[str, Any]) -> Camera:
+    """Return the camera that ``camera.to_dict()`` described.
+
+    Raises:
+        ArgumentError: no ``model`` in it, or as :func:`create`.
+    """
+    if not isinstance(data, Mapping) or "model" not in data:
+        raise ArgumentError(f"camera: expected a mapping with 'model' in it, got {shown(data)}")
+    return _construct(data["model"], {key: value for key, value in data.items() if key != "model"})
+
+
+def _construct(name: str, arguments: Mapping[str, Any]) -> Camera:
+    cls = model(name)
+    signature = inspect.signature(cls)
+    try:
+        signature.bind(**arguments)
+    except TypeError:
+        taken = signature.parameters
+        needed = [key for key, parameter in taken.items() if parameter.default is parameter.empty]
+        missing = [f"no {key}" for key in needed if key not in arguments]
+        unknown = [shown(key) for key in arguments if key not in taken]
+        optional = [key for key in taken if key not in needed]
+        wanted = ", ".join(needed) + (f" and optionally {', '.join(optional)}" if optional else "")
+        raise ArgumentError(f"camera {name}: expected {wanted}; got {', '.join(missing + unknown)}") from None
+    return cls(**arguments)

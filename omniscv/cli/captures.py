@@ -1,0 +1,54 @@
+"""``omniscv captures``: inspect, check and convert recordings."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Exit, Typer
+
+from omniscv.cli import console, options
+
+_HELP = "Inspect recordings, check them, convert them to folders and back."
+app = Typer(name="captures", help=_HELP, no_args_is_help=True, add_completion=False)
+
+Recording = Annotated[Path, Argument(metavar="FILE", help="A recording.")]
+
+
+@app.command(epilog="Example: omniscv captures info room.sqlite")
+def info(file: Recording, as_json: options.AsJson = False) -> None:
+    """Show what a recording holds and where it came from."""
+    from omniscv.sources.recording import inspection
+
+    summary = inspection.info(file).to_dict()
+    if as_json:
+        console.line(json.dumps(summary, indent=2))
+        return
+    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
+    console.table(("", ""), [(key.replace("_", " "), text) for key, text in texts.items()])
+
+
+@app.command(epilog="Example: omniscv captures verify room.sqlite")
+def verify(file: Recording) -> None:
+    """Check every capture of a recording against its checksum. Exit code 1 if one is damaged."""
+    from omniscv.sources.recording import inspection
+
+    report = inspection.verify(file)
+    for line in report.lines():
+        console.line(line)
+    raise Exit(0 if report.ok else 1)
+
+
+@app.command(epilog="Example: omniscv captures export room.sqlite faces/")
+def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or new folder.")]) -> None:
+    """Write a recording as a folder of images and JSON."""
+    from omniscv.sources.recording import folders
+
+    console.line(f"{folder}: {folders.export(file, folder)} captures")
+
+
+@app.command("import", epilog="Example: omniscv captures import faces/ mine.sqlite")
+def import_(folder: Annotated[Path, Argument(help="See docs/capture-folders.md.")], file: Recording) -> None:
+    """Add a folder of images, exported or rendered by other tools, to a recording."""
+    from omniscv.sources.recording import folders
+
+    console.line(f"{file}: {folders.import_folder(folder, file)} captures")

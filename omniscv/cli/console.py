@@ -1,0 +1,51 @@
+"""What commands print: lines, tables, and a progress bar on a terminal."""
+
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")  # all but the line feed
+
+
+def line(text: object) -> None:
+    """Print text on standard output, and a line feed."""
+    print(_printable(text), flush=True)
+
+
+def error(text: object) -> None:
+    """Print text in one line on standard error, after the name of the program."""
+    print(f"omniscv: {_printable(' '.join(str(text).split()))}", file=sys.stderr, flush=True)
+
+
+def table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], styles: Mapping[str, str] | None = None
+) -> None:
+    """Print a table, without headings if all are empty; ``styles`` maps cells to styles of rich."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(*columns, box=None, show_header=any(columns), header_style="bold", padding=(0, 2, 0, 0))
+    for row in rows:
+        drawn.add_row(*(Text(_printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
+    Console(highlight=False, soft_wrap=True).print(drawn)
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float, int], None]]:
+    """A function to call with (done, total); it draws a bar on standard error if that is a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console, disable = Console(stderr=True), not sys.stderr.isatty()
+    with Progress(*columns, console=console, transient=True, disable=disable) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _printable(text: object) -> str:
+    """Text with control characters as escapes: names in files and servers may hold any."""
+    shown = _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
+    return shown.encode(errors="backslashreplace").decode()

@@ -1,0 +1,33 @@
+"""``omniscv plan``: what each strategy would capture."""
+
+from pathlib import Path
+
+from typer import Option, Typer
+
+from omniscv.cli import console
+from omniscv.cli.options import JobOptions
+
+app = Typer(add_completion=False)
+
+_COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds")
+
+
+class PlanOptions(JobOptions):
+    """What to plan."""
+
+    beside_job = frozenset(("job", "measure"))
+    measure: bool = Option(False, "--measure", help="Open the source, and measure how long a request takes.")
+
+
+@app.command(epilog="Example: omniscv plan --camera noncentral-panorama --param radius=1 --modes lit,depth")
+@PlanOptions.command
+def plan(given: PlanOptions) -> None:
+    """List what each strategy would capture for a job, and how long that takes, without capturing it."""
+    from omniscv.jobs import costs
+
+    rows = []
+    for cost in costs(given.to_job(out=Path()), measure=given.measure):
+        counts = (cost.views, cost.requests, cost.most_requests)
+        sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
+        rows.append((cost.strategy, *counts, *sizes))
+    console.table(_COLUMNS, rows)

@@ -1,0 +1,146 @@
+"""One image, from the rounds of its plan to its layers."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from omniscv import modalities
+from omniscv.cameras import Camera
+from omniscv.compose.canvas import Canvas
+from omniscv.compose.image import OmniImage, layers_of
+from omniscv.compose.ray_bundle import ImageRays, RayBundle
+from omniscv.compose.samplers import Sampler
+from omniscv.errors import BadReplyError, MissingCaptureError
+from omniscv.geometry import Array
+from omniscv.planning import Kept, Round, Task, Viewpoint, captured
+from omniscv.sources.base import Capture, Source, View
+
+
+class Composition:
+    """One image while it is captured and composed.
+
+    Args:
+        task: what is rendered.
+        rays: of its camera.
+        modes: what is captured.
+        source: where captures come from.
+        sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and the camera whose
+            whole image they are, else None.
+        progress: called with (captures done, captures known to be needed).
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        rays: ImageRays,
+        modes: tuple[str, ...],
+        source: Source,
+        sampler_of: Callable[[RayBundle, Array, tuple[View, ...], Camera | None], Sampler],
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        self._task, self._rays, self._modes, self._source = task, rays, modes, source
+        self._make_sampler, self._progress = sampler_of, progress
+        self._valid_count = int(np.count_nonzero(task.rays.valid))
+        self._canvas: Canvas | None = None
+        self._filter: str = task.options.filter
+        self._done = 0
+        self._last: tuple[Viewpoint, tuple[View, ...], Sampler] | None = None
+        self._provenance: Mapping[str, Any] = {}
+
+    def capture(self, round_: Round) -> Kept:
+        """Capture a round, compose what it serves viewpoint by viewpoint, and return what is kept."""
+        serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
+        if serving and self._canvas is None:
+            whole = len(serving) == 1 and len(serving[0].pixels) == self._valid_count
+            self._canvas = Canvas(self._rays, whole and serving[0].toward_w is None)
+            self._filter = self._filter_for(serving[len(serving) // 2])
+        total, kept = self._done + len(round_.requests(self._modes)), []
+        for viewpoint, captures in captured(round_, self._source, self._modes):
+            if len(viewpoint.pixels):
+                self._compose(viewpoint, captures)
+            if viewpoint.keep:
+                kept.append(captures)
+            self._done += sum(map(len, captures.values()))
+            if self._progress:
+                self._progress(self._done, total)
+        return kept
+
+    def image(self) -> OmniImage:
+        """Return the image."""
+        valid, canvas = self._rays.valid, self._canvas or Canvas(self._rays, whole=False)
+        found = canvas.layers()
+        layers, objects, unknown = layers_of(
+            {mode: found[mode] for mode in self._modes if mode in found},
+            self._source, valid, self._task.pose.R_w_c,
+        )  # fmt: skip
+        task, provenance = self._task, self._provenance
+        return OmniImage(
+            camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
+            centers_w=canvas.centers_w, unsure=canvas.unsure, objects=objects, unknown_colors=unknown,
+            provenance=provenance, options=task.options,
+        )  # fmt: skip
+
+    def _filter_for(self, viewpoint: Viewpoint) -> str:
+        """One filter for the whole image: what its middle viewpoint needs."""
+        if self._filter != "auto":
+            return self._filter
+        blended = any(modalities.get(mode).interpolation == "blended" for mode in self._modes)
+        if not blended or viewpoint.toward_w is not None:
+            return "bilinear"
+        return "area" if self._sampler_of(viewpoint, viewpoint.views).minifies else "bilinear"
+
+    def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
+        canvas = self._canvas
+        assert canvas is not None
+        canvas.add_viewpoint(viewpoint, self._origins_w(viewpoint))
+        for mode in (mode for mode in self._modes if mode in captures):
+            views = tuple(capture.view for capture in captures[mode])
+            faces = [capture.pixels for capture in captures[mode]]
+            kinds = {(pixels.shape, pixels.dtype.name) for pixels in faces}
+            if len(kinds) != 1:
+                raise BadReplyError(
+                    f"expected captures of one size and type at a centre, got {sorted(kinds)}"
+                )
+            sampler = self._sampler_of(viewpoint, views)
+            self._check_seen(viewpoint, sampler, views)
+            canvas.sample(mode, viewpoint, sampler, self._filter, faces)
+            self._provenance = captures[mode][0].provenance
+
+    def _sampler_of(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
+        """The sampler of the captured views; the last one again for the next mode, if that came with the same
+        views (masks may come from elsewhere than colours)."""
+        if self._last is None or self._last[0] is not viewpoint or self._last[1] != views:
+            self._last = viewpoint, views, self._new_sampler(viewpoint, views)
+        return self._last[2]
+
+    def _new_sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
+        assert self._canvas is not None
+        R_w_c = self._task.pose.R_w_c
+        if viewpoint.toward_w is not None:
+            toward = self._rays.toward(viewpoint.toward_w, viewpoint.pixels)
+            return self._make_sampler(toward, np.eye(3), views, None)
+        if self._canvas.whole:
+            return self._make_sampler(self._rays.whole, R_w_c, views, self._task.rays.camera)
+        return self._make_sampler(self._rays.of(viewpoint.pixels), R_w_c, views, None)
+
+    def _origins_w(self, viewpoint: Viewpoint) -> Any:
+        """Depth that a strategy knows is measured from the pixels' own centres, not from the viewpoint's."""
+        origins = self._task.rays.origins
+        if viewpoint.toward_w is None or origins is None:
+            return None
+        return self._task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels])
+
+    def _check_seen(self, viewpoint: Viewpoint, sampler: Sampler, views: Sequence[View]) -> None:
+        if not sampler.unseen:
+            return
+        came = views[0]
+        same = [(v.fov_deg, v.width, v.height) for v in (viewpoint.views[0], came)]
+        advice = "capture with strategy 'cube'" if same[0] == same[1] else (
+            f"they came as {came.width} x {came.height} of {came.fov_deg:g} degrees; make the source deliver "
+            "square pictures of 90 degrees ('omniscv doctor' measures what a server delivers)"
+        )  # fmt: skip
+        raise MissingCaptureError(
+            f"expected {len(views)} views at {viewpoint.center_w.tolist()} m to see all "
+            f"{len(viewpoint.pixels)} rays, but {sampler.unseen} are seen by none; {advice}"
+        )

@@ -1,0 +1,166 @@
+"""The files of an image.
+
+STEM.lit.png (or .jxl, .jpg)   colour
+STEM.object_mask.png           mask colours
+STEM.labels.png                16-bit labels
+STEM.depth.exr                 float32 metres along the ray
+STEM.normals.exr               float32, camera frame
+STEM.unsure.png                255 where no capture verified a pixel
+STEM.json                      camera, pose, options, source, versions
+objects.json                   label to object name and mask colour
+
+A modality that was registered is written as its row of :mod:`omniscv.modalities` has it.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import modalities, plugins
+from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.parallel import side_by_side
+from omniscv.sources.base import ObjectTable
+
+Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
+"""``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
+
+_NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
+_PNG_COMPRESSION = 2
+_EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
+
+
+def register(suffix: str, writer: Writer) -> None:
+    """Write files of a suffix with a function; images may then have it as their ``image_format``."""
+    _writers[suffix] = writer
+
+
+def formats() -> tuple[str, ...]:
+    """Return what ``image_format`` may be."""
+    plugins.load()
+    return tuple(_writers)
+
+
+def check_format(image_format: str) -> None:
+    """Refuse what is no image format.
+
+    Raises:
+        ArgumentError: no writer is registered for it.
+    """
+    if image_format not in formats():
+        raise ArgumentError(f"image_format: expected one of {', '.join(formats())}; got {image_format!r}")
+
+
+def write(
+    layers: Mapping[str, NDArray[Any]],
+    description: Mapping[str, Any],
+    objects: ObjectTable | None,
+    out: Path,
+    stem: str,
+    image_format: str = "png",
+) -> list[Path]:
+    """Write an image's layers and what is known of it.
+
+    Args:
+        layers: by the names of :mod:`omniscv.modalities`.
+        description: plain values, for ``STEM.json``.
+        objects: for ``objects.json``; None: not written.
+        out: the folder; made if it is not there.
+        stem: start of the file names.
+        image_format: of colour.
+
+    Returns:
+        The files.
+
+    Raises:
+        ArgumentError: an unknown format, or a stem that is no file name.
+        OmniscvError: a file cannot be written.
+    """
+    if not isinstance(stem, str) or not stem or stem != Path(stem).name:
+        raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
+    check_format(image_format)
+    out.mkdir(parents=True, exist_ok=True)
+    pictures = [
+        (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
+        for row in modalities.layers()
+        if row.name in layers
+    ]
+    written = side_by_side(lambda picture: _picture(*picture), pictures)
+    versions = {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
+    written.append(_text(out / f"{stem}.json", {**description, "versions": versions}))
+    if objects is not None:
+        named = ((name, list(objects.colors[name])) for name in objects.names())
+        listed = {str(k): {"name": name, "mask_color": color} for k, (name, color) in enumerate(named, 1)}
+        written.append(_text(out / "objects.json", listed))
+    return written
+
+
+def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -> str:
+    if row.file != "picture":
+        return row.file
+    return "exr" if pixels.dtype.kind == "f" else image_format
+
+
+@contextmanager
+def _part(path: Path) -> Iterator[Path]:
+    """A file beside the place, moved there when it is complete, so that no half file is ever seen."""
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
+    with _part(path) as part:
+        _writers[path.suffix.removeprefix(".")](part, pixels, row)
+    return path
+
+
+def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    import cv2
+
+    if pixels.dtype == np.bool_:
+        pixels = pixels.astype(np.uint8) * 255
+    swapped = pixels[..., ::-1] if pixels.ndim == 3 else pixels
+    options = [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION]
+    path.write_bytes(cv2.imencode(".png", np.ascontiguousarray(swapped), options)[1].tobytes())
+
+
+def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    import OpenImageIO
+
+    planes = pixels if pixels.ndim == 3 else pixels[..., None]
+    height, width, channels = planes.shape
+    kind = _EXR_TYPES.get(planes.dtype.name, planes.dtype.name)
+    spec = OpenImageIO.ImageSpec(width, height, channels, kind)
+    if len(row.channel_names) == channels:
+        spec.channelnames = row.channel_names
+    spec.attribute("compression", {".exr": "zip", ".jxl": "lossless", ".jpg": "jpeg:95"}[path.suffix])
+    spec.attribute("DateTime", _NO_CLOCK)
+    if row.doc:
+        spec.attribute("ImageDescription", row.doc)
+    if path.suffix == ".jxl":
+        spec.attribute("jpegxl:effort", 1)
+        spec.attribute("jpegxl:distance", 0.0)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    if output is None or not output.open(str(path), spec):
+        raise OmniscvError(f"{path.name}: expected to write it, got: {OpenImageIO.geterror()}")
+    if not (output.write_image(np.ascontiguousarray(planes)) and output.close()):
+        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
+
+
+def _text(path: Path, data: Mapping[str, Any]) -> Path:
+    with _part(path) as part:
+        part.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    return path
+
+
+_writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _openimageio, "exr": _openimageio}

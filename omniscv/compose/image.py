@@ -1,0 +1,163 @@
+"""An omnidirectional image and its ground truth."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import modalities
+from omniscv.cameras import Camera
+from omniscv.compose.labels import labels_of, labels_of_ids
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose
+from omniscv.planning import RenderOptions
+from omniscv.sources.base import Color, ObjectTable, Source
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OmniImage:
+    """What :func:`omniscv.render` makes. Indexing gives a layer: ``image["depth"]``.
+
+    Attributes:
+        camera, pose: what was rendered, and from where.
+        valid: (H, W) bool, the pixel is inside the field of view.
+        layers: by the names of :mod:`omniscv.modalities`; those that were requested and what is derived.
+        centers_w: (H, W, 3) or (3,), where depth is measured from, world frame, metres.
+        unsure: (H, W) bool, pixels whose optical centre is not visible from the camera's position, or
+            that a strategy with few centres could not certify; None where nothing was judged.
+        objects: names and mask colours; None without labels.
+        unknown_colors: mask colours that no object has, and on how many pixels.
+        provenance: where the captures came from.
+        options: how it was captured and composed.
+    """
+
+    camera: Camera
+    pose: Pose
+    valid: Mask
+    layers: Mapping[str, NDArray[Any]]
+    centers_w: Array
+    unsure: Mask | None = None
+    objects: ObjectTable | None = None
+    unknown_colors: Mapping[Color, int] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    options: RenderOptions = field(default_factory=RenderOptions)
+
+    def __getitem__(self, layer: str) -> NDArray[Any]:
+        if layer not in self.layers:
+            raise ArgumentError(f"layer: expected one of {', '.join(self.layers)}; got {layer!r}")
+        return self.layers[layer]
+
+    @property
+    def lit(self) -> NDArray[Any] | None:
+        """(H, W, 3) RGB, as captured: uint8 from servers. None if not requested, as for all layers."""
+        return self.layers.get("lit")
+
+    @property
+    def object_mask(self) -> NDArray[np.uint8] | None:
+        """(H, W, 3) uint8 RGB, only colours that were captured."""
+        return self.layers.get("object_mask")
+
+    @property
+    def labels(self) -> NDArray[np.uint16] | None:
+        """(H, W) uint16; 0 where nothing is known."""
+        return self.layers.get("labels")
+
+    @property
+    def depth(self) -> NDArray[np.float32] | None:
+        """(H, W) float32 metres along the ray; +inf no surface, 0 outside the field of view."""
+        return self.layers.get("depth")
+
+    @property
+    def normals(self) -> NDArray[np.float32] | None:
+        """(H, W, 3) float32 unit vectors, camera frame; 0 where unknown."""
+        return self.layers.get("normals")
+
+    def points(self) -> Array:
+        """Return (N, 3) world points, metres, of the pixels with finite depth, row by row.
+
+        Raises:
+            ArgumentError: the image has no depth.
+        """
+        if self.depth is None:
+            raise ArgumentError(
+                "points: expected an image with depth, got none; render with modes=('depth', ...)"
+            )
+        seen = self.valid & np.isfinite(self.depth) & (self.depth > 0)
+        directions_w = self.camera.unproject().directions[seen] @ self.pose.R_w_c.T
+        centers_w = np.broadcast_to(self.centers_w, (*seen.shape, 3))[seen]
+        return centers_w + self.depth[seen, None].astype(np.float64) * directions_w
+
+    def save(self, out: str | Path, stem: str = "image", image_format: str = "png") -> list[Path]:
+        """Write the layers into a folder; see :mod:`omniscv.compose.files`.
+
+        Args:
+            out: the folder; made if it is not there.
+            stem: start of the file names.
+            image_format: ``png``, ``jxl`` (lossless) or ``jpg``, for lit.
+
+        Returns:
+            The files, each written whole or not at all.
+        """
+        from omniscv.compose.files import write
+
+        layers = dict(self.layers)
+        if self.unsure is not None:
+            layers["unsure"] = self.unsure
+        return write(layers, self._description(), self.objects, Path(out), stem, image_format)
+
+    def __repr__(self) -> str:
+        size = f"{self.camera.width}x{self.camera.height}"
+        return f"<OmniImage {self.camera.name} {size}: {', '.join(self.layers)}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """The picture that a notebook shows: colour, or the first layer that has colours or grey levels."""
+        import cv2
+
+        shown = next((layer for layer in self.layers.values() if layer.dtype == np.uint8), None)
+        return None if shown is None else cv2.imencode(".png", shown[..., ::-1])[1].tobytes()
+
+    def _description(self) -> dict[str, Any]:
+        return {
+            "camera": self.camera.to_dict(),
+            "pose": self.pose.to_dict(),
+            "options": asdict(self.options),
+            "source": dict(self.provenance),
+            "unsure_pixels": None if self.unsure is None else int(np.count_nonzero(self.unsure)),
+            "unknown_mask_colors": [[*color, count] for color, count in self.unknown_colors.items()],
+        }
+
+
+def layers_of(
+    sampled: Mapping[str, NDArray[Any]], source: Source, valid: Mask, R_w_c: Array
+) -> tuple[dict[str, NDArray[Any]], ObjectTable | None, dict[Color, int]]:
+    """Return an image's layers from what was sampled, in the camera's frame, with what is derived from them.
+
+    Args:
+        sampled: mode to (H, W, ...); directions in the world frame.
+        source: whose objects name what masks show.
+        valid: (H, W).
+        R_w_c: (3, 3) of the camera.
+
+    Returns:
+        layers, objects (None without masks), unknown mask colours and the number of their pixels.
+    """
+    layers: dict[str, NDArray[Any]] = {}
+    objects: ObjectTable | None = None
+    unknown: dict[Color, int] = {}
+    for mode, values in sampled.items():
+        row = modalities.get(mode)
+        turned = row.interpolation == "direction"
+        layers[mode] = (values @ R_w_c).astype(np.float32) if turned else values
+        if "labels" in row.derives:
+            objects = source.objects()
+            if values.ndim == 2:
+                labels, layers[mode] = labels_of_ids(values, objects)
+            else:
+                labels, unknown = labels_of(values, objects)
+            layers["labels"] = np.where(valid, labels, np.uint16(0))
+    return layers, objects, unknown

@@ -1,0 +1,75 @@
+"""The ray lookup: for each ray, the view that sees it and the pixel there. Plain data, made once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from omniscv.compose import kernels
+from omniscv.compose.kernels import Floats, Ints
+from omniscv.geometry import Array
+from omniscv.sources.base import View
+
+
+@dataclass(frozen=True, eq=False)
+class RayLookup:
+    """For each ray: the view that sees it most centrally, and the continuous pixel there.
+
+    Attributes:
+        view: (N,) int16, -1 where no view sees the ray.
+        x, y: (N,) float32 px in that view; pixel centres lie at .5.
+        margin: the least distance of a pixel from its view's edges, px; infinite if there are none.
+    """
+
+    view: Ints
+    x: Floats
+    y: Floats
+    margin: float
+
+    @property
+    def nbytes(self) -> int:
+        """What is held in memory."""
+        return self.view.nbytes + self.x.nbytes + self.y.nbytes
+
+
+def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None) -> RayLookup:
+    """Return the view and the pixel that serve each ray from the views' common centre.
+
+    Args:
+        directions: (N, 3), any length; NaN rays get view -1.
+        views: at least one; they share their centre and size.
+        R_w_d: (3, 3) from the frame of the directions to the world; they are world vectors if not given.
+    """
+    count = len(directions)
+    view, x, y = np.empty(count, np.int16), np.empty(count, np.float32), np.empty(count, np.float32)
+    R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ (np.eye(3) if R_w_d is None else R_w_d) for v in views])
+    focal = np.array([v.focal_px for v in views])
+    half_width, half_height = views[0].width / 2, views[0].height / 2
+    margins = kernels.run(_look_up, (directions, view, x, y), R_c_d, focal, half_width, half_height)
+    return RayLookup(view, x, y, float(min(margins)))
+
+
+@njit(cache=True, nogil=True)
+def _look_up(
+    directions: Array, view: Ints, x: Floats, y: Floats,
+    R_c_d: Array, focal: Array, half_width: float, half_height: float,
+) -> float:  # fmt: skip
+    margin = np.inf
+    for i in range(directions.shape[0]):
+        a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
+        best, which, best_u, best_v = 1.0 + 1e-9, -1, 0.0, 0.0
+        for k in range(R_c_d.shape[0]):
+            R = R_c_d[k]
+            z = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
+            if not z > 0.0:
+                continue
+            u = focal[k] * (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c) / z
+            v = focal[k] * (R[1, 0] * a + R[1, 1] * b + R[1, 2] * c) / z
+            off = max(abs(u) / half_width, abs(v) / half_height)
+            if off < best:
+                best, which, best_u, best_v = off, k, u, v
+        view[i], x[i], y[i] = which, best_u + half_width, best_v + half_height
+        if which >= 0:
+            margin = min(margin, half_width - abs(best_u), half_height - abs(best_v))
+    return margin

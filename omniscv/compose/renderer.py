@@ -1,0 +1,157 @@
+"""Camera, rays, plan, source, compose, image: one pipeline, for central and non-central cameras alike."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Unpack
+
+from omniscv import modalities
+from omniscv.arguments import shown
+from omniscv.cameras import Camera
+from omniscv.compose.cache import ByteCache
+from omniscv.compose.composition import Composition
+from omniscv.compose.image import OmniImage
+from omniscv.compose.ray_bundle import ImageRays, RayBundle
+from omniscv.compose.samplers import CpuSampler, Sampler
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose
+from omniscv.planning import CameraRays, RecordedViews, RenderKeywords, RenderOptions, Task, drive, rounds
+from omniscv.sources.base import Source, View
+
+Progress = Callable[[int, int], None]
+"""Called with (captures done, captures known to be needed)."""
+
+DEFAULT_CACHE_BYTES = 2 << 30
+
+
+class Renderer:
+    """Composes images from a source, and keeps rays and lookups from one to the next.
+
+    Safe to use from several threads, also for several cameras at once.
+
+    Args:
+        source: where captures come from; not closed with the renderer.
+        cache_bytes: the bound of what is kept between images.
+        sampler: what samples captures along rays.
+
+    Raises:
+        ArgumentError: no source.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        *,
+        cache_bytes: int = DEFAULT_CACHE_BYTES,
+        sampler: Callable[[RayBundle, Array, Sequence[View]], Sampler] = CpuSampler,
+    ) -> None:
+        if not isinstance(source, Source):
+            raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
+        self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes)
+        self._recorded: RecordedViews | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """What is kept between images, bytes."""
+        return self._cache.nbytes
+
+    def task(
+        self,
+        camera: Camera,
+        pose: Pose,
+        options: RenderOptions | None = None,
+        *,
+        border_px: int | None = None,
+    ) -> Task:
+        """Return what a strategy plans for; see :class:`omniscv.planning.Task`.
+
+        Raises:
+            ArgumentError: a camera, pose or options of another type.
+        """
+        options = RenderOptions() if options is None else options
+        given = ("camera", camera, Camera), ("pose", pose, Pose), ("options", options, RenderOptions)
+        for name, value, kind in given:
+            if not isinstance(value, kind):
+                raise ArgumentError(f"{name}: expected a {kind.__name__}, got {shown(value)}")
+        rays, source = self._rays(camera).camera_rays, self.source
+        recorded = self._recorded_views()
+        return Task(rays, pose, source.capabilities, options, source.cover, recorded, border_px)
+
+    def render(
+        self,
+        camera: Camera,
+        pose: Pose,
+        modes: Sequence[str] = ("lit",),
+        options: RenderOptions | None = None,
+        *,
+        progress: Progress | None = None,
+    ) -> OmniImage:
+        """Compose an omnidirectional image and its ground truth from captures.
+
+        Args:
+            camera: the model and its size.
+            pose: where the camera is, world frame.
+            modes: modalities of :mod:`omniscv.modalities`; object_mask comes with labels.
+            options: how it is captured and composed.
+            progress: called with (captures done, captures known to be needed).
+
+        Raises:
+            ArgumentError: an unknown mode or strategy, or arguments that exclude each other.
+            BadReplyError: the captures of one viewpoint differ in size or type.
+            MissingCaptureError: the views that came do not see all rays.
+            SourceError, RecordingError: a capture could not be had.
+        """
+        task = self.task(camera, pose, options)
+        chosen = modalities.chosen(modes)
+        composition = Composition(task, self._rays(camera), chosen, self.source, self._sampler_of, progress)
+        drive(rounds(task), composition.capture)
+        self._cache.trim()
+        return composition.image()
+
+    def _rays(self, camera: Camera) -> ImageRays:
+        return self._cache.get(("rays", camera), lambda: ImageRays(CameraRays(camera)))
+
+    def _recorded_views(self) -> RecordedViews | None:
+        views = self.source.recorded_views()
+        if views is None:
+            return None
+        if self._recorded is None or self._recorded.views is not views:
+            self._recorded = RecordedViews(views)
+        return self._recorded
+
+    def _sampler_of(
+        self, rays: RayBundle, R_w_d: Array, views: tuple[View, ...], camera: Camera | None
+    ) -> Sampler:
+        """A sampler; kept where it serves a camera's whole image.
+
+        Positions do not count: the same orientation and views around another centre have the same lookup.
+        """
+        if camera is None:
+            return self._sampler(rays, R_w_d, views)
+        turned = tuple(view.key()[:2] + view.key()[5:] for view in views)
+        key = ("sampler", camera, R_w_d.tobytes(), turned)
+        return self._cache.get(key, lambda: self._sampler(rays, R_w_d, views), keep_at_once=False)
+
+
+def render(
+    camera: Camera,
+    pose: Pose,
+    source: Source,
+    modes: Sequence[str] = ("lit",),
+    *,
+    progress: Progress | None = None,
+    **options: Unpack[RenderKeywords],
+) -> OmniImage:
+    """Compose one image; :class:`Renderer` keeps rays and lookups for the next.
+
+    Args:
+        camera, pose, source, modes: what, from where, of which captures, and which modalities.
+        progress: called with (captures done, captures known to be needed).
+        options: strategy, viewpoints, face_size, filter and max_error_px of :class:`omniscv.RenderOptions`.
+
+    Raises:
+        OmniscvError: as :meth:`Renderer.render`.
+    """
+    known = [field.name for field in fields(RenderOptions)]
+    if unknown := sorted(set(options) - set(known)):
+        raise ArgumentError(f"options: expected some of {', '.join(known)}; got {', '.join(unknown)}")
+    return Renderer(source).render(camera, pose, modes, RenderOptions(**options), progress=progress)

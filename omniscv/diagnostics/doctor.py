@@ -1,0 +1,242 @@
+"""The doctor: measures a server through the camera drivers, and reports findings."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.diagnostics import seams
+from omniscv.diagnostics.finding import Finding
+from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, alike
+from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
+from omniscv.geometry import Array
+from omniscv.sources.base import Color
+from omniscv.sources.unreal.codecs import SKY
+from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
+from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.mask_colors import colors, paint_command, vertex_color_roundtrip
+from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.stale_frames import SETTLED
+
+_MODES = ("depth", "lit", "object_mask")
+_YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
+_TURN_DEG, _FORWARD_M = 22.5, 0.25
+_UNITS = {100.0: "cm", 1.0: "m"}  # by how much depth decreases when the camera moves a metre forward
+_PRINTED = 1e-3  # servers print three decimals
+_UNALIGNED = 0.3  # a misfit above which two pictures cannot be aligned
+_DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
+_WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
+_UNKNOWN = "do not record: this server is of no known kind"
+
+Pairs = dict[str, list[tuple[Picture, Picture]]]
+"""By mode, pictures before and after a turn, in several directions."""
+
+
+def examine_address(address: str, position: Array | None = None) -> list[Finding]:
+    """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
+
+    Args:
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``.
+        position: (3,) where to measure, world frame, metres; None: the player's position.
+
+    Raises:
+        ArgumentError: an address of another form.
+        SourceError: no UnrealCV server reachable there, or one that makes no pictures.
+    """
+    with open_connection(address) as connection:
+        mode = view_mode(connection)
+        with RawCamera(connection, position) as camera:
+            settled = settle(camera)
+            pairs = turned_pairs(camera)
+            kind, meaning = depth_kind(pairs, camera)
+            unit, scale = depth_unit(camera)
+            dialect, reported = camera.driver.capabilities.dialect, connection.texts([VERSION, SCENE])
+            return [
+                Finding("dialect", "{}; reports version {}, scene {}".format(dialect, *reported)),
+                mode,
+                settled,
+                capabilities(camera),
+                sizes(pairs, camera),
+                *(field_of_view(mode, pairs, camera, kind) for mode in _MODES),
+                meaning,
+                scale,
+                half_floats(pairs, unit),
+                masks(connection, camera, pairs),
+                *seams.findings(seams.measure(camera)),
+            ]
+
+
+def view_mode(connection: Connection) -> Finding:
+    """Report what the game's window shows: depth and normals there get into colour captures too."""
+    mode = connection.text("vget /viewmode")
+    return Finding.unless(mode == "lit", "view mode", mode, "bad", LIT_VIEW_MODE)
+
+
+def settle(camera: RawCamera) -> Finding:
+    """Measure how long frames stay stale after a turn. From now on the camera drops so many."""
+    turns = [camera.settle(*turn) for turn in ((0, 0), (100, 20), (-130, -30), (45, 10))]
+    counts, seconds, depths = zip(*turns, strict=True)
+    name = "pose settles"
+    if max(counts) >= NEVER:
+        return Finding(name, "never: the world moves", "bad", "pause the game, stop animations")
+    if (depths[0] < SKY).any() and all(alike(depth, depths[0]) for depth in depths[1:]):
+        return Finding(name, "never: the camera does not turn", "bad", "vset /action/game/resume")
+    camera.lag = stale = max(counts[1:])  # the first frames of a camera may be garbage
+    milliseconds = 1000 * float(np.median(seconds[1:]))
+    if stale == 0:
+        return Finding(name, f"at once, first frame after {milliseconds:.0f} ms")
+    value = f"stale frames: {stale}, {milliseconds:.0f} ms"
+    if stale <= SETTLED:
+        return Finding(name, value, "warning", "none needed: recordings skip them")
+    return Finding(name, value, "bad", f"at most {SETTLED} are skipped: raise the frame rate")
+
+
+def capabilities(camera: RawCamera) -> Finding:
+    """Report whether size, field of view and a vertical pose are as set."""
+    camera.go(0, 90)
+    can = {
+        "sets size": camera.driver.table.can_set_size and camera.size == (EDGE_PX, EDGE_PX),
+        "sets field of view": abs(camera.fov_deg - across(*camera.size)) < _PRINTED,
+        "points straight up": abs(camera.driver.read("rotation", 3)[0] - 90) < _PRINTED,
+    }
+    value = ", ".join(("" if does else "not: ") + what for what, does in can.items())
+    remedy = "none needed: recordings allow for it"
+    return Finding.unless(all(can.values()), "capabilities", value, "warning", remedy)
+
+
+def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
+    """Report whether the modes' pictures have one size."""
+    found = {mode: "{1} x {0}".format(*pairs[mode][0][0].pixels.shape) for mode in _MODES}
+    if len(set(found.values())) == 1:
+        return Finding("picture size", f"{found['lit']} px in all modes")
+    own_window = camera.driver.mask_fov_deg is not None
+    value = ", ".join(f"{mode} {size}" for mode, size in found.items())
+    return Finding("picture size", value, "warning" if own_window else "bad", _WINDOW)
+
+
+def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Finding:
+    """Measure a mode's field of view, and whether six of its pictures make a cube."""
+    name = f"field of view, {mode.removeprefix('object_')}"
+    fits = [fitted_fov(*pair, kind if mode == "depth" else "") for pair in pairs[mode]]
+    aligned = [fov for fov, remaining in fits if remaining < _UNALIGNED]
+    if not aligned:
+        return _unmeasured(name, "nothing to align")
+    mask_fov_deg = camera.driver.mask_fov_deg if mode == "object_mask" else None
+    fov, reported = float(np.median(aligned)), mask_fov_deg or camera.fov_deg
+    value = f"{fov:.1f} degrees, {reported:.1f} reported"
+    if abs(fov - reported) > 1:
+        return Finding(name, value, "bad", "FOV 90 in unrealcv.ini, no CameraActor in the level")
+    height, width = pairs[mode][0][0].pixels.shape[:2]
+    enough = reported >= across(width, height) - _PRINTED
+    value += "" if enough else ": less than 90 up and down"
+    return Finding.unless(enough, name, value, "bad", _WINDOW)
+
+
+def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
+    """Measure whether depth is planar or along the ray: which of them a turn leaves unchanged."""
+    planar, ray = (
+        float(np.mean([misfit(*pair, camera.fov_deg, kind) for pair in pairs["depth"]])) + 1e-6  # rounding
+        for kind in ("planar", "ray")
+    )
+    kind, ratio = ("planar", ray / planar) if planar < ray else ("ray", planar / ray)
+    wanted, _ = camera.driver.table.depth
+    if ratio < 3:
+        return wanted, _unmeasured("depth is", "ambiguous")
+    value = f"{kind}; the other fits {ratio:.0f} times worse"
+    return kind, _as_expected("depth is", value, kind, wanted)
+
+
+def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
+    """Measure by how much depth straight ahead decreases when the camera moves there."""
+    _, wanted = camera.driver.table.depth
+    decreases = []
+    for yaw, pitch in seams.FACES.values():
+        ahead = []
+        for forward_m in (0.0, _FORWARD_M):
+            camera.go(yaw, pitch, forward_m)
+            depth = camera.pixels("depth")
+            ahead.append(float(depth[depth.shape[0] // 2, depth.shape[1] // 2]))
+        if ahead[1] < ahead[0] < SKY:
+            decreases.append((ahead[0] - ahead[1]) / _FORWARD_M)
+    if not decreases:
+        return wanted, _unmeasured("depth unit", "nothing but sky")
+    per_m = float(np.median(decreases))
+    value = f"{per_m:.4g} less for each metre forward"
+    for expected, unit in _UNITS.items():
+        if abs(per_m / expected - 1) < 0.05:
+            return unit, _as_expected("depth unit", f"{unit}; {value}", unit, wanted)
+    return wanted, Finding("depth unit", f"neither cm nor m: {value}", "bad", _UNKNOWN)
+
+
+def half_floats(pairs: Pairs, unit: str) -> Finding:
+    """Report how coarse depth is."""
+    depth = np.concatenate([picture.pixels.ravel() for pair in pairs["depth"] for picture in pair])
+    depth = depth[depth < SKY]
+    if depth.size == 0:
+        return _unmeasured("depth steps", "nothing but sky")
+    median = float(np.median(depth))
+    dtype = np.float16 if (depth.astype(np.float16) == depth).all() else np.float32
+    to_m = 0.01 if unit == "cm" else 1.0
+    step_mm = 1000 * to_m * float(np.spacing(dtype(median)))
+    value = f"{np.dtype(dtype).name}: {step_mm:.2g} mm at {median * to_m:.2f} m"
+    remedy = "none: terraces are the engine's; stay nearer"
+    return Finding.unless(step_mm <= 10, "depth steps", value, "warning", remedy)
+
+
+def masks(connection: Connection, camera: RawCamera, pairs: Pairs) -> Finding:
+    """Report whether every colour in a mask belongs to one object."""
+    table = colors(connection)
+    visible = {
+        color for pair in pairs["object_mask"] for picture in pair for color in _pixel_counts(picture.pixels)
+    }
+    changes = _changes_dark_colors(connection, camera, table)
+    by_color: dict[Color, list[str]] = {(0, 0, 0): ["background"]}
+    for name, color in table.items():
+        by_color.setdefault(vertex_color_roundtrip(color) if changes else color, []).append(name)
+    equal = [" = ".join(names) for names in by_color.values() if len(names) > 1]
+    unknown = visible - set(by_color)
+    value = f"{len(table)} objects, {len(visible)} colours visible"
+    value += ", dark ones changed" if changes else ""
+    if equal:
+        remedy = "vset /object/NAME/color R G B, each 0 or 146 to 255"
+        return Finding("mask colours", f"{value}; alike: {'; '.join(equal)}", "bad", remedy)
+    value += f"; {len(unknown)} of no object, such as {min(unknown)}" if unknown else ""
+    remedy = "turn antialiasing off; paint what has no colour"
+    return Finding.unless(not unknown, "mask colours", value, "bad", remedy)
+
+
+def turned_pairs(camera: RawCamera) -> Pairs:
+    """Return pictures in every mode, before and after a turn."""
+
+    def pictures(yaw_deg: float) -> list[Picture]:
+        pose = camera.go(yaw_deg)
+        return [Picture(camera.pixels(mode), pose) for mode in _MODES]
+
+    turns = [(pictures(yaw), pictures(yaw + _TURN_DEG)) for yaw in _YAWS_DEG]
+    return {mode: [(before[i], after[i]) for before, after in turns] for i, mode in enumerate(_MODES)}
+
+
+def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[str, Color]) -> bool:
+    """Return whether masks show dark colours as others than were set: tried on what has the most pixels."""
+    names = {color: name for name, color in table.items()}
+    camera.go(_YAWS_DEG[0])
+    areas = {names[c]: n for c, n in _pixel_counts(camera.pixels("object_mask")).items() if c in names}
+    if not areas:
+        return False
+    name = max(areas, key=areas.__getitem__)
+    connection.text(paint_command(name, _DARK))
+    changes = vertex_color_roundtrip(_DARK) in _pixel_counts(camera.pixels("object_mask"))
+    connection.text(paint_command(name, table[name]))
+    return changes
+
+
+def _pixel_counts(pixels: NDArray[np.uint8]) -> dict[Color, int]:
+    found, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
+    return {(r, g, b): count for (r, g, b), count in zip(found.tolist(), counts.tolist(), strict=True)}
+
+
+def _as_expected(name: str, value: str, found: str, wanted: str) -> Finding:
+    value += "" if found == wanted else f"; recordings take it as {wanted}"
+    return Finding.unless(found == wanted, name, value, "bad", _UNKNOWN)
+
+
+def _unmeasured(name: str, why: str) -> Finding:
+    return Finding(name, why, "warning", "give --position where more is visible")

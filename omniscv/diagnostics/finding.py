@@ -1,0 +1,29 @@
+"""What the doctor reports."""
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+Verdict = Literal["ok", "warning", "bad"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One property of a server.
+
+    Attributes:
+        name: what was measured.
+        value: the result, with its unit.
+        verdict: ``ok``; ``warning``: captures are right, but at a price, or it could not be measured here;
+            ``bad``: captures are spoiled.
+        remedy: what to do, where the verdict is not ``ok``.
+    """
+
+    name: str
+    value: str
+    verdict: Verdict = "ok"
+    remedy: str = ""
+
+    @classmethod
+    def unless(cls, ok: bool, name: str, value: str, verdict: Verdict, remedy: str) -> Self:
+        """Return a finding that is ok, or else has a verdict and a remedy."""
+        return cls(name, value) if ok else cls(name, value, verdict, remedy)

@@ -1,0 +1,108 @@
+"""A camera's frames as they come, stale or not, depth in the server's unit, so that faults are visible."""
+
+import time
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.errors import BadReplyError, ServerRefusedError
+from omniscv.geometry import Array, Pose, pinhole
+from omniscv.sources.base import View
+from omniscv.sources.codecs import decode, picture_size
+from omniscv.sources.unreal.client import Reply
+from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.source import open_driver
+from omniscv.sources.unreal.stale_frames import StaleFrames
+
+EDGE_PX = 128  # frames are square and of this size, where the server can set it
+_LARGEST_PX = 1 << 13
+_FRAMES = 8  # after so many frames at one pose a camera shows it, if it ever does
+NEVER = _FRAMES - 1  # so many stale frames mean that a camera does not rest
+_NOISE, _MOVING = 0.01, 0.05  # relative depth, and share of a frame, by which frames of one pose may differ
+
+
+class RawCamera(AbstractContextManager["RawCamera"]):
+    """A camera that a driver aims, without its repairs. A context manager, which leaves the game as it was.
+
+    It starts at ``position``, (3,) in the world frame, metres; at the player's position if not given.
+
+    Attributes:
+        size: width and height of its lit frames, px.
+        fov_deg: the horizontal field of view that it reports, set to see 90 degrees up and down.
+        lag: how many frames after a move to drop.
+    """
+
+    def __init__(self, connection: Connection, position: Array | None = None) -> None:
+        self._connection, self.driver = connection, open_driver(connection)
+        if position is None:
+            position = Pose.from_unreal(self.driver.read("location", 3), (0, 0, 0)).position
+        self.position = position
+        self.driver.attach(StaleFrames())
+        self._view: View | None = None
+        self.size, self.lag = (EDGE_PX, EDGE_PX), _FRAMES
+        self._aim(0, 0)
+        height, width = self.pixels("lit").shape[:2]
+        self.size = width, height
+        self._aim(0, 0)
+        (self.fov_deg,) = self.driver.read(self.driver.table.fov, 1)
+
+    def go(self, yaw_deg: float, pitch_deg: float = 0.0, forward_m: float = 0.0) -> Pose:
+        """Turn to world angles, move along the new axis, and wait until frames show it."""
+        pose = self._aim(yaw_deg, pitch_deg, forward_m)
+        for _ in range(self.lag):
+            self.pixels("depth")
+        return pose
+
+    def settle(self, yaw_deg: float, pitch_deg: float) -> tuple[int, float, NDArray[Any]]:
+        """Turn, and return how many depth frames were stale, when the first fresh one came, s, and the last.
+
+        ``NEVER`` or more are stale if the camera does not rest.
+        """
+        start = time.monotonic()
+        self._aim(yaw_deg, pitch_deg)
+        frames = [(self.pixels("depth"), time.monotonic() - start) for _ in range(_FRAMES)]
+        last = frames[-1][0]
+        stale = max((i + 1 for i, (depth, _) in enumerate(frames) if not alike(depth, last)), default=0)
+        return stale, frames[stale][1], last
+
+    def pixels(self, mode: str) -> NDArray[Any]:
+        """Return a frame: (H, W, 3) uint8, or (H, W) float32 depth in the server's meaning and unit."""
+
+        where = self._connection.address
+
+        def decoded(command: str, reply: Reply) -> NDArray[Any]:
+            if isinstance(reply, str):
+                kind = ServerRefusedError if reply.startswith("error") else BadReplyError
+                raise kind(f"{where}: expected a picture from {command!r}, got {reply[:200]!r}")
+            width, height = picture_size(reply)
+            if not 1 <= height <= width <= _LARGEST_PX:
+                wanted = f"expected a picture at most {_LARGEST_PX} px wide and no higher"
+                raise BadReplyError(f"{where}: {wanted}, got {width} x {height}")
+            view = View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height)
+            return decode(reply, "npy" if mode == "depth" else "png", mode, view)
+
+        return self._connection.read([self.driver.table.image(self.driver.camera, mode)], decoded)[0]
+
+    def __exit__(self, *error: object) -> None:
+        self.driver.release()
+
+    def _aim(self, yaw_deg: float, pitch_deg: float, forward_m: float = 0.0) -> Pose:
+        turned = Pose.from_angles(self.position, yaw_deg, pitch_deg)
+        pose = Pose(turned.to_world((0.0, 0.0, forward_m)), turned.R_w_c)
+        view = View(pose, across(*self.size), *self.size)
+        for command in self.driver.aim(self._view, view):
+            self._connection.text(command)
+        self._view = view
+        return pose
+
+
+def alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Return whether two frames show the same, but for noise and small things that move."""
+    return bool(np.isclose(depth, other, rtol=_NOISE).mean() > 1 - _MOVING)
+
+
+def across(width: int, height: int) -> float:
+    """Return the horizontal field of view that sees 90 degrees up and down, degrees."""
+    return pinhole.fov_deg(width, height / 2)

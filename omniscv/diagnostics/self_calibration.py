@@ -1,0 +1,97 @@
+"""Self-calibration from pure rotation: what a camera's field of view and depth are, by turning it.
+
+A camera that turns in place sees the same rays elsewhere in the picture: ``p_2 ~ K R_21 K^-1 p_1``. Only the
+true focal length, and for depth the true meaning, align the two pictures.
+"""
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from omniscv.geometry import Array, Pose, pinhole
+from omniscv.sources.base import View
+from omniscv.sources.unreal.codecs import SKY
+
+GREY = np.array((0.5, 0.3, 0.2))  # weights that make grey levels of RGB
+_STEP_DEG = 2.0
+_FOVS_DEG = np.arange(20.0, 151.0, _STEP_DEG)
+_COARSE = 4  # every so many-th row and column is used to find the approximate field of view
+_FLAT = 1e-3  # relative contrast below which a picture has nothing to align
+_OVERLAP = 0.1  # the least share of the picture that both must see
+
+
+class Picture(NamedTuple):
+    """Pixels and the pose they were taken from."""
+
+    pixels: NDArray[Any]
+    pose: Pose
+
+    def view(self, fov_deg: float) -> View:
+        """Return the view, supposing a field of view."""
+        height, width = self.pixels.shape[:2]
+        return View(self.pose, fov_deg, width, height)
+
+
+def reproject(view: View, into: View, stride: int = 1) -> Array:
+    """Return (H, W, 3): where a view's pixels are in another with the same centre: u, v in px, z depth.
+
+    Of ``view`` only every ``stride``-th row and column is used.
+    """
+    v, u = np.mgrid[: view.height : stride, : view.width : stride] + 0.5
+    rays_c = pinhole.rays(np.stack([u, v], axis=-1), view.focal_px, view.width, view.height)
+    return into.project(view.pose.to_world(rays_c) - view.pose.position + into.pose.position)
+
+
+def inside(uvz: Array, view: View) -> NDArray[np.bool_]:
+    """Return (H, W): which coordinates are in the picture, with a neighbour on every side."""
+    u, v, z = np.moveaxis(uvz, -1, 0)
+    return np.asarray((z > 0) & (u >= 0.5) & (u <= view.width - 0.5) & (v >= 0.5) & (v <= view.height - 0.5))
+
+
+def sample(pixels: NDArray[Any], uvz: Array) -> Array:
+    """Return a picture's values at coordinates, bilinear."""
+    at = (uvz[..., :2] - 0.5).astype(np.float32)
+    values = cv2.remap(np.asarray(pixels, np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+    return np.asarray(values, np.float64)
+
+
+def misfit(first: Picture, second: Picture, fov_deg: float, kind: str = "", stride: int = 1) -> float:
+    """Return how badly one picture predicts the other: 0 not at all, about 1 if they have nothing in common.
+
+    They are colours (H, W, 3), or depth (H, W) of the supposed kind, ``planar`` or ``ray``; their horizontal
+    field of view is supposed too.
+    """
+    views = [picture.view(fov_deg) for picture in (first, second)]
+    uvz = reproject(views[1], views[0], stride)
+    common = inside(uvz, views[0])
+    if common.mean() < _OVERLAP:
+        return 1.0
+    a, b = (_invariant(picture, view, kind) for picture, view in zip((first, second), views, strict=True))
+    x, y = sample(a, uvz)[common], b[::stride, ::stride][common]
+    if min(x.std() / max(x.mean(), 1e-9), y.std() / max(y.mean(), 1e-9)) < _FLAT:
+        return 1.0
+    return float(1 - np.corrcoef(x, y)[0, 1])
+
+
+def fitted_fov(first: Picture, second: Picture, kind: str = "") -> tuple[float, float]:
+    """Return the field of view, degrees, that aligns two pictures, and the misfit that remains."""
+    misfits = [misfit(first, second, fov, kind, _COARSE) for fov in _FOVS_DEG]
+    best = float(_FOVS_DEG[int(np.argmin(misfits))])
+    near = best - _STEP_DEG, best + _STEP_DEG
+    found = minimize_scalar(
+        lambda fov: misfit(first, second, fov, kind), bounds=near, method="bounded", options={"xatol": 0.01}
+    )
+    return float(found.x), float(found.fun)
+
+
+def _invariant(picture: Picture, view: View, kind: str) -> Array:
+    """Return (H, W) what a turn leaves unchanged: grey, or one over the distance along the ray."""
+    if not kind:
+        return np.asarray(picture.pixels @ GREY)
+    depth = np.asarray(picture.pixels, np.float64)
+    distance = depth * view.ray_lengths() if kind == "planar" else depth
+    seen = (depth < SKY) & (depth > 0)
+    return np.asarray(np.divide(1.0, distance, out=np.zeros_like(distance), where=seen))

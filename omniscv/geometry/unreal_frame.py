@@ -1,0 +1,62 @@
+"""Unreal's frame and the world's: the only module that knows that Unreal is left-handed.
+
+    world ``w``   right-handed, metres: X forward, Y left, Z up
+    Unreal        left-handed, centimetres: X forward, Y right, Z up; rotators are
+                  (pitch, yaw, roll) in degrees: nose up +, turning right +, right side down +
+
+They differ by the mirror ``S = diag(1, -1, 1)`` and by centimetres: ``p_w = S p_ue / 100``.
+A body turned by Unreal's ``R_ue`` is turned by ``S R_ue S`` in the world.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+_MIRROR = np.diag([1.0, -1.0, 1.0])
+_CM_PER_M = 100.0
+
+
+def position_from_unreal(location_cm: Array) -> Array:
+    """(3,) metres in the world of (3,) centimetres in Unreal's frame."""
+    return np.asarray(_MIRROR @ location_cm / _CM_PER_M)
+
+
+def position_to_unreal(position: Array) -> Triple:
+    """Centimetres in Unreal's frame of (3,) metres in the world."""
+    x, y, z = (_MIRROR @ position * _CM_PER_M).tolist()
+    return x, y, z
+
+
+def direction_from_unreal(directions: NDArray[np.floating]) -> None:
+    """Turn vectors (..., 3) from Unreal's frame into the world's, in place."""
+    directions[..., 1] *= -1
+
+
+def rotation_from_unreal(rotator_deg: Array) -> Array:
+    """(3, 3) how a body turned by a rotator (pitch, yaw, roll) is turned in the world."""
+    (sp, cp), (sy, cy), (sr, cr) = map(_sin_cos_deg, rotator_deg.tolist())
+    forward = (cp * cy, cp * sy, sp)
+    right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
+    up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
+    return np.asarray(_MIRROR @ np.array([forward, right, up]).T @ _MIRROR)
+
+
+def rotation_to_unreal(rotation: Array) -> Triple:
+    """The rotator (pitch, yaw, roll) in degrees of a body's turn in the world; pitch in [-90, 90]."""
+    forward, right, up = (_MIRROR @ rotation @ _MIRROR).T
+    horizontal = float(np.hypot(forward[0], forward[1]))
+    pitch = np.arctan2(forward[2], horizontal)
+    if horizontal < 1e-9:  # straight up or down yaw and roll turn about the same axis
+        yaw, roll = np.arctan2(-right[0], right[1]), 0.0
+    else:
+        yaw, roll = np.arctan2(forward[1], forward[0]), np.arctan2(-right[2], up[2])
+    return float(np.degrees(pitch)), float(np.degrees(yaw)), float(np.degrees(roll))
+
+
+def _sin_cos_deg(angle_deg: float) -> tuple[float, float]:
+    """Sine and cosine, exact at multiples of 90 degrees, so that cube faces are exact."""
+    turned = angle_deg % 360.0
+    exact = {0.0: (0.0, 1.0), 90.0: (1.0, 0.0), 180.0: (0.0, -1.0), 270.0: (-1.0, 0.0)}
+    return exact.get(turned) or (float(np.sin(np.radians(turned))), float(np.cos(np.radians(turned))))

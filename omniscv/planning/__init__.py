@@ -1,0 +1,45 @@
+"""From a camera and a pose to the views that its image needs."""
+
+from omniscv.planning.base import (
+    FILTERS,
+    Filter,
+    Kept,
+    RenderKeywords,
+    RenderOptions,
+    Round,
+    Rounds,
+    Strategy,
+    Task,
+    Viewpoint,
+    captured,
+    drive,
+)
+from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints, strip_viewpoints
+from omniscv.planning.recorded_faces import RecordedViews
+from omniscv.planning.registry import get, names, register, rounds
+from omniscv.planning.viewpoints import CameraRays, RayGroup
+
+__all__ = [
+    "FILTERS",
+    "CameraRays",
+    "Filter",
+    "Kept",
+    "RayGroup",
+    "RecordedViews",
+    "RenderKeywords",
+    "RenderOptions",
+    "Round",
+    "Rounds",
+    "Strategy",
+    "Task",
+    "Viewpoint",
+    "captured",
+    "cheapest_viewpoints",
+    "drive",
+    "face_viewpoints",
+    "get",
+    "names",
+    "register",
+    "rounds",
+    "strip_viewpoints",
+]

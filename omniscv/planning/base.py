@@ -1,0 +1,239 @@
+"""What a plan is made of: rounds of viewpoints, and the strategies that yield them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import islice
+from typing import ClassVar, Literal, TypedDict, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.geometry import Array, Pose
+from omniscv.planning import densities
+from omniscv.planning.recorded_faces import RecordedViews
+from omniscv.planning.viewpoints import CameraRays, RayGroup
+from omniscv.sources.base import Capabilities, Capture, Request, Source, View
+
+Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
+FILTERS: tuple[str, ...] = get_args(Filter)
+
+
+class RenderKeywords(TypedDict, total=False):
+    """The options of :class:`RenderOptions` as keyword arguments."""
+
+    strategy: str
+    viewpoints: int | None
+    face_size: int | Literal["auto"]
+    filter: Filter
+    max_error_px: float | None
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How an image is captured and composed.
+
+    Args:
+        strategy: which views are captured: a name of :func:`omniscv.planning.names`.
+        viewpoints: optical centres of a non-central camera; chosen by the strategy if not given.
+        face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail.
+        filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
+            pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
+        max_error_px: the error that ``reproject`` and ``adaptive`` may make, in output pixels.
+
+    Raises:
+        ArgumentError: a value outside its domain.
+    """
+
+    strategy: str = "auto"
+    viewpoints: int | None = None
+    face_size: int | Literal["auto"] = "auto"
+    filter: Filter = "auto"
+    max_error_px: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.filter not in FILTERS:
+            raise ArgumentError(f"filter: expected one of {', '.join(FILTERS)}; got {self.filter!r}")
+        size = self.face_size
+        if size != "auto" and not (isinstance(size, int) and 1 <= size <= densities.LARGEST):
+            raise ArgumentError(f"face_size: expected 'auto' or 1 to {densities.LARGEST} px, got {size!r}")
+        if self.max_error_px is not None and not self.max_error_px > 0:
+            raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {self.max_error_px!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """An optical centre, what is captured there, and the pixels that it serves.
+
+    Attributes:
+        center_w: (3,) the centre, world frame, metres.
+        views: the pictures taken there.
+        pixels: (N,) int64, row-major flat indices of the image's pixels that it serves; none where its
+            captures only inform the strategy.
+        modes: what is captured; all that the image needs if not given.
+        keep: whether the strategy is sent its captures at the end of the round.
+        toward_w: (N, 3) directions, of any length, in which the pixels are looked up; their own rays if None.
+        depth: (N,) float32 metres along the pixels' own rays, where the strategy knows them; depth is then
+            not captured.
+        unsure: (N,) bool, pixels that no capture verified; None: not judged.
+    """
+
+    center_w: Array
+    views: tuple[View, ...]
+    pixels: NDArray[np.int64]
+    modes: tuple[str, ...] | None = None
+    keep: bool = False
+    toward_w: Array | None = None
+    depth: NDArray[np.float32] | None = None
+    unsure: NDArray[np.bool_] | None = None
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """What is captured for an image in some modes, view by view: a server poses its camera once for all.
+
+        Depth comes first, because it differs between places where colours may be alike: a live source
+        detects by it that its camera has moved.
+        """
+        wanted = modes if self.modes is None else self.modes
+        order = [mode for mode in ("depth",) if mode in wanted and self.depth is None]
+        order += [mode for mode in wanted if mode != "depth"]
+        return [Request(view, mode) for view in self.views for mode in order]
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Viewpoints that are captured one after the other, before the strategy decides on the next round."""
+
+    viewpoints: tuple[Viewpoint, ...]
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """What is captured, viewpoint by viewpoint."""
+        return [request for viewpoint in self.viewpoints for request in viewpoint.requests(modes)]
+
+
+Kept = Sequence[Mapping[str, Sequence[Capture]]]
+"""The captures of a round's viewpoints that are kept, in their order: by mode, in the views' order."""
+
+Rounds = Generator[Round, Kept | None, None]
+"""Yields rounds, is sent what was captured; None where a plan is made without capturing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a strategy plans for.
+
+    Attributes:
+        rays: the camera's, in its frame.
+        pose: of the camera, world frame.
+        capabilities: of the source.
+        options: how the image is rendered.
+        cover: the views that together show all that one should (:meth:`omniscv.sources.Source.cover`).
+        recorded: what a recording holds; None for sources that make new captures.
+        border_px: how much wider views are on every side; what the widest filter needs, if not given.
+    """
+
+    rays: CameraRays
+    pose: Pose
+    capabilities: Capabilities
+    options: RenderOptions = field(default_factory=RenderOptions)
+    cover: Callable[[View], tuple[View, ...]] = lambda view: (view,)
+    recorded: RecordedViews | None = None
+    border_px: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.border_px is not None and self.border_px < 0:
+            raise ArgumentError(f"border_px: expected a whole number of pixels >= 0, got {self.border_px!r}")
+
+    @cached_property
+    def edge(self) -> int:
+        """px of a 90 degree face."""
+        size = self.options.face_size
+        return self.rays.face_size if size == "auto" else size
+
+    def available(self, views: Iterable[View]) -> bool:
+        """Return whether the source can deliver views: unless it is a recording without them."""
+        return self.recorded is None or self.recorded.hold(views)
+
+    @property
+    def sets_views(self) -> bool:
+        """Whether views may have any size and field of view."""
+        return self.capabilities.can_set_size and self.capabilities.can_set_fov
+
+    def border(self, default: int) -> int:
+        """How much wider views are on every side, px."""
+        return default if self.border_px is None else self.border_px
+
+    def groups(self, viewpoints: int | None = None) -> tuple[RayGroup, ...]:
+        """The valid pixels by optical centre, as many centres as the options have, else as given."""
+        count = self.options.viewpoints
+        return self.rays.groups(viewpoints if count is None else count)
+
+
+class Strategy(ABC):
+    """Which views an image is captured with: a class without arguments, registered under its name.
+
+    Attributes:
+        name: what options call it.
+        approximate: whether it makes an error that ``max_error_px`` bounds.
+    """
+
+    name: ClassVar[str]
+    approximate: ClassVar[bool] = False
+
+    @abstractmethod
+    def rounds(self, task: Task) -> Rounds:
+        """Yield rounds until every valid pixel is served, each once.
+
+        A round whose captures are not sent (None: a plan is made) is followed by what is needed at least.
+
+        Raises:
+            ArgumentError: the source cannot do what the strategy needs.
+        """
+
+    def further_views(self, task: Task) -> tuple[int, int]:
+        """Return how many views a plan lacks that depend on what is captured: an estimate, and the most."""
+        return 0, 0
+
+
+def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:
+    """Run a strategy to its end; rendering, recording and planning all do.
+
+    Args:
+        rounds: the strategy's generator.
+        capture: called with each round; returns what the strategy is sent.
+    """
+    with closing(rounds):
+        following = next(rounds, None)
+        while following is not None:
+            kept = capture(following)
+            try:
+                following = rounds.send(kept)
+            except StopIteration:
+                return
+
+
+def captured(
+    round_: Round, source: Source, modes: Sequence[str], skip: Container[Request] = ()
+) -> Iterator[tuple[Viewpoint, dict[str, list[Capture]]]]:
+    """Capture a round, and yield its viewpoints with their captures by mode, in the views' order.
+
+    Args:
+        round_: what to capture.
+        source: where captures come from; requests are read ahead as far as it pipelines.
+        modes: of the image.
+        skip: requests that are not made again, but for viewpoints that are kept.
+
+    Raises:
+        BadReplyError: the source ends early.
+    """
+    wanted = [[r for r in v.requests(modes) if v.keep or r not in skip] for v in round_.viewpoints]
+    captures = iter(source.capture(request for requests in wanted for request in requests))
+    for viewpoint, requests in zip(round_.viewpoints, wanted, strict=True):
+        found: dict[str, list[Capture]] = {}
+        for capture in islice(captures, len(requests)):
+            found.setdefault(capture.mode, []).append(capture)
+        if (came := sum(map(len, found.values()))) < len(requests):
+            raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {came}")
+        yield viewpoint, found

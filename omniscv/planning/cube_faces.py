@@ -1,0 +1,98 @@
+"""Cube maps: faces aligned with the world at an optical centre.
+
+World-aligned, so that one set of captures serves every orientation of a camera at that place.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.parallel import blocks
+from omniscv.planning.base import Task
+from omniscv.sources.base import View
+
+ROTATIONS = tuple(R_w_c for _, R_w_c in cube_rotations())
+"""(3, 3) each, camera to world, in the order of a capture."""
+
+ALL_FACES = np.ones(6, np.bool_)
+
+FACE_BORDER_PX = 4
+"""The filter support beyond a ray's pixel, and two for good measure."""
+
+
+class CubeFaces:
+    """The faces that a task's source captures, as near as it can to those that are wanted.
+
+    Args:
+        task: what is planned for.
+        edge: px of a 90 degree face.
+        border_px: how much wider than 90 degrees they are wanted on every side.
+
+    Raises:
+        ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them.
+    """
+
+    def __init__(self, task: Task, edge: int, border_px: int) -> None:
+        self._task = task
+        capabilities = task.capabilities
+        edge = max(edge, capabilities.min_size)
+        width = height = edge + 2 * border_px if capabilities.can_set_fov else edge
+        if not capabilities.can_set_size:
+            if capabilities.image_size is None:
+                raise ArgumentError(
+                    "capabilities: expected the image_size of a source that cannot set it, got None"
+                )
+            width, height = capabilities.image_size
+        if capabilities.can_set_fov and height > 2 * border_px:
+            # The shorter side must see 90 degrees and the border.
+            fov_deg = pinhole.fov_deg(width, height / 2 - border_px)
+        else:
+            fov_deg = 90.0 if capabilities.fov_deg is None else capabilities.fov_deg
+            if height / 2 - pinhole.focal_px(width, fov_deg) < -1e-6:
+                raise ArgumentError(
+                    f"faces: expected pictures of at least 90 degrees both ways, got {width} x {height} of "
+                    f"{fov_deg:g} degrees across; set the server to a square size and a field of view of 90"
+                )
+        self._kind = fov_deg, width, height
+
+    def views(self, center_w: Array, hit: NDArray[np.bool_]) -> tuple[View, ...]:
+        """Return the views at a centre that show the faces that are hit, in the order of :func:`faces_hit`.
+
+        Of a recording, faces of other sizes than the wanted ones are taken where it has no such.
+        """
+        six = tuple(View(Pose(center_w, R_w_c), *self._kind) for R_w_c in ROTATIONS)
+        if self._task.recorded is not None:
+            six = self._task.recorded.faces(center_w, six)
+        covers = [self._task.cover(view) for view, wanted in zip(six, hit, strict=True) if wanted]
+        return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
+
+
+def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
+    """Return (6,) bool, the faces that rays hit, in the order of ``ROTATIONS``; on an edge both sides are.
+
+    Args:
+        directions: (N, 3) in a frame d.
+        R_w_d: (3, 3) from that frame to the world.
+    """
+    axes_w = np.array([R_w_c[:, 2] for R_w_c in ROTATIONS])
+    axes_d = np.ascontiguousarray(axes_w @ R_w_d)
+    parts = blocks(lambda rows: _faces_hit(directions[rows], axes_d), len(directions))
+    return np.asarray(np.any(parts, axis=0))
+
+
+@njit(cache=True, nogil=True)
+def _faces_hit(directions: Array, axes_d: Array) -> NDArray[np.bool_]:
+    hit = np.zeros(6, np.bool_)
+    along = np.empty(6)
+    for i in range(directions.shape[0]):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        most = 0.0
+        for k in range(6):
+            along[k] = x * axes_d[k, 0] + y * axes_d[k, 1] + z * axes_d[k, 2]
+            most = max(most, along[k])
+        for k in range(6):
+            if along[k] > 0.0 and along[k] * (1.0 + 1e-9) >= most:
+                hit[k] = True
+    return hit

@@ -1,0 +1,82 @@
+"""What strategies share that capture every pixel from its own optical centre: faces or strips there."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+
+from omniscv.geometry import Array
+from omniscv.planning.base import Round, Rounds, Strategy, Task, Viewpoint
+from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
+from omniscv.planning.depth_marching import DepthShell
+from omniscv.planning.strip_views import strip_size, strip_views
+from omniscv.planning.viewpoints import Groups, RayGroup
+from omniscv.planning.visibility import look_around, occluded
+from omniscv.sources.base import View
+
+_STRIP_BORDER_PX = 2
+"""The filter support beyond a ray's pixel: a strip's rays run through its middle."""
+
+
+def face_viewpoints(
+    task: Task, groups: Groups, around: DepthShell | None, *, whole: bool = False
+) -> tuple[Viewpoint, ...]:
+    """Return the viewpoints of groups of pixels: the faces that their rays hit, or whole cube maps."""
+    faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
+
+    def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
+        return faces.views(center_w, ALL_FACES if whole else faces_hit(group.directions, task.pose.R_w_c))
+
+    return _serving(task, groups, around, views)
+
+
+def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+    """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do."""
+    if not groups:
+        return ()
+    focal_px, border_px = task.edge / 2, task.border(_STRIP_BORDER_PX)
+    rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
+    size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
+    faces = CubeFaces(task, task.edge, border_px)
+
+    def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
+        strips = strip_views(center_w, rays_w[id(group)], focal_px, border_px, size)
+        return strips or faces.views(center_w, faces_hit(group.directions, task.pose.R_w_c))
+
+    return _serving(task, groups, around, views)
+
+
+def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+    """Return the viewpoints of groups of pixels with the fewest pixels captured that the source can do.
+
+    Strips where it can set size and field of view, and, if it is a recording, holds them; else faces.
+    """
+    if task.sets_views:
+        strips = strip_viewpoints(task, groups, around)
+        if task.available(view for each in strips for view in each.views):
+            return strips
+    return face_viewpoints(task, groups, around)
+
+
+def _serving(
+    task: Task,
+    groups: Groups,
+    around: DepthShell | None,
+    views: Callable[[Array, RayGroup], tuple[View, ...]],
+) -> tuple[Viewpoint, ...]:
+    centers_w = [task.pose.to_world(group.center_c) for group in groups]
+    return tuple(
+        Viewpoint(center_w, views(center_w, group), group.pixels, unsure=occluded(around, center_w, group))
+        for center_w, group in zip(centers_w, groups, strict=True)
+    )
+
+
+class Exact(Strategy):
+    """One round of viewpoints, after that in which occluded centres are found."""
+
+    @abstractmethod
+    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        """Return the viewpoints of groups of pixels."""
+
+    def rounds(self, task: Task) -> Rounds:
+        groups = task.groups()
+        around = yield from look_around(task, groups)
+        yield Round(self.viewpoints(task, groups, around))

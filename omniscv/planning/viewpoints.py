@@ -1,0 +1,99 @@
+"""A camera's rays, unprojected once, and its pixels grouped by the optical centre that they share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.cameras import Camera, Rays
+from omniscv.geometry import Array
+from omniscv.parallel import blocks
+from omniscv.planning import densities
+
+
+@dataclass(frozen=True, eq=False)
+class RayGroup:
+    """Pixels that share an optical centre.
+
+    Attributes:
+        center_c: (3,) camera frame, metres.
+        pixels: (N,) int64 flat indices of valid pixels, row-major.
+        directions: (N, 3) their unit rays, camera frame.
+    """
+
+    center_c: Array
+    pixels: NDArray[np.int64]
+    directions: Array
+
+
+Groups = Sequence[RayGroup]
+
+
+class CameraRays:
+    """The rays of a camera's pixels; what is derived from them is made when first used, and kept.
+
+    Attributes:
+        camera: whose.
+        directions: (H, W, 3) unit, camera frame, NaN where not valid.
+        origins: (H, W, 3) metres, camera frame; None for a central camera.
+        valid: (H, W) bool.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        rays = unproject(camera, camera.pixels())
+        self.camera, self.directions, self.valid = camera, rays.directions, rays.valid
+        self.origins = None if camera.central else rays.origins
+        self._groups: dict[int | None, tuple[RayGroup, ...]] = {}
+
+    @cached_property
+    def steps(self) -> Array:
+        """(H, W) angle in radians from each ray to the next one's; see :func:`densities.steps`."""
+        return densities.steps(self.directions)
+
+    @cached_property
+    def face_size(self) -> int:
+        """Edge in px of the smallest 90 degree face that loses no detail."""
+        return densities.face_size(self.steps)
+
+    def groups(self, viewpoints: int | None = None) -> tuple[RayGroup, ...]:
+        """The valid pixels by optical centre; centres that serve none are left out.
+
+        Args:
+            viewpoints: how many centres a non-central camera is given; one per column or ring if None.
+        """
+        found = self._groups.get(viewpoints)
+        if found is None:
+            found = self._grouped(viewpoints)
+            self._groups = {viewpoints: found}  # one at a time: they hold copies of the rays
+        return found
+
+    def _grouped(self, viewpoints: int | None) -> tuple[RayGroup, ...]:
+        shared = self.camera.viewpoints(viewpoints)
+        directions = self.directions.reshape(-1, 3)
+        if len(shared.centers) == 1:
+            pixels = np.flatnonzero(self.valid)
+            mine = directions if len(pixels) == len(directions) else directions[pixels]
+            return (RayGroup(shared.centers[0], pixels, mine),) if len(pixels) else ()
+        order = np.argsort(shared.index, axis=None, kind="stable")
+        starts = np.searchsorted(shared.index.ravel()[order], np.arange(len(shared.centers) + 1))
+        return tuple(
+            RayGroup(center_c, order[start:end], directions[order[start:end]])
+            for center_c, start, end in zip(shared.centers, starts[:-1], starts[1:], strict=True)
+            if end > start
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """What is held in memory."""
+        arrays = [self.directions, self.valid, self.origins, self.__dict__.get("steps")]
+        for groups in list(self._groups.values()):
+            arrays += [each for group in groups for each in (group.pixels, group.directions)]
+        return sum(array.nbytes for array in arrays if array is not None)
+
+
+def unproject(camera: Camera, pixels: Array) -> Rays:
+    """The rays of (H, W, 2) pixels, computed in blocks of rows on all cores."""
+    parts = blocks(lambda rows: camera.unproject(pixels[rows]), len(pixels), pixels[..., 0].size)
+    return Rays(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("origins", "directions", "valid")))

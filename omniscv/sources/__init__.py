@@ -1,0 +1,17 @@
+"""Where captures come from: live servers, recordings, scenes. Knows no camera model."""
+
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, SourceWrapper, View
+from omniscv.sources.registry import open_source, register, schemes
+
+__all__ = [
+    "Capabilities",
+    "Capture",
+    "ObjectTable",
+    "Request",
+    "Source",
+    "SourceWrapper",
+    "View",
+    "open_source",
+    "register",
+    "schemes",
+]

@@ -1,0 +1,204 @@
+"""Captures as bytes: decoding and encoding, the same for live, recorded and imported captures.
+
+Encodings of every source
+    ``png``   modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
+    ``npy``   pixels as they are: any modality, any dtype of numbers
+
+A source with a wire registers encodings of its own; :mod:`omniscv.sources.unreal.codecs` are Unreal's.
+"""
+
+import io
+import math
+import re
+import struct
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import modalities
+from omniscv.errors import BadReplyError
+from omniscv.sources.base import Capture, View
+
+Decoder = Callable[[bytes, str, View], NDArray[Any]]
+"""``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
+
+_PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
+_NPY_HEADER = re.compile(
+    rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': False, "
+    rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
+)
+"""The header as NumPy writes it. NumPy's own reader evaluates any Python literal, and crashes on some."""
+
+
+def register(encoding: str, decoder: Decoder, modes: Sequence[str] | None = None) -> None:
+    """Add an encoding, or replace the one of its name; recordings are decoded by it too.
+
+    It can encode the modalities ``modes``; all if not given.
+    """
+    _decoders[encoding] = decoder, modes
+
+
+def encodings() -> tuple[str, ...]:
+    """The names of all encodings."""
+    return tuple({**_decoders, **_MODULES})
+
+
+def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
+    """The pixels of a capture, read-only, as :class:`omniscv.sources.base.Capture` describes them.
+
+    Args:
+        payload: the bytes as received.
+        encoding: one of :func:`encodings`.
+        mode: a modality.
+        view: what was captured, with the size that the pixels must have.
+
+    Raises:
+        BadReplyError: the bytes are not what the encoding, the mode and the view say.
+    """
+    if encoding in _MODULES and encoding not in _decoders:
+        import_module(_MODULES[encoding])  # registers its encodings
+    decoder, modes = _decoders.get(encoding, (None, ()))
+    if decoder is None or not (modes is None or mode in modes):
+        raise BadReplyError(f"encoding of {mode}: expected one of {', '.join(encodings())}; got {encoding!r}")
+    pixels = decoder(payload, mode, view)
+    pixels.flags.writeable = False
+    return pixels
+
+
+def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
+    """Bytes and encoding of pixels: PNG for three channels of uint8, NPY for all else; lossless."""
+    if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
+        import cv2
+
+        bgr = np.ascontiguousarray(pixels[..., ::-1])
+        return cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1].tobytes(), "png"
+    buffer = io.BytesIO()
+    np.save(buffer, np.ascontiguousarray(pixels), allow_pickle=False)
+    return buffer.getvalue(), "npy"
+
+
+def payload_of(capture: Capture) -> tuple[bytes, str]:
+    """Bytes and encoding of a capture: those that it has, else its pixels, encoded.
+
+    Raises:
+        BadReplyError: pixels that do not fit the modality or the view.
+    """
+    if capture.payload is not None and capture.encoding in encodings():
+        return bytes(capture.payload), capture.encoding
+    pixels, row = capture.pixels, modalities.get(capture.mode)
+    size = capture.view.height, capture.view.width
+    ids = bool(row.derives) and pixels.dtype == np.uint16 and pixels.ndim == 2
+    if not (ids or row.fits(pixels)) or pixels.shape[:2] != size:
+        shape, dtypes = (*size, row.channels) if row.channels else size, " or ".join(row.dtypes)
+        got = f"{pixels.dtype}, shape {pixels.shape}"
+        raise BadReplyError(f"expected {row.name} of {dtypes}, shape {shape}; got {got}")
+    if row.interpolation == "surface":
+        check_depth(pixels)
+    return encode(pixels)
+
+
+def picture_size(payload: bytes) -> tuple[int, int]:
+    """Width and height in the header of a PNG or NPY; BadReplyError for other bytes."""
+    if payload.startswith(_PNG) and len(payload) >= 33:
+        width, height = struct.unpack(">II", payload[16:24])
+        return width, height
+    if payload.startswith(_NPY):
+        (height, width, *_), _, _ = _npy_layout(payload)
+        return width, height
+    raise BadReplyError(f"expected a PNG or NPY, got {_start(payload)}")
+
+
+def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB; the header is checked first, so that no picture larger than the view is decoded."""
+    import cv2
+
+    if not payload.startswith(_PNG) or len(payload) < 33:
+        raise BadReplyError(f"expected a PNG, got {_start(payload)}")
+    size, bits = picture_size(payload), payload[24]
+    if size != (view.width, view.height) or bits != 8:
+        wanted = f"expected an 8-bit PNG of {view.width} x {view.height}"
+        raise BadReplyError(f"{wanted}, got {bits}-bit {size[0]} x {size[1]}")
+    if not _chunks_fit(payload):
+        raise BadReplyError(f"expected a PNG, got one whose chunks do not add up to its {len(payload)} bytes")
+    image = cv2.imdecode(np.frombuffer(payload, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise BadReplyError(f"expected a PNG, got one that does not decode, {len(payload)} bytes")
+    to_rgb = {(): cv2.COLOR_GRAY2RGB, (3,): cv2.COLOR_BGR2RGB, (4,): cv2.COLOR_BGRA2RGB}
+    return np.asarray(cv2.cvtColor(image, to_rgb[image.shape[2:]]))
+
+
+def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
+    """The payload as a read-only array of the view's size, any channels; never unpickled."""
+    if not payload.startswith(_NPY):
+        raise BadReplyError(f"expected NPY, got {_start(payload)}")
+    shape, dtype, start = _npy_layout(payload)
+    if shape[:2] != (view.height, view.width):
+        raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
+    size = math.prod(shape) * dtype.itemsize
+    if len(payload) - start != size:
+        raise BadReplyError(f"expected {size} bytes of pixels, got {len(payload) - start}")
+    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape)
+
+
+def check_depth(array: NDArray[Any]) -> None:
+    """Raise BadReplyError for another shape than (H, W), no floats, or values that are negative or NaN."""
+    if array.ndim != 2 or array.dtype.kind != "f":
+        raise BadReplyError(f"expected float depth of shape (H, W), got {array.dtype} of shape {array.shape}")
+    if not array.min() >= 0:  # NaN is not >= 0
+        wrong = f"{np.count_nonzero(~(array >= 0))} of {array.size} values negative or NaN"
+        raise BadReplyError(f"expected depth of 0 or more, got {wrong}")
+
+
+def _png_colors(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    row = modalities.get(mode)
+    if row.channels != 3 or "uint8" not in row.dtypes:
+        raise BadReplyError(f"encoding of {mode}: expected npy, got 'png'")
+    return decode_png(payload, view)
+
+
+def _npy_pixels(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    array, row = decode_npy(payload, view), modalities.get(mode)
+    if row.interpolation == "surface":
+        check_depth(array)
+        return array.astype(row.dtypes[0])
+    if row.derives and array.ndim == 2 and array.dtype.kind == "u":  # instance ids in place of colours
+        if array.max() > 0xFFFF:
+            raise BadReplyError(f"expected instance ids of at most {0xFFFF}, got {array.max()}")
+        return array.astype(np.uint16)
+    if array.shape[2:] != ((row.channels,) if row.channels else ()):
+        raise BadReplyError(f"expected {row.channels or 1} channels of {mode}, got shape {array.shape}")
+    return array.copy()
+
+
+def _chunks_fit(payload: bytes) -> bool:
+    """Whether the chunks end where the bytes do; OpenCV allocates what their headers claim, up to 4 GB."""
+    at, kind = len(_PNG), b""
+    while kind != b"IEND" and at + 12 <= len(payload):
+        length, kind = struct.unpack_from(">I4s", payload, at)
+        at += 12 + length
+    return at == len(payload)
+
+
+def _npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    """Shape, dtype, and the offset of the pixels."""
+    start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
+    end = start + int.from_bytes(payload[8:start], "little")
+    header = payload[start:end]
+    found = _NPY_HEADER.fullmatch(header)
+    if found is None:
+        raise BadReplyError(f"expected NPY of numbers in C order, got the header {header[:120]!r}")
+    return tuple(map(int, found[2].split(b", "))), np.dtype(found[1].decode()), end
+
+
+def _start(payload: bytes) -> str:
+    return f"{len(payload)} bytes that start with {payload[:24]!r}"
+
+
+_decoders: dict[str, tuple[Decoder, Sequence[str] | None]] = {}
+register("png", _png_colors)
+register("npy", _npy_pixels)
+_MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.codecs")
+"""Encodings of modules that are imported when first needed."""

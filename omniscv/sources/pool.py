@@ -1,0 +1,140 @@
+"""Several sources of one scene as one: distributes requests, and re-queues those of a source that fails."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import fields
+from itertools import islice
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+from omniscv.errors import ArgumentError, SourceError
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View, closed_error
+
+T = TypeVar("T", Capabilities, ObjectTable)
+
+_BATCH = 24  # requests that a replica gets at once: as many as a live source has under way
+
+_AHEAD = 4  # batches per replica that are captured ahead of those that are used
+
+_log = logging.getLogger("omniscv")
+
+
+class SourcePool(Source):
+    """Captures from one or more replicas of one scene, such as copies of one game; they are closed with it.
+
+    A replica that fails is not used again: the others capture its requests, and a warning is logged.
+
+    Raises:
+        ArgumentError: no source, or sources with other capabilities, objects or mask colours, so that their
+            captures do not belong in one image.
+    """
+
+    def __init__(self, sources: Sequence[Source]) -> None:
+        if not sources:
+            raise ArgumentError("sources: expected at least one, got none")
+        self._capabilities = _the_same([source.capabilities for source in sources])
+        self._objects = _the_same([source.objects() for source in sources])
+        self._sources, self._working = tuple(sources), list(sources)
+        self._fault = closed_error("pool")
+        self._lock, self._closed = threading.Lock(), False
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return self._capabilities
+
+    def objects(self) -> ObjectTable:
+        self._check_working()
+        return self._objects
+
+    def cover(self, view: View) -> tuple[View, ...]:
+        return self._sources[0].cover(view)
+
+    def recorded_views(self) -> tuple[View, ...] | None:
+        """The views that every replica can replay; None where one of them is live."""
+        views = [source.recorded_views() for source in self._sources]
+        common = [set(each) for each in views if each is not None]
+        return tuple(v for v in views[0] or () if all(v in each for each in common)) if all(views) else None
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""
+        self._check_working()
+        batches, idle = self._batches(iter(requests)), SimpleQueue[Source]()
+        for replica in self._working:
+            idle.put(replica)
+        under_way: deque[Future[list[Capture]]] = deque()
+        threads = ThreadPoolExecutor(len(self._sources), "capture")
+        try:
+            while True:
+                ahead = _AHEAD * max(1, len(self._working))
+                while len(under_way) < ahead and (some := next(batches, None)):
+                    under_way.append(threads.submit(self._batch, some, idle))
+                if not under_way:
+                    return
+                yield from under_way.popleft().result()
+        finally:
+            threads.shutdown(cancel_futures=True)
+
+    def _batches(self, coming: Iterator[Request]) -> Iterator[list[Request]]:
+        """Requests in batches; few requests are distributed evenly, so that every replica has some."""
+        while some := list(islice(coming, _BATCH * max(1, len(self._working)))):
+            size = -(-len(some) // max(1, len(self._working)))
+            yield from (some[start : start + size] for start in range(0, len(some), size))
+
+    def close(self) -> None:
+        self._closed = True
+        with ExitStack() as closing:
+            for source in self._sources:
+                closing.callback(source.close)
+
+    def _batch(self, requests: list[Request], idle: SimpleQueue[Source]) -> list[Capture]:
+        """Capture requests on a replica that is idle; after its fault the rest on the next one."""
+        captures: list[Capture] = []
+        while True:
+            replica = idle.get()
+            try:
+                self._check_working()
+                if replica in self._working:
+                    for capture in replica.capture(requests[len(captures) :]):
+                        captures.append(capture)
+                    if len(captures) != len(requests):
+                        raise SourceError(f"replica: expected {len(requests)} captures, got {len(captures)}")
+                    return captures
+            except SourceError as fault:
+                with self._lock:
+                    if replica in self._working:
+                        self._working.remove(replica)
+                        self._fault = fault
+                        if left := len(self._working):
+                            _log.warning("a replica failed, %d left to capture its requests: %s", left, fault)
+                self._check_working()
+            finally:
+                if replica in self._working or not self._working:  # the latter for threads that wait for one
+                    idle.put(replica)
+
+    def _check_working(self) -> None:
+        if self._closed or not self._working:
+            raise closed_error("pool") if self._closed else self._fault
+
+
+def _the_same(values: Sequence[T]) -> T:
+    first, *others = values
+    for number, value in enumerate(others, start=2):
+        for each in fields(first):
+            a, b = getattr(first, each.name), getattr(value, each.name)
+            if a != b:
+                fault = f"source {number} differs from source 1 in {each.name}"
+                both = f"{_excerpt(b, a)} against {_excerpt(a, b)}"
+                raise ArgumentError(f"sources: expected replicas of one scene, but {fault}: {both}")
+    return first
+
+
+def _excerpt(value: Any, other: Any) -> str:
+    """A value; of a table, its first entry that another table does not have."""
+    if not isinstance(value, dict):
+        return repr(value)
+    apart = sorted(set(value.items()) - set(other.items()))
+    return "{}: {}".format(*apart[0]) if apart else "nothing more"

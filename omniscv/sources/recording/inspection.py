@@ -1,0 +1,111 @@
+"""What a recording holds, and whether it is undamaged."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from omniscv.errors import DamagedRecordingError
+from omniscv.sources.recording.store import SCHEMA_VERSION, Store, object_from_json, view_from_json
+
+
+@dataclass(frozen=True)
+class Info:
+    """A recording in numbers.
+
+    Attributes:
+        captures: number of captures by mode.
+        centers: number of optical centres.
+        sizes: number of captures by size in px, as ``WIDTHxHEIGHT``.
+        servers, scenes, dialects: where the captures came from.
+        first, last: when they were captured, ISO 8601, UTC; empty where that is not recorded.
+        objects: number of objects whose mask colour is known.
+    """
+
+    file: str
+    bytes: int
+    schema_version: int
+    captures: dict[str, int]
+    centers: int
+    sizes: dict[str, int]
+    servers: list[str]
+    scenes: list[str]
+    dialects: list[str]
+    first: str
+    last: str
+    objects: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def info(path: Path | str) -> Info:
+    """What a recording holds, without its pixels; RecordingError if it cannot be read."""
+    with closing(Store(path)) as store:
+        rows = list(store.rows(payload=False))
+        views = [view_from_json(row.captured) for row in rows]
+        origins = [object_from_json(row.provenance) for row in rows]
+        times = [each["time"] for each in origins if isinstance(each.get("time"), int | float)]
+
+        def known(key: str) -> list[str]:
+            return sorted({str(each[key]) for each in origins if key in each})
+
+        return Info(
+            file=str(store.path),
+            bytes=store.path.stat().st_size,
+            schema_version=SCHEMA_VERSION,
+            captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
+            centers=len({view.key()[2:5] for view in views}),
+            sizes=dict(Counter(f"{view.width}x{view.height}" for view in views).most_common()),
+            servers=known("server"),
+            scenes=known("scene"),
+            dialects=known("dialect"),
+            first=_iso(min(times, default=None)),
+            last=_iso(max(times, default=None)),
+            objects=len(store.objects().colors),
+        )
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The damage found in a recording: one line for each fault."""
+
+    file: str
+    captures: int
+    faults: list[str]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every capture is as it was recorded."""
+        return not self.faults
+
+    def lines(self) -> Iterator[str]:
+        """The faults, then a summary."""
+        yield from self.faults
+        state = "all as recorded" if self.ok else f"{len(self.faults)} damaged"
+        yield f"{self.file}: {self.captures} captures, {state}"
+
+
+def verify(path: Path | str) -> Verification:
+    """Check structure, object table, and each capture; RecordingError if the file cannot be read."""
+    with closing(Store(path)) as store:
+        faults = store.structural_faults()
+        for check in chain([store.objects], (row.capture for row in store.rows())):
+            try:
+                check()
+            except DamagedRecordingError as cause:
+                faults.append(str(cause))
+        captures = sum(1 for _ in store.rows(payload=False))
+        return Verification(str(store.path), captures, [f"{store.path}: {fault}" for fault in faults])
+
+
+def _iso(seconds: float | None) -> str:
+    try:
+        return "" if seconds is None else datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+    except (OverflowError, ValueError, OSError):  # anything may be written in a file
+        return ""

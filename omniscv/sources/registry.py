@@ -1,0 +1,200 @@
+"""Sources by address: a scheme names the opener, here or in another package.
+
+Another package joins by :func:`register`, or by an entry point of the group ``omniscv.sources`` whose name is
+the scheme and whose value is the opener, ``opener(address, **options) -> Source``.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from importlib.metadata import entry_points
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any, TypedDict, Unpack
+from urllib.parse import parse_qsl
+
+from omniscv.errors import ArgumentError, SourceError
+from omniscv.sources.base import Capabilities, Source
+
+Opener = Callable[..., Source]
+"""``opener(address, **options)``: ``address`` is the whole text, its scheme included."""
+
+_ENTRY_POINTS = "omniscv.sources"
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
+_HOST_AND_PORT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:]+\]):\d+")
+
+_UNREAL = "omniscv.sources.unreal.opening"
+_openers: dict[str, Opener | str] = {
+    "unreal": f"{_UNREAL}:open_unreal",
+    "unreal+unix": f"{_UNREAL}:open_unreal",
+    "launch": f"{_UNREAL}:open_launched",
+    "mock": f"{_UNREAL}:open_mock",
+    "scene": "omniscv.sources.scene:open_scene",
+}
+"""By scheme; ``module:function`` is imported when the scheme is first opened."""
+
+
+class SourceOptions(TypedDict, total=False):
+    """Options of :func:`open_source`; an opener refuses those that it does not know.
+
+    Attributes:
+        timeout_s: how long connecting, and each reply, may take.
+        retries: how often to retry, with exponential backoff.
+        fix_exposure: switch off vignette and auto exposure in the running game.
+    """
+
+    timeout_s: float
+    retries: int
+    fix_exposure: bool
+
+
+def register(scheme: str, opener: Opener) -> None:
+    """Open addresses of a scheme, ``scheme://...``, with an opener.
+
+    Args:
+        scheme: letters, digits, ``+``, ``-`` and ``.``, at least two, the first a letter.
+        opener: ``opener(address, **options) -> Source``.
+
+    Raises:
+        ArgumentError: a text that is no scheme, or an opener that cannot be called.
+    """
+    if not isinstance(scheme, str) or not _SCHEME.fullmatch(f"{scheme}:"):
+        raise ArgumentError(f"scheme: expected a name such as 'blender', got {scheme!r}")
+    if not callable(opener):
+        raise ArgumentError(f"opener: expected a function opener(address, **options), got {opener!r}")
+    _openers[scheme] = opener
+
+
+def schemes() -> list[str]:
+    """Every scheme that an address may have, those of other packages included."""
+    return sorted({*_openers, *(each.name for each in entry_points(group=_ENTRY_POINTS))})
+
+
+def scheme_of(address: str) -> str | None:
+    """The scheme of an address; None for the path of a recording."""
+    found = _SCHEME.match(address)
+    if found is None:
+        return None
+    return found[1] if "://" in address or found[1] in _openers else None
+
+
+def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
+    """Open a source of captures.
+
+    Args:
+        uri: ``unreal://host:port`` or ``unreal+unix:///path``, a live server; ``launch:PATH``, a packaged
+            game, started for this source; ``mock://four-wall``, the mock server, started for it, with
+            options behind a question mark (``mock://four-wall?latency_ms=5&depth=float32``;
+            ``dialect=0.3.10&size=512x512``; ``fault=delay=0.2@0.05``, repeatable, and their ``seed``);
+            ``scene://four-wall``, a scene traced in this process; an address of a registered scheme; the path
+            of a recording.
+        options: see :class:`SourceOptions`.
+
+    Raises:
+        ArgumentError: an address of another form, or an option that the source does not take.
+        SourceError: no server reachable at the address, or the package of a scheme cannot be imported.
+        RecordingError: the file is not there, or is no recording.
+    """
+    if not isinstance(uri, str | Path) or not str(uri):
+        raise ArgumentError(f"source: expected an address or the path of a recording, got {uri!r}")
+    text = str(uri)
+    scheme = scheme_of(text)
+    if scheme is None:
+        if _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
+            wanted = f"expected an address or a recording, got {text!r}"
+            raise ArgumentError(f"source: {wanted}; write unreal://{text}")
+        opener: Opener = resolve_name("omniscv.sources.recording.replay:open_recording")
+    else:
+        opener = _opener(scheme, text)
+    try:
+        inspect.signature(opener).bind(text, **options)
+    except TypeError:
+        known = list(inspect.signature(opener).parameters)[1:]
+        wanted = f"options among {', '.join(known)}" if known else "no options"
+        given = ", ".join(sorted(options))
+        raise ArgumentError(f"options: expected {wanted} for {text!r}, got {given}") from None
+    source = opener(text, **options)
+    if not isinstance(source, Source):
+        raise ArgumentError(f"{scheme}: expected it to return a Source for {text!r}, got {source!r}")
+    return source
+
+
+def open_sources(uris: Sequence[str], **options: Unpack[SourceOptions]) -> Source:
+    """Open one source, or a pool of replicas; all or none.
+
+    Args:
+        uris: as for :func:`open_source`; of the same scene.
+        options: for each of them.
+
+    Raises:
+        ArgumentError: no address, or replicas that differ (:class:`omniscv.sources.pool.SourcePool`).
+        ArgumentError, SourceError, RecordingError: as :func:`open_source`, for any of them.
+    """
+    from omniscv.sources.pool import SourcePool
+
+    with ExitStack() as opened:
+        sources = [opened.enter_context(open_source(uri, **options)) for uri in uris]
+        source = sources[0] if len(sources) == 1 else SourcePool(sources)
+        opened.pop_all()
+        return source
+
+
+def known_capabilities(uri: str) -> Capabilities | None:
+    """The capabilities of a source, where its opener knows them without opening it; None elsewhere."""
+    scheme = scheme_of(uri)
+    peek = None if scheme is None else getattr(_opener(scheme, uri), "capabilities", None)
+    return None if peek is None else peek(uri)
+
+
+def split_address(
+    address: str, readers: Mapping[str, Callable[[str], Any]], repeatable: Sequence[str] = ()
+) -> tuple[str, dict[str, Any]]:
+    """The part of an address behind its scheme, and the options behind its question mark.
+
+    Args:
+        address: such as ``mock://four-wall?latency_ms=5``.
+        readers: for each option, the function that parses its text; it raises ValueError for a wrong one.
+        repeatable: options that may be given several times; their values are lists.
+
+    Raises:
+        ArgumentError: an unknown option, or a value of another form.
+    """
+    place, _, query = address.partition("?")
+    place = place.partition(":")[2].removeprefix("//")
+    options: dict[str, Any] = {}
+    for key, text in parse_qsl(query, keep_blank_values=True):
+        if key not in readers:
+            known = ", ".join(readers)
+            raise ArgumentError(f"source: expected options among {known} in {address!r}, got {key!r}")
+        try:
+            value = readers[key](text)
+        except ValueError as wrong:
+            got = f"{text!r}: {wrong}"
+            raise ArgumentError(f"source: {address!r}: expected a value of {key}, got {got}") from wrong
+        if key in repeatable:
+            options.setdefault(key, []).append(value)
+        else:
+            options[key] = value
+    return place, options
+
+
+def read_size(text: str) -> tuple[int, int]:
+    """Width and height of a text such as ``640x480``; ValueError if it is none."""
+    width, height = text.split("x")
+    return int(width), int(height)
+
+
+def _opener(scheme: str, address: str) -> Opener:
+    found = _openers.get(scheme)
+    if found is None:
+        for entry in entry_points(group=_ENTRY_POINTS, name=scheme):
+            try:
+                found = entry.load()
+            except (ImportError, AttributeError) as cause:
+                wanted = f"expected the entry point {entry.value!r} to be importable"
+                raise SourceError(f"{address}: {wanted}, got: {cause}") from cause
+    if found is None:
+        forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in schemes())
+        raise ArgumentError(f"source: expected {forms} or the path of a recording; got {address!r}")
+    return resolve_name(found) if isinstance(found, str) else found

@@ -1,0 +1,167 @@
+"""The camera driver of plugin 0.3.10: the player's camera, polled until it rests; masks from the window."""
+
+import math
+import re
+from collections.abc import Hashable, Iterator
+from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+
+from omniscv.geometry import Pose
+from omniscv.sources.base import Capture, View
+from omniscv.sources.codecs import picture_size
+from omniscv.sources.unreal.client import Client, Reply
+from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
+from omniscv.sources.unreal.driver import CameraDriver, Requests, numbers
+from omniscv.sources.unreal.stale_frames import StaleFrames
+
+_POSE = "vget /camera/0/pose"
+_FOV = f"vget /camera/0/{LEGACY.fov}"
+_SETTLED = 4
+"""Consecutive replies behind which a new pose is visible: each is at least a frame later than the one before,
+and rotations take two (protocol reference, section 7.2)."""
+_MAX_POLLS = 20  # replies after which a pose that still changes counts as moving
+_VERTICAL = float(np.sin(np.radians(89.9)))  # the plugin limits pitch to 89.9 degrees
+_PRINTED = 6e-4  # poses and fields of view are printed with three decimals
+_STRAY_CM = 0.02  # of a pawn from where it was set: single precision, two kilometres from the origin
+
+
+class LegacyDriver(CameraDriver):
+    """Drives the player's camera, the only one.
+
+    Its pictures have the size of the plugin's settings; object masks come from the game's window, with its
+    size and the field of view of the settings. Pitch and roll are limited to 89.9 degrees: captures carry the
+    view they were taken from. After a move the pose is polled until it rests; it is read again behind the
+    pictures, which count if nothing has moved meanwhile. The window's keys and mouse stay switched off.
+    """
+
+    table = LEGACY
+    each_mode_lags = True
+
+    def attach(self, stale_frames: StaleFrames) -> None:
+        self._aimed = None
+        self._prepare()
+        # A click in the window would send a message that belongs to no request.
+        self._connection.texts(["vset /action/input/disable", LIT_VIEW_MODE])
+        status = self._connection.text("vget /unrealcv/status")
+        settings = re.search(r"^FOV: (\d+(?:\.\d*)?)$", status, re.MULTILINE | re.ASCII)
+        if settings is None:
+            raise self._refused(f"a status with a line such as 'FOV: 90.000000', got {status[:400]!r}")
+        self.mask_fov_deg = float(settings[1])
+        *_, pose = [self._connection.text(_POSE) for _ in range(_SETTLED)]
+        fov = self._connection.text(_FOV)
+        if not self._restore:
+            self._restore = [
+                f"vset /camera/0/{LEGACY.fov} {fov}",
+                f"vset /camera/0/pose {pose}",
+                LIT_VIEW_MODE,
+            ]
+        first = {mode: payload for mode in self.table.images if (payload := self._first_picture(mode))}
+        stale_frames.note((pose, fov), first)
+        self._connection.text(LIT_VIEW_MODE)
+        if "lit" not in first:
+            raise self._refused(f"a picture from {LEGACY.image(0, 'lit')!r}, got none")
+        self._size = self._checked_size(first["lit"])
+        self._window = self._checked_size(first.get("object_mask", first["lit"]))
+        self.capabilities = replace(self.capabilities, modes=frozenset(first), image_size=self._size)
+
+    def cover(self, view: View) -> tuple[View, ...]:
+        # Where the plugin limits pitch, the picture is tilted and misses a sliver on one side; the one that
+        # is turned half round about its axis is tilted to that side.
+        if abs(view.pose.R_w_c[2, 2]) < _VERTICAL:
+            return (view,)
+        turned = Pose(view.pose.position, view.pose.rotation @ np.diag([-1.0, -1.0, 1.0]))
+        return (view, replace(view, pose=turned))
+
+    def aim(self, before: View | None, view: View) -> list[str]:
+        # Numbers have fixed decimals, as servers parse them.
+        location, rotation = view.pose.to_unreal()
+        pose = "{:.6f} {:.6f} {:.6f} {:.8f} {:.8f} {:.8f}".format(*location, *rotation)
+        return [f"vset /camera/0/{LEGACY.fov} {view.fov_deg:.8f}", f"vset /camera/0/pose {pose}"]
+
+    def collect(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> Iterator[Capture]:
+        for view, group in groupby(requests, lambda request: request.view):
+            here = list(group)
+            if self._aimed != view:
+                self._aimed = None
+                commands = self.aim(None, view)
+                for command, reply in zip(commands, client.stream(commands), strict=True):
+                    self._expect("ok", command, reply)
+            fresh = False
+            while not fresh:
+                state, captures = self._pictures(client, view, here)
+                frames = {capture.mode: capture.payload or b"" for capture in captures}
+                # Colour may be stale where depth is not (protocol reference, section 7.2).
+                fresh = stale_frames.accepts(state, frames)
+            self._aimed = view
+            yield from captures
+
+    def _first_picture(self, mode: str) -> bytes | None:
+        """Return what the camera shows before it is moved; None for a mode that does not work."""
+        command = LEGACY.image(0, mode)  # the very first may be garbage (protocol reference, section 7.2)
+        *_, reply = [self._connection.read([command], lambda _, reply: reply)[0] for _ in range(2)]
+        return reply if isinstance(reply, bytes) else None
+
+    def _resting_pose(self, client: Client) -> Reply:
+        """Return the pose as it reads once it rests; BadReplyError if it does not."""
+        before: Reply | None = None
+        for count in range(1, _MAX_POLLS + 1):
+            (reading,) = client.stream([_POSE])
+            if count >= _SETTLED and reading == before:
+                return reading
+            before = reading
+        raise self._bad_reply(
+            f"a camera that comes to rest, but it still moves: {before!r}; use a flying pawn (UE4CVGameMode)"
+        )
+
+    def _pictures(self, client: Client, view: View, requests: Requests) -> tuple[Hashable, list[Capture]]:
+        """Return the pose and field of view that the camera reports, and captures; it rests before and after.
+
+        The mask is answered out of order, so it is requested alone; it leaves the window in its view mode.
+        """
+        reading = self._resting_pose(client)
+        pose = self._actual_pose(view, reading)
+        replies: dict[str, Reply] = {}
+        others = list(dict.fromkeys(request.mode for request in requests if request.mode != "object_mask"))
+        if any(request.mode == "object_mask" for request in requests):
+            (replies["object_mask"],) = client.stream([LEGACY.image(0, "object_mask")])
+        commands = [LIT_VIEW_MODE, *(LEGACY.image(0, mode) for mode in others), _FOV, _POSE]
+        restored, *pictures, fov, afterwards = client.stream(commands)
+        replies.update(zip(others, pictures, strict=True))
+        self._expect("ok", LIT_VIEW_MODE, restored)
+        if afterwards != reading:
+            raise self._bad_reply(
+                f"a camera that stays at {reading!r} while it captures, got {afterwards!r}; is a player "
+                "controlling the pawn?"
+            )
+        window = View(pose, self.mask_fov_deg or view.fov_deg, *self._window)
+        (fov_deg,) = numbers(fov, 1)
+        actual = View(pose, view.fov_deg if abs(fov_deg - view.fov_deg) <= _PRINTED else fov_deg, *self._size)
+        return (reading, fov), [
+            self._capture(request, window if request.mode == "object_mask" else actual, replies[request.mode])
+            for request in requests
+        ]
+
+    def _checked_size(self, payload: bytes) -> tuple[int, int]:
+        width, height = picture_size(payload)
+        if width < height:
+            raise self._refused(
+                f"pictures at least as wide as high, got {width} x {height}; set Width and Height in "
+                "unrealcv.ini, and make the game's window as large"
+            )
+        return width, height
+
+    def _actual_pose(self, view: View, reading: Reply) -> Pose:
+        """Return the camera's pose: as given where that reads back, else as it reads; not if far away."""
+        location_cm, rotation_deg = view.pose.to_unreal()
+        given, read = np.array([*location_cm, *rotation_deg]), np.array(numbers(reading, 6))
+        read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(given[3:], read[3:], strict=True)]
+        off = np.abs(given - read)
+        if off[:3].max() > _STRAY_CM:
+            raise self._refused(
+                f"a camera at {location_cm} cm, got {reading!r}; a pawn that falls or collides cannot be "
+                "used, nor a level with a CineCameraActor"
+            )
+        actual = np.where(off <= _PRINTED, given, read)
+        return Pose.from_unreal(actual[:3], actual[3:])

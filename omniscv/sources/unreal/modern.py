@@ -1,0 +1,120 @@
+"""The camera driver of plugin 1.x (dialects M, N1, N2): a spawned camera, commands in batches."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+from omniscv.errors import ServerRefusedError
+from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.unreal.client import Client
+from omniscv.sources.unreal.commands import MODERN, VERSION
+from omniscv.sources.unreal.driver import CameraDriver, Requests
+from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
+
+_CAMERAS = "vget /cameras"
+
+Use = Literal["check", "skip", "reference", "keep"]
+
+
+class Step(NamedTuple):
+    """A command, what its reply is for, and the picture that it requests, if any.
+
+    It must be ok; may be stale or garbage; shows what the camera sees before it moves; is a capture.
+    """
+
+    command: str
+    use: Use
+    request: Request | None = None
+
+
+class ModernDriver(CameraDriver):
+    """Spawns a camera: straight up and down are exact, no pose lags, size and field of view can be set."""
+
+    table = MODERN
+
+    def attach(self, stale_frames: StaleFrames) -> None:
+        self._aimed = None
+        try:
+            count = len(self._connection.text(_CAMERAS).split())
+        except ServerRefusedError as no:
+            raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {_CAMERAS!r}, got: {no}") from no
+        if not self._restore or self.camera >= count:
+            self._prepare()
+            self.camera = count
+            self._restore = [f"vset /object/{self._connection.text('vset /cameras/spawn')}/destroy"]
+
+    def aim(self, before: View | None, view: View) -> list[str]:
+        had = {} if before is None else _settings(before)
+        changed = [(key, value) for key, value in _settings(view).items() if had.get(key) != value]
+        return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed]
+
+    def collect(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> Iterator[Capture]:
+        """Yield captures until a frame may be stale.
+
+        A reply that is cut short draws bytes of the next frame in, so a picture counts only once the reply
+        behind it is in step; the version, requested at the end, stands behind the last.
+        """
+        batch = requests[:1] if stale_frames.in_doubt else requests
+        steps = self._steps(batch, stale_frames)
+        self._aimed = batch[-1].view
+        replies = client.stream([*(step.command for step in steps), VERSION])
+        fresh, complete = True, None
+        for step, reply in zip(steps, replies, strict=False):
+            if complete is not None:
+                yield complete
+                complete = None
+            if step.request is None:
+                self._expect("ok", step.command, reply)
+            elif step.use != "skip":
+                capture = self._capture(step.request, step.request.view, reply)
+                frame = {capture.mode: capture.payload or b""}
+                if fresh and step.use == "reference":
+                    stale_frames.note(capture.view, frame)
+                elif fresh and (fresh := stale_frames.accepts(capture.view, frame)):
+                    complete = capture
+        self._expect(self._version, VERSION, next(replies))
+        if complete is not None:
+            yield complete
+
+    def _steps(self, requests: Requests, stale_frames: StaleFrames) -> list[Step]:
+        """Return the commands for captures, in order.
+
+        Before a move there must be a frame of the same mode and size, for the next to be compared with.
+        """
+        steps: list[Step] = []
+        aimed, in_doubt = self._aimed, stale_frames.in_doubt
+        states, skips = dict(stale_frames.states), stale_frames.skips()
+
+        def picture(use: Use, request: Request, count: int = 1) -> None:
+            steps.extend([Step(self.table.image(self.camera, request.mode), use, request)] * count)
+
+        def move(view: View) -> None:
+            nonlocal aimed
+            steps.extend(Step(command, "check") for command in self.aim(aimed, view))
+            aimed = view
+
+        for request in requests:
+            view, mode = request.view, request.mode
+            if in_doubt or aimed != view:
+                before = view if aimed is None else replace(view, pose=aimed.pose)
+                if before != view and (in_doubt or states.get(mode) != before):
+                    move(before)
+                    picture("skip", Request(before, mode), SETTLED if in_doubt else 0)
+                    picture("reference", Request(before, mode))
+                move(view)
+                picture("skip", request, skips)
+                skips = stale_frames.lag
+            picture("keep", request)
+            states[mode] = view
+        return steps
+
+
+def _settings(view: View) -> dict[str, str]:
+    """Return what sets a view, by the command's end; numbers have fixed decimals, as servers parse them."""
+    location, rotation = view.pose.to_unreal()
+    return {
+        "size": f"{view.width} {view.height}",
+        "fov": f"{view.fov_deg:.8f}",
+        "location": "{:.6f} {:.6f} {:.6f}".format(*location),
+        "rotation": "{:.8f} {:.8f} {:.8f}".format(*rotation),
+    }

@@ -1,0 +1,98 @@
+"""Live sources by address: a server, a game to launch, the mock server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from omniscv.errors import ArgumentError
+from omniscv.sources.base import Capabilities, Source
+from omniscv.sources.registry import Opener, read_size, split_address
+from omniscv.sources.unreal.client import Endpoint
+from omniscv.sources.unreal.commands import MODERN
+from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
+from omniscv.sources.unreal.source import connect
+
+if TYPE_CHECKING:
+    from mock_server import Server
+
+_Readers = dict[str, Callable[[str], Any]]
+_LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
+_MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault"), str)
+_MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, "latency_ms": float, "seed": int, "size": read_size}
+_MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
+"""Those whose capabilities do not depend on settings; ``1.x`` is what the mock speaks by default."""
+
+
+def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
+    """Return the opener for a function that opens an address, given how to connect to an endpoint."""
+
+    def opened(address: str, timeout_s: float = 30.0, retries: int = 5, fix_exposure: bool = False) -> Source:
+        return serve(address, lambda where: connect(Connection(where, timeout_s, retries), fix_exposure))
+
+    return opened
+
+
+@_opener
+def open_unreal(address: str, connect: Connect) -> Source:
+    """Open ``unreal://host:port`` or ``unreal+unix:///path``."""
+    return connect(_endpoint(address))
+
+
+@_opener
+def open_launched(address: str, connect: Connect) -> Source:
+    """Start a packaged game, and open it: ``launch:PATH?port=9001``, with options of :func:`launch`."""
+    path, options = split_address(address, _LAUNCH_OPTIONS)
+    return launch(Path(path), connect, **options)
+
+
+@_opener
+def open_mock(address: str, connect: Connect) -> Source:
+    """Start the mock server for this source alone, and open it: ``mock://four-wall?dialect=0.3.10``."""
+    with ExitStack() as held:
+        server = held.enter_context(_mock(address))
+        return HostedSource(connect((server.host, server.port)), held.pop_all())
+
+
+def _mock_capabilities(address: str) -> Capabilities | None:
+    """What the mock server can do, where that is known without starting it; None for plugin 0.3.10."""
+    _, options = split_address(address, _MOCK_OPTIONS, repeatable=("fault",))
+    dialect = _MOCK_DIALECTS.get(options.get("dialect", "1.x"))
+    return None if dialect is None else MODERN.capabilities(dialect)
+
+
+open_mock.capabilities = _mock_capabilities  # type: ignore[attr-defined]  # for registry.known_capabilities
+
+
+@contextmanager
+def open_connection(address: str, timeout_s: float = 30.0) -> Iterator[Connection]:
+    """Open a bare connection to a live or mock server; a server is reached when it is first used."""
+    with ExitStack() as held:
+        server = held.enter_context(_mock(address)) if address.startswith("mock://") else None
+        endpoint = (server.host, server.port) if server else _endpoint(address)
+        yield held.enter_context(closing(Connection(endpoint, timeout_s)))
+
+
+def _endpoint(address: str) -> Endpoint:
+    parts = urlsplit(address)
+    if parts.scheme == "unreal+unix" and parts.path:
+        return parts.path
+    with suppress(ValueError):  # of a port that is no number
+        if parts.scheme == "unreal" and parts.hostname:
+            return parts.hostname, parts.port or 9000
+    raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {address!r}")
+
+
+def _mock(address: str) -> Server:
+    import mock_server
+
+    scene, options = split_address(address, _MOCK_OPTIONS, repeatable=("fault",))
+    faults: Any = options.pop("fault", ())
+    try:
+        return mock_server.serve(scene, faults=faults, **options)
+    except ValueError as wrong:
+        raise ArgumentError(f"source: {address!r}: {wrong}") from wrong

@@ -1,0 +1,148 @@
+"""The live source: captures from a UE4/UE5 editor or packaged game, whatever its plugin speaks.
+
+The dialect is found by probing: versions do not identify it (protocol reference, section 0).
+"""
+
+import re
+import threading
+from collections.abc import Iterable, Iterator
+
+from omniscv.errors import BadReplyError, SourceError
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View, closed_error
+from omniscv.sources.unreal.client import Client, Reply
+from omniscv.sources.unreal.connection import RETRIED, Connection
+from omniscv.sources.unreal.driver import CameraDriver
+from omniscv.sources.unreal.legacy import LegacyDriver
+from omniscv.sources.unreal.mask_colors import object_table
+from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.stale_frames import StaleFrames
+
+_BATCH = 24  # requests in flight at once: enough to hide latency, few enough to wait in memory
+_BATCH_PX = 1 << 24  # pixels in flight at once; a larger picture is requested alone
+# The starts of replies to commands that a dialect does not know.
+_UNKNOWN = re.escape("error Can not find a handler for URI '")
+_UNKNOWN_N2 = re.escape("error No handler found for URI '")
+
+
+class UnrealSource(Source):
+    """A connection, which is closed with this, a camera driver, and a detector of stale frames.
+
+    After a fault the connection is made anew, the camera found and aimed again, and the captures that were
+    in flight are requested again. A picture counts once it has the right id, signature, length and size, the
+    reply behind it is in step, and it is no stale frame. Threads take turns, one exchange at a time.
+    Too many faults in a row, or a server that refuses what is needed, raise a SourceError.
+    """
+
+    def __init__(self, connection: Connection, driver: CameraDriver) -> None:
+        self._connection, self._driver = connection, driver
+        self._stale_frames = StaleFrames(each_mode=driver.each_mode_lags)
+        self._attached: Client | None = None
+        self._closed = False
+        self._lock = threading.RLock()
+        self._client()
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return self._driver.capabilities
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        batch: list[Request] = []
+        for request in requests:
+            self._driver.check(request)
+            pixels = sum(each.view.width * each.view.height for each in (*batch, request))
+            if batch and (len(batch) == _BATCH or pixels > _BATCH_PX):
+                yield from self._delivered(batch)
+                batch = []
+            batch.append(request)
+        yield from self._delivered(batch)
+
+    def objects(self) -> ObjectTable:
+        with self._lock:
+            self._check_open()
+            return object_table(self._connection, self._driver.table.vertex_colors)
+
+    def cover(self, view: View) -> tuple[View, ...]:
+        return self._driver.cover(view)
+
+    def close(self) -> None:
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._driver.release()
+                self._connection.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise closed_error(self._connection.address)
+
+    def _client(self) -> Client:
+        while self._attached is None or self._attached.broken:
+            self._stale_frames.reset()
+            self._driver.attach(self._stale_frames)
+            self._attached = self._connection.client
+        return self._attached
+
+    def _delivered(self, batch: list[Request]) -> Iterator[Capture]:
+        """Yield a batch's captures; those from before a fault are kept, and progress resets the retries."""
+        failures = 0
+        while batch:
+            done: list[Capture] = []
+            fault: SourceError | None = None
+            with self._lock:
+                self._check_open()
+                client = self._client()
+                try:
+                    for capture in self._driver.collect(client, batch, self._stale_frames):
+                        done.append(capture)
+                except RETRIED as cause:
+                    fault = cause
+            yield from done
+            batch = batch[len(done) :]
+            failures = 0 if done else failures
+            if fault is not None:
+                failures += 1
+                with self._lock:
+                    self._connection.recover(fault, failures)
+
+
+def connect(connection: Connection, fix_exposure: bool = False) -> UnrealSource:
+    """Return a server as a source, whatever its dialect; the connection is closed with it.
+
+    The connection that probes the dialect is the one that is used: some servers serve only one (protocol
+    reference, section 1.2). ``fix_exposure`` switches vignette and auto exposure off in the running game.
+    """
+    try:
+        return UnrealSource(connection, open_driver(connection, fix_exposure))
+    except BaseException:
+        connection.close()
+        raise
+
+
+def open_driver(connection: Connection, fix_exposure: bool = False) -> CameraDriver:
+    """Return the camera driver for a server's dialect, not yet attached; BadReplyError for an unknown one.
+
+    N2 has error texts of its own for unknown commands; only 0.3.10 knows the field of view by this name; M
+    does not know the level's name.
+    """
+    number = r"\d+\.\d+$"
+    if _form(connection, "vget /omniscv", _UNKNOWN, _UNKNOWN_N2) == _UNKNOWN_N2:
+        dialect = "N2"
+    elif _form(connection, "vget /camera/0/horizontal_fieldofview", _UNKNOWN, number) == number:
+        return LegacyDriver(connection, "0.3.10", fix_exposure)
+    else:
+        dialect = "M" if _form(connection, "vget /level/name", _UNKNOWN, "") == _UNKNOWN else "N1"
+    return ModernDriver(connection, dialect, fix_exposure)
+
+
+def _form(connection: Connection, command: str, *forms: str) -> str:
+    """Return which of some patterns, the first that fits, the reply to a command begins with."""
+
+    def match(command: str, reply: Reply) -> str:
+        for form in forms:
+            if isinstance(reply, str) and re.match(form, reply, re.ASCII):
+                return form
+        expected = f"expected plugin 0.3.10 or 1.x to answer {command!r}"
+        raise BadReplyError(f"{connection.address}: {expected}, got {reply[:200]!r}")
+
+    (found,) = connection.read([command], match)
+    return found

@@ -1,0 +1,273 @@
+"""Commands and their options: what they do, and one clear line when something is wrong."""
+
+import json
+import socket
+
+import pytest
+
+from omniscv.cli import run
+from omniscv.sources.recording.inspection import info
+
+
+@pytest.fixture
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def failed(capsys, code, arguments):
+    """The one line that a failing command prints."""
+    assert run([str(a) for a in arguments]) == code
+    printed = capsys.readouterr()
+    lines = printed.err.strip().splitlines()
+    assert len(lines) == 1, printed.err
+    assert lines[0].startswith("omniscv: ")
+    assert "Traceback" not in printed.out + printed.err
+    return lines[0]
+
+
+def test_cameras_lists_every_model(capsys):
+    from omniscv import cameras
+
+    assert run(["cameras"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in cameras.names())
+    assert run(["cameras", "equirectangular"]) == 0
+    assert "theta" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--camera", "fisheye"], "camera: expected one of"),
+        (["--size", "0x512"], "width: expected a whole number of pixels >= 1, got 0"),
+        (["--size", "big"], "--size: expected WIDTHxHEIGHT"),
+        (["--camera", "fisheye-equidistant", "--fov", "180", "--param", "focal=100"], "focal"),
+        (["--position", "nan,0,1"], "position: expected"),
+        (["--position", "0,0"], "--position: expected numbers such as 0,0,1.5, got '0,0'"),
+        (["--modes", "colour"], "mode: expected one of"),
+        (["--face-size", "-4"], "face_size: expected"),
+        (["--param", "radius"], "--param: expected NAME=VALUE"),
+        (["--strategy", "guess"], "strategy: expected"),
+        (["--filter", "sharp"], "filter: expected"),
+        (["--source", "http://localhost"], "source"),
+        (["--source", "mock://moon"], "moon"),
+        (["--colour"], "No such option"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_code_2(options, says, capsys, tmp_path):
+    arguments = ["render", "--size", "64x32", "--out", tmp_path / "out", *options]
+    assert says in failed(capsys, 2, arguments)
+    assert not (tmp_path / "out").exists()
+
+
+def test_nobody_listens(capsys, tmp_path, free_port):
+    arguments = ["render", "--source", f"unreal://127.0.0.1:{free_port}", "--out", tmp_path / "out"]
+    line = failed(capsys, 1, arguments)
+    assert str(free_port) in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_is_no_recording(capsys, tmp_path):
+    path = tmp_path / "notes.sqlite"
+    path.write_text("dear diary")
+    assert "notes.sqlite" in failed(capsys, 1, ["render", "--source", path, "--out", tmp_path / "out"])
+    assert "notes.sqlite" in failed(capsys, 1, ["captures", "info", path])
+    assert path.read_text() == "dear diary"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_is_not_there(capsys, tmp_path):
+    failed(capsys, 1, ["render", "--source", tmp_path / "none.sqlite", "--out", tmp_path / "out"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_without_the_asked_view(capsys, tmp_path):
+    record = tmp_path / "one.sqlite"
+    assert run(["record", "--face-size", "32", "--modes", "lit", "--out", str(record)]) == 0
+    capsys.readouterr()
+    line = failed(
+        capsys,
+        1,
+        ["render", "--source", record, "--size", "64x32", "--position", "1,0,1.5", "--out", tmp_path / "out"],
+    )
+    assert "nearest" in line
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("- not a job", "expected a job in YAML"),
+        ("source: mock://four-wall\ncameras: {}\nposes: []\n", "cameras: expected"),
+        ("sources: x\n", "'sources'"),
+        ("source: mock://four-wall\n", "'cameras'"),
+        ("{", "expected a job in YAML"),
+        ("!!python/object/apply:os.system [true]", "expected a job in YAML"),
+        ("source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: []\n", "file names"),
+    ],
+)
+def test_a_wrong_job_is_one_line(text, says, capsys, tmp_path):
+    job = tmp_path / "job.yaml"
+    job.write_text(text)
+    assert says in failed(capsys, 2, ["render", job])
+
+
+def test_a_job_renders_every_camera_at_every_pose(capsys, tmp_path):
+    (tmp_path / "job.yaml").write_text(
+        """
+        source: mock://four-wall
+        record: room.sqlite
+        cameras:
+          pano: {model: equirectangular, width: 64, height: 32}
+          fish: {model: fisheye-equidistant, width: 32, height: 32, fov_deg: 180}
+        poses:
+          - {position: [0, 0, 1.5]}
+          - {position: [0.5, 0, 1.5], yaw_deg: 30}
+        modes: [lit, depth]
+        out: images
+        """
+    )
+    assert run(["render", str(tmp_path / "job.yaml")]) == 0
+    names = {path.name for path in (tmp_path / "images").iterdir()}
+    assert {f"{stem}-{i}.json" for stem in ("pano", "fish") for i in (0, 1)} <= names
+    assert (tmp_path / "room.sqlite").exists()
+    capsys.readouterr()
+    assert run(["plan", str(tmp_path / "job.yaml")]) == 0
+    assert "cube" in capsys.readouterr().out
+
+
+JOB = """
+source: mock://four-wall
+cameras: {pano: {model: equirectangular, width: 64, height: 32}}
+poses: [{position: [0, 0, 1.5]}]
+modes: [lit, mask]
+"""
+
+
+@pytest.fixture
+def job(tmp_path):
+    path = tmp_path / "job.yaml"
+    path.write_text(JOB)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("render", ("--modes", "lit")),  # though it is the default
+        ("render", ("--out", "elsewhere")),
+        ("render", ("--face-size", "64")),
+        ("plan", ("--camera", "pinhole")),
+        ("record", ("--position", "1,0,1.5")),
+        ("record", ("--face-size", "32")),
+    ],
+)
+def test_an_option_beside_a_job_is_refused(command, option, job, capsys):
+    line = failed(capsys, 2, [command, job, *option])
+    assert line == f"omniscv: {option[0]}: expected a job file or this option, got both"
+    assert list(job.parent.iterdir()) == [job]
+
+
+def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
+    """Another source, another file, and wider faces."""
+    out = tmp_path / "two.sqlite"
+    sources = ["--source", "mock://six-wall", "--source", "mock://six-wall?latency_ms=1"]
+    assert run(["record", str(job), *sources, "--overscan", "9", "--fix-exposure", "--out", str(out)]) == 0
+    assert capsys.readouterr().out == f"{out}: 12 captures\n"
+    held = info(out)
+    assert held.captures == {"lit": 6, "object_mask": 6}
+    assert held.scenes == ["six-wall"]
+    assert run(["record", str(job), "--out", str(tmp_path / "one.sqlite")]) == 0
+    edge, wider = (
+        int(next(iter(info(tmp_path / name).sizes)).partition("x")[0])
+        for name in ("one.sqlite", "two.sqlite")
+    )
+    assert wider > edge
+
+
+def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(["record", str(job)]) == 0
+    assert capsys.readouterr().out == "capture.sqlite: 12 captures\n"
+    job.write_text(JOB + "record: kept.sqlite\n")
+    assert run(["record", str(job)]) == 0
+    assert info(tmp_path / "kept.sqlite").captures == info(tmp_path / "capture.sqlite").captures
+
+
+def test_mask_is_short_for_object_mask(tmp_path, capsys):
+    assert run(["render", "--size", "64x32", "--modes", "mask, lit,mask", "--out", str(tmp_path)]) == 0
+    assert {"equirectangular.object_mask.png", "equirectangular.labels.png"} <= names_in(tmp_path)
+
+
+@pytest.mark.parametrize("k", ["0.01,0,0,0", "[0.01, 0, 0, 0]"])
+def test_a_list_is_written_with_commas(k, tmp_path, capsys):
+    lens = ["--camera", "kannala-brandt", "--size", "64x48"]
+    lens += [f"--param={each}" for each in ("fx=20", "fy=20.5", "cx=32", "cy=24", f"k={k}")]
+    assert run(["render", *lens, "--stem", "lens", "--out", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "lens.json").read_text())["camera"]
+    assert (written["fy"], written["k"]) == (20.5, [0.01, 0, 0, 0])
+
+
+def test_plan_lists_every_strategy(job, capsys):
+    from omniscv import planning
+
+    for measured in ([], ["--measure"]):
+        assert run(["plan", str(job), *measured]) == 0
+        heading, *rows = capsys.readouterr().out.splitlines()
+        columns = "strategy views requests at most megapixels megabytes seconds"
+        assert heading.split() == columns.split()
+        assert [row.split()[0] for row in rows] == list(planning.names())
+        assert all(len(row.split()) == 7 for row in rows)
+
+
+def test_plan_takes_the_options_of_render(capsys):
+    assert run(["plan", "--camera", "noncentral-panorama", "--param", "radius=1", "--size", "64x32"]) == 0
+    rows = {row.split()[0]: row.split() for row in capsys.readouterr().out.splitlines()}
+    assert rows["cube"][1:4] == ["390", "390", "390"]  # 64 columns, and one cube map around the camera
+    assert float(rows["adaptive"][2]) < float(rows["adaptive"][3])
+
+
+def test_an_unknown_command_is_one_line(capsys):
+    line = failed(capsys, 2, ["rendr"])
+    assert line == "omniscv: No such command 'rendr'. Did you mean 'render'? (see omniscv --help)"
+
+
+def test_no_command_prints_the_help_alone(capsys):
+    assert run([]) == 2
+    printed = capsys.readouterr()
+    assert "Usage: omniscv" in printed.out + printed.err
+    assert "omniscv: " not in printed.out + printed.err
+
+
+def test_names_cannot_control_the_terminal(capsys, tmp_path):
+    """They are printed as they are written in Python, and never read as markup."""
+    folder = tmp_path / "faces"
+    run(["record", "--face-size", "16", "--modes", "lit", "--out", str(tmp_path / "a.sqlite")])
+    run(["captures", "export", str(tmp_path / "a.sqlite"), str(folder)])
+    index = folder / "captures.json"
+    entries = json.loads(index.read_text())
+    entries[0]["provenance"]["scene"] = "\x1b[31m[/b]"
+    index.write_text(json.dumps(entries))
+    assert run(["captures", "import", str(folder), str(tmp_path / "b.sqlite")]) == 0
+    capsys.readouterr()
+    assert run(["captures", "info", str(tmp_path / "b.sqlite")]) == 0
+    printed = capsys.readouterr().out
+    assert "[/b]" in printed
+    assert "\x1b" not in printed
+    assert "\\x1b" in failed(capsys, 1, ["captures", "info", tmp_path / "\x1b[31m"])
+
+
+def names_in(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_columns_beyond_the_walls_are_reported(capsys, tmp_path):
+    """The room is 5 m wide: with a radius of 2.7 m some columns of the panorama begin outside."""
+    arguments = ["render", "--camera", "noncentral-panorama", "--param", "radius=2.7", "--size", "32x16"]
+    assert run([*arguments, "--modes", "depth", "--out", str(tmp_path / "out")]) == 0
+    assert "pixels are unsure" in capsys.readouterr().err
+    written = json.loads((tmp_path / "out" / "noncentral-panorama.json").read_text())
+    assert 0 < written["unsure_pixels"] < 32 * 16
+    assert (tmp_path / "out" / "noncentral-panorama.unsure.png").exists()

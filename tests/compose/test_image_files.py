@@ -1,0 +1,244 @@
+"""The files of an image, read back by readers that did not write them.
+
+PNG and JPEG by Pillow, EXR by the reference library, JPEG XL by imagecodecs, JSON by the standard library.
+"""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from PIL.ExifTags import Base
+
+import mock_server
+import omniscv
+from omniscv.compose import files
+from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.sources.scene import SceneSource
+
+MODES = ("lit", "object_mask", "depth", "normals")
+POSE = omniscv.Pose.from_angles((0.1, -0.2, 1.5), yaw_deg=20.0, pitch_deg=7.0)
+OPTIONS = {"strategy": "cube", "filter": "bicubic", "face_size": 48}
+NO_CLOCK = "1970:01:01 00:00:00"
+EXTREMES = [np.inf, np.float32(1e-45), np.float32(3.4e38), 1 / 3, 65504.0, 65536.5]
+"""Values that a half float cannot hold, and +inf, which is no surface."""
+
+
+@pytest.fixture(scope="module")
+def image():
+    """A fisheye in all modes, with pixels outside the field of view, extreme depths and unsure pixels."""
+    camera = omniscv.cameras.create("fisheye-equidistant", width=70, height=61, fov_deg=190)
+    with SceneSource(mock_server.load_scene("four-wall")) as source:
+        image = omniscv.render(camera, POSE, source, MODES, **OPTIONS)
+    depth, labels = image.depth.copy(), image.labels.copy()
+    depth[30, 20 : 20 + len(EXTREMES)] = EXTREMES
+    labels[30, 20:23] = 1, 256, 65535
+    unsure = np.zeros(image.valid.shape, bool)
+    unsure[10:20, 30:50] = True
+    return replace(image, layers={**image.layers, "depth": depth, "labels": labels}, unsure=unsure)
+
+
+@pytest.fixture(scope="module")
+def folder(image, tmp_path_factory):
+    """Where the image is saved, its colour in all formats."""
+    out = tmp_path_factory.mktemp("files") / "new" / "folders"
+    for image_format in ("png", "jpg", "jxl"):
+        image.save(out, stem="pano-0", image_format=image_format)
+    return out
+
+
+def with_pillow(path):
+    with Image.open(path) as opened:
+        return opened.mode, np.array(opened)
+
+
+def with_openexr(path):
+    """Channels by name, and the header."""
+    with OpenEXR.File(str(path), separate_channels=True) as opened:
+        return {name: channel.pixels for name, channel in opened.channels().items()}, dict(opened.header())
+
+
+def equal_bits(a, b):
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def test_the_files_are_named_after_their_layers(image, tmp_path):
+    written = image.save(tmp_path, stem="pano-0")
+    layers = ["lit.png", "object_mask.png", "depth.exr", "normals.exr", "labels.png", "unsure.png", "json"]
+    assert {path.name for path in written} == {*(f"pano-0.{name}" for name in layers), "objects.json"}
+    assert sorted(written) == sorted(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("layer", ["lit", "object_mask"])
+def test_colours_are_rgb_in_png(image, folder, layer):
+    mode, pixels = with_pillow(folder / f"pano-0.{layer}.png")
+    assert mode == "RGB"
+    assert equal_bits(pixels, image[layer])
+
+
+def test_labels_are_16_bit_png(image, folder):
+    mode, pixels = with_pillow(folder / "pano-0.labels.png")
+    assert mode.startswith("I;16")
+    assert pixels.max() == 65535
+    assert equal_bits(pixels.astype(np.uint16), image.labels)
+
+
+def test_unsure_pixels_are_white_in_a_grey_png(image, folder):
+    mode, pixels = with_pillow(folder / "pano-0.unsure.png")
+    assert mode == "L"
+    assert np.array_equal(pixels, np.where(image.unsure, 255, 0))
+
+
+def test_jpeg_is_rgb_and_close(image, folder):
+    mode, pixels = with_pillow(folder / "pano-0.lit.jpg")
+    off = np.abs(pixels.astype(int) - image.lit)
+    swapped = np.abs(image.lit[..., ::-1].astype(int) - image.lit)
+    assert mode == "RGB"
+    assert off.mean() < 4 < swapped.mean() / 4
+
+
+def test_jpeg_xl_is_lossless(image, folder):
+    pixels = imagecodecs.jpegxl_decode((folder / "pano-0.lit.jxl").read_bytes())
+    assert equal_bits(pixels, image.lit)
+
+
+def test_depth_is_float32_to_the_bit_in_exr(image, folder):
+    channels, header = with_openexr(folder / "pano-0.depth.exr")
+    assert list(channels) == ["Z"]
+    assert equal_bits(channels["Z"], image.depth)
+    assert np.isposinf(channels["Z"][30, 20])
+    assert "metres" in header["comments"]
+    assert "+inf" in header["comments"]
+
+
+def test_normals_are_float32_to_the_bit_in_exr(image, folder):
+    channels, header = with_openexr(folder / "pano-0.normals.exr")
+    assert set(channels) == {"R", "G", "B"}
+    assert equal_bits(np.stack([channels[name] for name in "RGB"], axis=-1), image.normals)
+    assert "camera frame" in header["comments"]
+
+
+def test_colours_of_floats_go_to_exr_whatever_the_format(image, tmp_path):
+    lit = (image.lit / np.float32(255)) ** np.float32(2.2) * 4
+    changed = replace(image, layers={**image.layers, "lit": lit})
+    for image_format in ("png", "jpg", "jxl"):
+        names = {path.name for path in changed.save(tmp_path / image_format, "hdr", image_format)}
+        assert {name for name in names if name.startswith("hdr.lit")} == {"hdr.lit.exr"}
+        channels, _ = with_openexr(tmp_path / image_format / "hdr.lit.exr")
+        assert equal_bits(np.stack([channels[name] for name in "RGB"], axis=-1), lit)
+
+
+def test_colours_of_bytes_can_go_to_exr_and_lose_nothing(image, tmp_path):
+    image.save(tmp_path, "a", "exr")
+    channels, _ = with_openexr(tmp_path / "a.lit.exr")
+    scaled = np.stack([channels[name] for name in "RGB"], axis=-1).astype(np.float64) * 255
+    assert np.array_equal(np.rint(scaled), image.lit)
+
+
+def test_the_json_describes_the_image(image, folder):
+    found = json.loads((folder / "pano-0.json").read_text(encoding="utf-8"))
+    assert omniscv.cameras.from_dict(found["camera"]) == image.camera
+    pose = omniscv.Pose.from_dict(found["pose"])
+    assert np.array_equal(pose.position, POSE.position)
+    assert np.array_equal(pose.rotation, POSE.rotation)
+    assert found["options"] == {"viewpoints": None, "max_error_px": None, **OPTIONS}
+    assert found["source"]["scene"] == "four-wall"
+    assert found["unsure_pixels"] == 200
+    assert found["unknown_mask_colors"] == []
+    assert found["versions"]["omniscv"] == omniscv.__version__
+
+
+def test_objects_name_the_labels_and_the_colours_of_masks(image, folder):
+    objects = json.loads((folder / "objects.json").read_text(encoding="utf-8"))
+    assert [objects[str(1 + rank)]["name"] for rank in range(len(objects))] == image.objects.names()
+    _, labels = with_pillow(folder / "pano-0.labels.png")
+    _, mask = with_pillow(folder / "pano-0.object_mask.png")
+    shown = [label for label in np.unique(labels) if str(label) in objects]
+    assert len(shown) > 5
+    for label in shown:
+        untouched = labels == label
+        untouched[30, 20:23] = False  # where the fixture writes labels
+        assert np.all(mask[untouched] == objects[str(label)]["mask_color"])
+
+
+def test_only_layers_that_were_requested_are_written(image, tmp_path):
+    depth = replace(image, layers={"depth": image.depth}, unsure=None, objects=None)
+    depth.save(tmp_path, stem="a")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.depth.exr", "a.json"}
+
+
+@pytest.mark.parametrize("image_format", ["png", "jpg", "jxl"])
+def test_the_same_image_makes_the_same_bytes(image, tmp_path, image_format):
+    first, second = (image.save(tmp_path / each, "a", image_format) for each in ("1", "2"))
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
+
+
+def test_no_file_holds_the_time_of_writing(folder):
+    assert {with_openexr(path)[1]["capDate"] for path in folder.glob("*.exr")} == {NO_CLOCK}
+    with Image.open(folder / "pano-0.lit.jpg") as opened:
+        assert {opened.getexif().get(tag, NO_CLOCK) for tag in (Base.DateTime, Base.DateTimeOriginal)} == {
+            NO_CLOCK
+        }
+    for path in folder.glob("*.png"):
+        assert b"tIME" not in path.read_bytes()
+
+
+@pytest.mark.parametrize("stem", ["", ".", "a/b", "../a", "/a", "a/", None, 3])
+def test_a_stem_that_is_no_file_name_is_refused(image, tmp_path, stem):
+    with pytest.raises(ArgumentError, match=r"stem: expected the start of a file name, got"):
+        image.save(tmp_path / "out", stem=stem)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("image_format", ["PNG", "tiff", ".png", "", None])
+def test_an_unknown_format_is_refused(image, tmp_path, image_format):
+    with pytest.raises(ArgumentError, match=r"image_format: expected one of png, jxl, jpg, .*; got"):
+        image.save(tmp_path / "out", image_format=image_format)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_layer_that_cannot_be_written_leaves_no_part_and_the_file_before(image, tmp_path):
+    image.save(tmp_path, "a", "jxl")
+    before = (tmp_path / "a.lit.jxl").read_bytes()
+    wrong = replace(image, layers={"lit": np.zeros((4, 0, 3), np.uint8)})
+    with pytest.raises(OmniscvError, match=r"a\.lit\..*jxl: expected to write it, got"):
+        wrong.save(tmp_path, "a", "jxl")
+    assert (tmp_path / "a.lit.jxl").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir() if "part" in path.name] == []
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import numpy as np
+from omniscv.compose import files
+
+def half(path, pixels, row):
+    path.write_bytes(b"half")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+files.register("half", half)
+files.write({"lit": np.zeros((2, 2, 3), np.uint8)}, {}, None, Path(sys.argv[1]), "a", "half")
+"""
+
+
+def test_a_writer_that_is_killed_leaves_the_file_before(tmp_path):
+    (tmp_path / "a.lit.half").write_bytes(b"whole")
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
+    assert killed.returncode == -9
+    assert (tmp_path / "a.lit.half").read_bytes() == b"whole"
+    assert b"half" in [path.read_bytes() for path in tmp_path.iterdir()]  # it was killed while it wrote
+
+
+def test_layers_can_be_written_without_an_image(tmp_path):
+    depth = np.arange(6, dtype=np.float32).reshape(2, 3)
+    written = files.write({"depth": depth}, {"note": "ä"}, None, tmp_path, "a")
+    assert [path.name for path in written] == ["a.depth.exr", "a.json"]
+    assert equal_bits(with_openexr(tmp_path / "a.depth.exr")[0]["Z"], depth)
+    assert json.loads(Path(written[1]).read_text(encoding="utf-8"))["note"] == "ä"

@@ -1,0 +1,154 @@
+"""The renderer: what it keeps, what it refuses, and that threads and processes do not disturb one another."""
+
+import multiprocessing
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import omniscv
+from mock_server import load_scene
+from omniscv.cameras import create
+from omniscv.compose.samplers import CpuSampler
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.sources.scene import SceneSource
+
+ROOM = load_scene("four-wall")
+SOURCE = SceneSource(ROOM, lit="float32", cached_views=5000)  # each view is traced once for all tests
+POSES = [Pose.from_angles((0.1 * i, 0, 1.5), yaw_deg=17.0 * (i % 3)) for i in range(4)]
+CAMERAS = {
+    "equirectangular": create("equirectangular", width=96, height=48),
+    "fisheye": create("fisheye-equidistant", width=64, height=64, fov_deg=190),
+    "panorama": create("noncentral-panorama", width=32, height=16, radius=0.4),
+    "coarse": create("pinhole", width=24, height=24, fov_deg=70),
+}
+MODES = ("lit", "object_mask", "depth", "normals")
+
+
+def same(a, b):
+    return a.layers.keys() == b.layers.keys() and all(np.array_equal(a[name], b[name]) for name in a.layers)
+
+
+def reference(camera, pose, **options):
+    return omniscv.render(camera, pose, SOURCE, MODES, **options)
+
+
+@pytest.mark.parametrize("filter", ["auto", "bicubic", "area"])
+def test_images_of_a_kept_renderer_are_those_of_a_new_one(filter):
+    renderer, options = omniscv.Renderer(SOURCE), omniscv.RenderOptions(filter=filter)
+    for pose in (*POSES, *POSES):
+        for camera in CAMERAS.values():
+            kept = renderer.render(camera, pose, MODES, options)
+            assert same(kept, reference(camera, pose, filter=filter))
+
+
+@pytest.mark.parametrize("limit", [0, 1 << 20, 1 << 30])
+def test_what_is_kept_stays_within_its_bound(limit):
+    renderer = omniscv.Renderer(SOURCE, cache_bytes=limit)
+    for pose in POSES:
+        for camera in CAMERAS.values():
+            renderer.render(camera, pose, MODES)
+            assert renderer.nbytes <= limit
+
+
+def test_lookups_of_several_cameras_are_made_once_pose_by_pose():
+    """A job's order: all cameras at a pose, then the next pose with the same orientation."""
+    made = []
+
+    def sampler(*arguments):
+        made.append(arguments)
+        return CpuSampler(*arguments)
+
+    renderer = omniscv.Renderer(SOURCE, sampler=sampler)
+    cameras = [camera for camera in CAMERAS.values() if camera.central]
+    counts = []
+    for x in np.linspace(-1, 1, 5):
+        for camera in cameras:
+            renderer.render(camera, Pose.from_angles((x, 0, 1.5), yaw_deg=20.0), ("lit", "depth"))
+        counts.append(len(made))
+    assert counts[1:] == [2 * len(cameras)] * 4  # kept when they come a second time
+
+
+def test_one_renderer_in_several_threads():
+    renderer = omniscv.Renderer(SOURCE, cache_bytes=1 << 20)  # small: threads evict each other's
+    tasks = [(camera, pose) for pose in POSES for camera in CAMERAS.values()] * 3
+    with ThreadPoolExecutor(4) as threads:
+        images = list(threads.map(lambda task: renderer.render(*task, MODES), tasks))
+    expected = {task: reference(*task) for task in dict.fromkeys(tasks)}
+    assert all(same(image, expected[task]) for image, task in zip(images, tasks, strict=True))
+
+
+def _depth_sum(camera, pose):
+    with omniscv.open_source("scene://four-wall") as source:
+        return float(omniscv.render(camera, pose, source, ("depth",)).depth.sum())
+
+
+def test_a_spawned_process_renders_the_same():
+    camera, pose = CAMERAS["fisheye"], POSES[1]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.apply(_depth_sum, (camera, pose)) == _depth_sum(camera, pose)
+
+
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_forked_process_renders_the_same():
+    """PyTorch's DataLoader forks after the parent has rendered."""
+    large = create("equirectangular", width=512, height=256)  # large enough for several threads
+    expected = _depth_sum(large, POSES[1])
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.write(write, repr(_depth_sum(large, POSES[1])).encode())
+        finally:
+            os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as result:
+        assert float(result.read()) == expected
+    assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((CAMERAS["fisheye"], POSES[0], "four-wall.sqlite"), "source: expected a Source"),
+        ((POSES[0], CAMERAS["fisheye"], SOURCE), "camera: expected a Camera"),
+        ((CAMERAS["fisheye"], (0, 0, 1.5), SOURCE), "pose: expected a Pose"),
+        ((CAMERAS["fisheye"], POSES[0], SOURCE, "lit"), "modes: expected a sequence"),
+        ((CAMERAS["fisheye"], POSES[0], SOURCE, ()), "modes: expected a sequence"),
+        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("lit", "lit")), "each once"),
+        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("mask", "object_mask")), "each once"),
+        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("labels",)), "modes: expected a sequence"),
+        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("flow",)), "got 'flow'"),
+    ],
+)
+def test_wrong_arguments_get_one_sentence(arguments, says):
+    with pytest.raises(ArgumentError, match=says) as caught:
+        omniscv.render(*arguments)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("option", ["colour", "composer"])
+def test_an_unknown_option_is_named(option):
+    with pytest.raises(ArgumentError, match=f"options: expected some of strategy, .*; got {option}"):
+        omniscv.render(CAMERAS["fisheye"], POSES[0], SOURCE, **{option: 1})
+
+
+def test_an_image_prints_as_one_line_and_shows_itself():
+    image = reference(CAMERAS["equirectangular"], POSES[0])
+    assert repr(image) == "<OmniImage equirectangular 96x48: lit, object_mask, labels, depth, normals>"
+    assert image._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(ArgumentError, match="layer: expected one of lit, object_mask"):
+        image["flow"]
+
+
+def test_progress_counts_captures():
+    seen = []
+    omniscv.render(
+        CAMERAS["panorama"], POSES[0], SOURCE, ("lit", "depth"), strategy="adaptive",
+        progress=lambda done, total: seen.append((done, total)),
+    )  # fmt: skip
+    assert all(done <= total for done, total in seen)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert seen[-1][0] == seen[-1][1]

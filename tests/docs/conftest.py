@@ -1,0 +1,33 @@
+"""A folder like the repository's for documents to run in, and servers at the addresses that they name."""
+
+import shutil
+import warnings
+
+import pytest
+from support.command_line import ROOT
+
+import mock_server
+
+
+@pytest.fixture(scope="module")
+def ports():
+    """The ports of documents, and those of mock servers that run."""
+    with mock_server.serve("four-wall") as first, mock_server.serve("four-wall") as second:
+        yield {9000: first.port, 9001: second.port}
+
+
+def copied(folder):
+    """Copy what documents read from the repository: they may write there too."""
+    for name in ("captures", "docs"):
+        shutil.copytree(ROOT / name, folder / name)
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with captures/ and docs/; the present one."""
+    monkeypatch.chdir(copied(tmp_path))
+    with warnings.catch_warnings():
+        # The official client's: every public server is too old for its question about commands.
+        warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
+        yield tmp_path

@@ -1,0 +1,66 @@
+"""What README.md and docs/*.md tell readers to run, runs."""
+
+import multiprocessing
+import os
+import subprocess
+import sys
+
+import pytest
+from support.command_line import ROOT, run
+from support.documents import at_ports, blocks, shrunk, unfenced
+
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BY_NAME = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in DOCUMENTS}
+
+
+def test_there_are_documents():
+    assert {"README.md", "docs/scenes.md", "docs/testing.md"} <= set(BY_NAME)
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_commands_are_where_they_are_run(name):
+    """Fence them as ``sh``, and what cannot run as ``text``."""
+    assert unfenced(BY_NAME[name]) == []
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_a_document_runs(name, folder, ports):
+    """In a process of its own, because what a document registers stays registered."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        pool.apply(execute, (blocks(BY_NAME[name]), name, folder, ports))
+
+
+def execute(document, name, folder, ports):
+    """Write the files of a document, run its Python in one namespace, and its commands."""
+    tests = any("def test_" in block.text for block in document if block.language == "python")
+    namespace = {"__name__": "__main__"}
+    for block in document:
+        if block.file_name():
+            (folder / block.file_name()).write_text(block.text, encoding="utf-8")
+        elif block.language == "python" and not tests:
+            text = "\n" * (block.line - 1) + at_ports(shrunk(block.text), ports)
+            exec(compile(text, name, "exec"), namespace)
+        for words in block.commands():
+            run(words, ports)
+    if tests:
+        run_tests([block.text for block in document if block.language == "python"], folder)
+
+
+def run_tests(texts, folder):
+    """Run the Python of a document about tests by pytest, with recordings made anew."""
+    path = folder / "test_document.py"
+    path.write_text(shrunk("\n\n".join(texts)), encoding="utf-8")
+    (folder / "pytest.ini").touch()
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "--record-mode=once",
+        "-p",
+        "no:cacheprovider",
+        path.name,
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,151 @@
+"""Descriptions of scenes: what is refused, and how; and scenes in other threads and processes."""
+
+import copy
+import multiprocessing
+import pickle
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import yaml
+
+import mock_server
+from mock_server import Scene
+
+SQUARE = [[-3, -3], [3, -3], [3, 3], [-3, 3]]
+GOOD = {
+    "sky": [0, 0.5, 1],
+    "room": {"floor": SQUARE, "height": 3},
+    "objects": {
+        "It": {
+            "texture": {"kind": "checker", "colors": [[0, 0, 0], [1, 1, 1]], "scale": 0.5},
+            "solids": [{"sphere": 0.2, "at": [1, 0, 1]}],
+        }
+    },
+}
+DIRECTIONS = np.random.default_rng(3).normal(size=(20_000, 3))
+
+
+def changed(path, value):
+    """The description with one value replaced, added, or (None) removed."""
+    description = copy.deepcopy(GOOD)
+    *parents, last = path
+    place = description
+    for key in parents:
+        place = place[key]
+    if value is None:
+        del place[last]
+    else:
+        place[last] = value
+    return description
+
+
+def test_the_description_that_the_others_spoil_is_right():
+    assert Scene("good", GOOD).objects[:2] == ("It", "Layout_Ceiling")
+
+
+SOLID = ("objects", "It", "solids", 0)
+TEXTURE = ("objects", "It", "texture")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("skye",), [0, 0, 0], "expected words among objects, pattern, room, sky; got 'skye'"),
+        (("sky",), [0, 0, 2], "sky: expected 3 numbers (from 0 to 1), got [0, 0, 2]"),
+        (("objects",), ["It"], "objects: expected a mapping, got ['It']"),
+        (("objects", "Red chair"), {}, "objects: expected names without spaces, got 'Red chair'"),
+        (("objects", 7), {}, "objects: expected names without spaces, got 7"),
+        (("objects", "It", "solids"), None, "It: solids: expected a list of at least 1, got None"),
+        (("objects", "It", "solids"), [], "It: solids: expected a list of at least 1, got []"),
+        ((*SOLID, "sphere"), -0.2, "It: sphere: expected 1 number (above 0), got -0.2"),
+        ((*SOLID, "sphere"), "0.2", "It: sphere: expected 1 number (above 0), got '0.2'"),
+        ((*SOLID, "sphere"), True, "It: sphere: expected 1 number (above 0), got True"),
+        ((*SOLID, "sphere"), None, "It: expected one of box, sphere, cylinder; got none"),
+        ((*SOLID, "box"), [1, 1, 1], "It: expected one of box, sphere, cylinder; got box, sphere"),
+        (
+            (*SOLID,),
+            {"box": [1, 1, 0], "at": [0, 0, 0]},
+            "It: box: expected 3 numbers (above 0), got [1, 1, 0]",
+        ),
+        ((*SOLID,), {"cylinder": 1, "at": [0, 0, 0]}, "It: cylinder: expected 2 numbers (above 0), got 1"),
+        ((*SOLID, "at"), None, "It: at: expected 3 numbers (finite), got None"),
+        ((*SOLID, "at"), [0, 0, float("inf")], "It: at: expected 3 numbers (finite), got [0, 0, inf]"),
+        ((*SOLID, "turn_deg"), [1, 2], "It: turn_deg: expected 1 number (finite), got [1, 2]"),
+        ((*TEXTURE, "kind"), "marble", "It: texture: kind: expected one of plain, checker"),
+        ((*TEXTURE, "scale"), 0, "It: texture: scale: expected 1 number (above 0), got 0"),
+        ((*TEXTURE, "colors"), [[0, 0, 0]] * 3, "It: texture: colors: expected one or two, got 3"),
+        ((*TEXTURE, "colors"), [[0, 0, 300]], "It: texture: colors: expected 3 numbers (from 0 to 1)"),
+        (("room", "height"), 0, "room: height: expected 1 number (above 0), got 0"),
+        (("room", "floor"), None, "room: floor: expected a list of at least 4, got None"),
+        (("room", "floor"), SQUARE[::-1], "room: floor: expected corners counter-clockwise, of edges"),
+        (("room", "floor"), [*SQUARE[:3], [-2, 2]], "room: floor: expected neighbouring corners that differ"),
+        (("room", "walls"), [], "room: walls: expected a list of at least 1, got []"),
+        (("pattern",), {"kind": "plaid"}, "pattern: kind: expected direction or waves, got 'plaid'"),
+        (("pattern",), {"kind": "waves"}, "pattern: period_rad: expected 1 number (above 0), got None"),
+    ],
+)
+def test_nonsense_is_refused_with_its_word(path, value, message):
+    with pytest.raises(ValueError, match=f"^bad: {re.escape(message)}[^\n]*$"):
+        Scene("bad", changed(path, value))
+
+
+def test_an_edge_that_crosses_another_is_refused():
+    crossed = [[0, 0], [2, 0], [2, 3], [1, 3], [1, -1], [0, -1]]
+    with pytest.raises(
+        ValueError, match=r"floor: expected corners counter-clockwise.*edges that do not cross"
+    ):
+        Scene("bad", {"room": {"floor": crossed}})
+
+
+@pytest.mark.parametrize("text", ["- 1", "a: [", "a: 2001-99-99", "[" * 5000, "\xff"])
+def test_a_file_that_is_no_description_is_refused_in_one_line(tmp_path, text):
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"^[^\n]*expected[^\n]*$"):
+        mock_server.load_scene(path)
+
+
+def test_aliases_that_expand_are_refused_in_one_short_line(tmp_path):
+    path = tmp_path / "laughs.yaml"
+    rows = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    rows += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
+    path.write_text("\n".join(rows) + "\nsky: *a11\n")
+    with pytest.raises(ValueError, match="expected") as refused:
+        mock_server.load_scene(path)
+    assert len(str(refused.value)) < 500
+    with pytest.raises(ValueError, match="sky: expected 3 numbers") as refused:
+        Scene("laughs", {"sky": yaml.safe_load(path.read_text())["sky"]})
+    assert len(str(refused.value)) < 1000
+
+
+def distances(scene):
+    return scene.trace((0, 0, 1.5), DIRECTIONS).distance
+
+
+@pytest.mark.parametrize("name", ["four-wall", "direction", "waves"])
+def test_a_pickled_scene_is_the_same(name):
+    scene = mock_server.load_scene(name)
+    again = pickle.loads(pickle.dumps(scene))  # noqa: S301
+    for field in ("color", "label", "distance", "normal"):
+        a, b = (getattr(each.trace((0, 0, 1.5), DIRECTIONS), field) for each in (scene, again))
+        np.testing.assert_array_equal(a, b)
+    assert again.objects == scene.objects
+
+
+def test_threads_trace_alike():
+    scene = mock_server.load_scene("four-wall")
+    with ThreadPoolExecutor(8) as pool:
+        for found in pool.map(distances, [scene] * 16):
+            np.testing.assert_array_equal(found, distances(scene))
+
+
+# From Python 3.12 a fork beside threads warns; here nothing of the parent is locked.
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_a_child_process_traces_after_its_parent_has(method):
+    scene = mock_server.load_scene("four-wall")
+    here = distances(scene)
+    with multiprocessing.get_context(method).Pool(1) as pool:
+        np.testing.assert_array_equal(pool.apply_async(distances, (scene,)).get(timeout=120), here)

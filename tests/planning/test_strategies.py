@@ -1,0 +1,255 @@
+"""Plans: every valid pixel in one viewpoint, every ray in a view, and no view that no ray needs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.exact import cameras_at, float_source
+from support.plans import task_of, viewpoints_of, views_of
+
+import omniscv
+from mock_server import load_scene
+from omniscv.cameras import create
+from omniscv.chart.truth import traced
+from omniscv.compose.ray_lookup import look_up
+from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.planning import drive, names, rounds
+from omniscv.sources.base import Capabilities
+
+POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
+LEVEL = Pose.from_angles((0.0, 0.0, 1.5))
+CAMERAS = cameras_at(96)
+ROOM = load_scene("four-wall")
+ANY = Capabilities()
+
+
+EXACT = ("auto", "cube", "faces", "strips")
+
+
+def task(camera, pose=POSE, capabilities=ANY, **options):
+    return task_of(camera, pose, capabilities, **options)
+
+
+@pytest.mark.parametrize("strategy", EXACT)
+@pytest.mark.parametrize("name", CAMERAS)
+def test_every_pixel_is_served_once_and_its_ray_is_seen(name, strategy):
+    camera = CAMERAS[name]
+    viewpoints = viewpoints_of(task(camera, strategy=strategy))
+    served = np.concatenate([viewpoint.pixels for viewpoint in viewpoints])
+    np.testing.assert_array_equal(np.sort(served), np.flatnonzero(camera.unproject().valid))
+    directions = camera.unproject().directions.reshape(-1, 3)
+    for viewpoint in viewpoints:
+        lookup = look_up(directions[viewpoint.pixels], viewpoint.views, POSE.R_w_c)
+        assert (lookup.view >= 0).all()
+        assert lookup.margin >= 2 - 1e-3
+        assert len({(view.width, view.height, view.fov_deg) for view in viewpoint.views}) == 1
+        assert all(np.array_equal(view.pose.t_w_c, viewpoint.center_w) for view in viewpoint.views)
+
+
+@pytest.mark.parametrize("strategy", names())
+@pytest.mark.parametrize("name", CAMERAS)
+def test_every_pixel_is_served_once_whatever_is_captured(name, strategy):
+    """Also where the strategy decides by what it is sent."""
+    camera, source = CAMERAS[name], float_source(ROOM)
+    given, served = task(camera, LEVEL, strategy=strategy), []
+
+    def capture(round_):
+        served.extend(viewpoint.pixels for viewpoint in round_.viewpoints)
+        captures = iter(source.capture(v_r for v in round_.viewpoints if v.keep for v_r in v.requests(())))
+        kept = []
+        for viewpoint in round_.viewpoints:
+            if viewpoint.keep:
+                requests = viewpoint.requests(())
+                assert {request.mode for request in requests} == {"depth"}
+                kept.append({"depth": [next(captures) for _ in requests]})
+        return kept
+
+    drive(rounds(given), capture)
+    np.testing.assert_array_equal(np.sort(np.concatenate(served)), np.flatnonzero(camera.unproject().valid))
+
+
+@pytest.mark.parametrize("strategy", ["faces", "strips"])
+@pytest.mark.parametrize("name", CAMERAS)
+def test_no_view_is_captured_for_nothing(name, strategy):
+    """Every view of a viewpoint serves a ray of it best."""
+    camera = CAMERAS[name]
+    directions = camera.unproject().directions.reshape(-1, 3)
+    for viewpoint in viewpoints_of(task(camera, strategy=strategy, border_px=0)):
+        lookup = look_up(directions[viewpoint.pixels], viewpoint.views, POSE.R_w_c)
+        assert set(range(len(viewpoint.views))) == set(lookup.view.tolist())
+
+
+@pytest.mark.parametrize(
+    ("camera", "faces"),
+    [
+        (create("pinhole", width=64, height=64, fov_deg=60), 1),
+        (create("fisheye-equidistant", width=64, height=64, fov_deg=180), 5),
+        (create("fisheye-equidistant", width=64, height=64, fov_deg=240), 5),
+        (create("fisheye-equidistant", width=64, height=64, fov_deg=300), 6),
+        (create("equirectangular", width=64, height=32), 6),
+    ],
+)
+def test_only_faces_that_rays_hit(camera, faces):
+    assert len(views_of(task(camera, pose=LEVEL, strategy="faces"))) == faces
+    assert len(views_of(task(camera, pose=LEVEL, strategy="cube"))) == 6
+
+
+def test_a_column_of_a_panorama_takes_two_to_four_faces():
+    viewpoints = viewpoints_of(task(CAMERAS["noncentral-panorama"], pose=LEVEL, strategy="faces"))
+    assert {len(viewpoint.views) for viewpoint in viewpoints} <= {3, 4}
+
+
+def test_strips_of_the_papers_panorama():
+    """1024 x 512, one centre a column: 6144 faces of the paper become 2048 strips of a few pixels."""
+    camera = create("noncentral-panorama", width=1024, height=512, radius=1.0)
+    cube, strips = (views_of(task(camera, strategy=s, pose=LEVEL)) for s in ("cube", "strips"))
+    pixels = [sum(view.width * view.height for view in views) for views in (cube, strips)]
+    assert len(cube) == 6144
+    assert 2 * len(strips) <= len(cube)
+    assert 200 * pixels[1] <= pixels[0]
+
+
+@pytest.mark.parametrize(
+    "name", ["noncentral-panorama", "noncentral-spherical-mirror", "noncentral-conical-mirror"]
+)
+def test_strips_show_what_cubes_show(name):
+    """Within the filter's error: both against exact tracing of the pixels' own rays."""
+    camera = cameras_at(96)[name]
+    truth, errors = traced(ROOM, camera, LEVEL), {}
+    for strategy in ("cube", "strips"):
+        image = omniscv.render(
+            camera,
+            LEVEL,
+            float_source(ROOM),
+            ("lit", "object_mask", "depth"),
+            strategy=strategy,
+            filter="bilinear",
+        )
+        valid = image.valid
+        relative = np.abs(image.depth - truth.distance)[valid] / truth.distance[valid]
+        errors[strategy] = (
+            np.sqrt(((image.lit - truth.color)[valid] ** 2).mean()),
+            (image.labels != truth.label)[valid].mean(),
+            np.median(relative),
+        )
+    cube, strips = errors["cube"], errors["strips"]
+    assert 20 * np.log10(strips[0] / cube[0]) < 2  # dB; at this size a strip's pixel is a wide one
+    assert strips[1] < cube[1] + 0.01
+    assert strips[2] < 1.5 * cube[2] + 1e-6
+
+
+def test_strips_of_a_size_that_a_server_takes():
+    """A server that refuses less than 16 px gets strips of 16: padded, not cut."""
+    camera = CAMERAS["noncentral-panorama"]
+    views = views_of(task(camera, capabilities=Capabilities(min_size=16), strategy="strips"))
+    assert all(min(view.width, view.height) >= 16 for view in views)
+    source = float_source(ROOM, Capabilities(min_size=16))
+    image = omniscv.render(camera, LEVEL, source, ("object_mask",), strategy="strips")
+    assert (image.labels == traced(ROOM, camera, LEVEL).label).mean() > 0.95
+
+
+@given(st.integers(1, 400))
+@settings(max_examples=15)
+def test_any_number_of_centres(count):
+    """One to more than there are columns: never more centres than columns, every pixel served."""
+    camera = CAMERAS["noncentral-panorama"]
+    viewpoints = viewpoints_of(task(camera, viewpoints=count, strategy="faces"))
+    assert len(viewpoints) == min(count, camera.width)
+    assert sum(len(each.pixels) for each in viewpoints) == camera.width * camera.height
+
+
+@pytest.mark.parametrize("count", [0, -3])
+def test_no_number_of_centres(count):
+    with pytest.raises(ArgumentError, match="count"):
+        viewpoints_of(task(CAMERAS["noncentral-panorama"], viewpoints=count))
+
+
+def test_one_centre_is_the_axis():
+    [viewpoint] = viewpoints_of(task(CAMERAS["noncentral-panorama"], viewpoints=1))
+    np.testing.assert_allclose(viewpoint.center_w, POSE.t_w_c, atol=1e-12)
+
+
+def test_a_source_that_sets_nothing_gets_faces():
+    fixed = Capabilities(can_set_size=False, can_set_fov=False, image_size=(256, 256), fov_deg=90.0)
+    camera = CAMERAS["noncentral-panorama"]
+    faces = views_of(task(camera, capabilities=fixed, strategy="faces"))
+    assert views_of(task(camera, capabilities=fixed)) == faces
+    with pytest.raises(ArgumentError, match="strips need a source"):
+        views_of(task(camera, capabilities=fixed, strategy="strips"))
+
+
+@pytest.mark.parametrize(("size", "fov"), [((256, 256), 60.0), ((640, 480), 90.0)])
+def test_a_source_too_narrow_is_told_what_to_set(size, fov):
+    narrow = Capabilities(can_set_size=False, can_set_fov=False, image_size=size, fov_deg=fov)
+    with pytest.raises(ArgumentError, match="expected pictures of at least 90 degrees"):
+        views_of(task(CAMERAS["equirectangular"], capabilities=narrow))
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("strategy", "guess", "expected one of auto, cube"),
+        ("face_size", 0, "face_size"),
+        ("face_size", 9000, "face_size"),
+        ("face_size", "big", "face_size"),
+        ("border_px", -1, "border_px"),
+    ],
+)
+def test_wrong_options(option, value, says):
+    with pytest.raises(ArgumentError, match=says):
+        views_of(task(CAMERAS["pinhole"], **{option: value}))
+
+
+def test_a_recording_in_which_one_strip_is_missing(tmp_path):
+    """The error says which view it lacks, and which one is nearest."""
+    camera = create("noncentral-panorama", width=16, height=8, radius=0.5)
+    views = views_of(task(camera, LEVEL, strategy="strips"))
+    path = tmp_path / "most.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        for view in views[:5] + views[6:]:
+            list(source.capture([omniscv.sources.Request(view, "depth")]))
+    with omniscv.open_source(path) as replay, pytest.raises(MissingCaptureError, match="nearest recorded"):
+        omniscv.render(camera, LEVEL, replay, ("depth",), strategy="strips")
+
+
+@pytest.mark.parametrize("strategy", ["cube", "strips", "adaptive"])
+def test_a_radius_beyond_the_walls_is_told(strategy):
+    """The room is 6 m x 5 m: with a radius of 2.7 m some columns begin outside, and just those are marked.
+
+    They show what a camera there would see: nothing is invented.
+    """
+    camera = create("noncentral-panorama", width=64, height=32, radius=2.7)
+    image = omniscv.render(camera, LEVEL, float_source(ROOM), ("depth",), strategy=strategy, face_size=64)
+    centers_w = LEVEL.to_world(camera.viewpoints().centers)
+    outside = np.abs(centers_w[:, 1]) > 2.5
+    assert outside.any()
+    marked = image.unsure.all(axis=0)
+    np.testing.assert_array_equal(marked[outside], True)
+    if strategy != "adaptive":
+        # what else is marked stands behind furniture or in it, as seen from the middle
+        from_the_middle = ROOM.trace(LEVEL.t_w_c, centers_w - LEVEL.t_w_c).distance
+        hidden = from_the_middle < 0.97 * 2.7
+        seen = from_the_middle > 1.03 * 2.7
+        np.testing.assert_array_equal(marked[hidden], True)
+        np.testing.assert_array_equal(image.unsure.any(axis=0)[seen], False)
+
+
+def test_a_mirror_taller_than_the_room_is_told():
+    camera = create("noncentral-conical-mirror", width=64, height=64, half_angle_deg=55.0, distance=6.0)
+    image = omniscv.render(camera, LEVEL, float_source(ROOM), ("depth",), face_size=32)
+    assert image.unsure[image.valid].all()
+
+
+def test_in_the_open_nothing_is_marked():
+    image = omniscv.render(
+        CAMERAS["noncentral-panorama"], LEVEL, float_source(ROOM), ("depth",), face_size=32
+    )
+    assert not image.unsure.any()
+
+
+def test_cubes_are_aligned_with_the_world():
+    """So that one set of captures serves every orientation."""
+    views = views_of(task(CAMERAS["equirectangular"], strategy="cube"))
+    for view, (_, R_w_c) in zip(views, cube_rotations(), strict=True):
+        np.testing.assert_array_equal(view.pose.R_w_c, R_w_c)

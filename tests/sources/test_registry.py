@@ -1,0 +1,159 @@
+"""Addresses: the schemes of this package and of others, and one clear sentence for what is none."""
+
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.errors import ArgumentError, NotARecordingError
+from omniscv.sources import registry
+from omniscv.sources.registry import known_capabilities, open_sources, split_address
+
+WRONG = {
+    "localhost:9000": r"expected an address or a recording, got 'localhost:9000'; write unreal://localhost:9000",
+    "192.168.0.7:9000": "write unreal://192.168.0.7:9000",
+    "[::1]:9000": r"write unreal://\[::1\]:9000",
+    "http://localhost": r"expected launch:, mock://, scene://, unreal://, unreal\+unix://.*got 'http://localhost'",
+    "": "expected an address or the path of a recording, got ''",
+    "unreal://": "expected unreal://host:port",
+    "unreal://host:nine": "expected unreal://host:port",
+    "mock://moon": "expected one of .*four-wall.*got 'moon'",
+    "mock://four-wall?speed=3": "expected options among .*latency_ms.* got 'speed'",
+    "mock://four-wall?latency_ms=fast": "expected a value of latency_ms, got 'fast'",
+}
+
+
+@pytest.mark.parametrize("address", WRONG)
+def test_what_is_no_address_is_one_clear_sentence(address):
+    with pytest.raises(ArgumentError, match=WRONG[address]) as error:
+        omniscv.open_source(address)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("value", [None, 9000, b"room.sqlite", ["mock://four-wall"], np.zeros(2)])
+def test_what_is_no_text_is_one_clear_sentence(value):
+    with pytest.raises(ArgumentError, match="source: expected an address or the path of a recording, got"):
+        omniscv.open_source(value)
+
+
+def test_what_is_no_recording_is_one_clear_sentence(tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing " * 100)
+    for name, says in (("", "a folder"), ("none.sqlite", "nothing there"), ("notes.txt", "not a database")):
+        with pytest.raises(NotARecordingError, match=f"expected a recording, got .*{says}"):
+            omniscv.open_source(tmp_path / name)
+
+
+def test_a_file_whose_name_looks_like_an_address_is_a_file(recorded, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "room:1").write_bytes(recorded.read_bytes())
+    with omniscv.open_source("room:1") as replay:
+        assert len(replay.recorded_views()) == 6
+
+
+def test_options_that_an_opener_does_not_take_are_named(recorded):
+    with pytest.raises(ArgumentError, match=r"options: expected no options for .*, got timeout_s"):
+        omniscv.open_source(recorded, timeout_s=3)
+    with pytest.raises(
+        ArgumentError, match=r"expected options among timeout_s, retries, fix_exposure .* got patience"
+    ):
+        omniscv.open_source("unreal://localhost", patience=3)
+
+
+def test_a_type_error_inside_an_opener_is_not_taken_for_a_wrong_option():
+    def open_broken(address):
+        return None + 1
+
+    registry.register("broken", open_broken)
+    with pytest.raises(TypeError, match="unsupported operand"):
+        omniscv.open_source("broken://here")
+    registry.register("empty", lambda address: None)
+    with pytest.raises(ArgumentError, match=r"expected it to return a Source for 'empty://', got None"):
+        omniscv.open_source("empty://")
+
+
+@pytest.mark.parametrize(
+    ("scheme", "opener", "says"),
+    [
+        ("a b", print, "scheme: expected a name"),
+        (None, print, "scheme: expected"),
+        ("mine", "open", "opener: expected"),
+    ],
+)
+def test_what_cannot_be_registered(scheme, opener, says):
+    with pytest.raises(ArgumentError, match=says):
+        registry.register(scheme, opener)
+
+
+def test_several_addresses_are_opened_together_or_not_at_all():
+    with open_sources(["scene://four-wall"]) as source:
+        assert source.capabilities.dialect == "scene"
+    with pytest.raises(ArgumentError, match="at least one"):
+        open_sources([])
+    with pytest.raises(ArgumentError, match=r"source 2 differs from source 1 in colors: .* against"):
+        open_sources(["scene://four-wall", "scene://six-wall"])
+
+
+def test_capabilities_that_are_known_without_a_connection():
+    assert known_capabilities("scene://four-wall").dialect == "scene"
+    assert known_capabilities("unreal://127.0.0.1:1") is None
+    assert known_capabilities("room.sqlite") is None
+
+
+def test_options_of_an_address():
+    found = split_address("game://a/b?n=3&tag=x&tag=y", {"n": int, "tag": str}, repeatable=("tag",))
+    assert found == ("a/b", {"n": 3, "tag": ["x", "y"]})
+
+
+PACKAGE = """
+from omniscv.sources import Capabilities, ObjectTable, Source
+
+class Blender(Source):
+    capabilities = Capabilities(dialect="blender")
+
+    def __init__(self, address, samples):
+        self.opened = address, samples
+
+    def capture(self, requests):
+        return iter(())
+
+    def objects(self):
+        return ObjectTable({})
+
+def open_blender(address: str, *, samples: int = 64) -> Source:
+    return Blender(address, samples)
+"""
+USER = """
+import omniscv
+from omniscv.sources import schemes
+assert {"blender", "gone", "mock", "unreal"} <= set(schemes())
+print(omniscv.open_source("blender://kitchen.blend").opened)
+print(omniscv.open_source("blender://kitchen.blend", samples=4).opened)
+for address in ("gone://x", "blend://x"):
+    try:
+        omniscv.open_source(address)
+    except omniscv.OmniscvError as error:
+        print(error)
+"""
+
+
+def test_another_package_joins_by_an_entry_point(tmp_path):
+    """An installed distribution, without a word to omniscv."""
+    (tmp_path / "omniscv_blender.py").write_text(PACKAGE)
+    installed = tmp_path / "omniscv_blender-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: omniscv-blender\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text(
+        "[omniscv.sources]\nblender = omniscv_blender:open_blender\ngone = omniscv_blender:removed\n"
+    )
+    user = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n" + textwrap.dedent(USER)
+    done = subprocess.run([sys.executable, "-c", user], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    default, few, gone, unknown = done.stdout.splitlines()
+    assert (default, few) == ("('blender://kitchen.blend', 64)", "('blender://kitchen.blend', 4)")
+    assert gone.startswith(
+        "gone://x: expected the entry point 'omniscv_blender:removed' to be importable, got: "
+    )
+    assert "expected blender://, gone://, launch:, mock://" in unknown

@@ -1,0 +1,144 @@
+"""Replay: recordings of earlier versions, and what a missing capture says."""
+
+import re
+import sqlite3
+from contextlib import closing
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+from support.recordings import contents
+
+import omniscv
+from omniscv.errors import MissingCaptureError, NotARecordingError
+from omniscv.geometry import Pose
+from omniscv.sources import Request, View
+from omniscv.sources.recording.inspection import info, verify
+
+POSE = Pose.from_angles((0.0, 0.0, 1.5))
+VIEW = View(POSE, 90.0, 32, 32)
+
+
+@pytest.fixture
+def old(tmp_path):
+    """A recording whose normals have the mode ``normal``, as earlier versions wrote them."""
+    path = tmp_path / "old.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        list(source.capture(face_requests(modes=("lit", "normals"))))
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("UPDATE capture SET mode = 'normal', key = replace(key, 'normals', 'normal')")
+        database.execute("UPDATE capture SET mode = 'lit' WHERE key LIKE '%lit%'")
+    return path
+
+
+def test_normals_of_earlier_versions_answer_requests(old):
+    with omniscv.open_source(old) as replay, omniscv.open_source("scene://four-wall") as scene:
+        assert replay.capabilities.modes == {"lit", "normals"}
+        requests = face_requests(modes=("normals",))
+        for capture, other in zip(replay.capture(requests), scene.capture(requests), strict=True):
+            assert capture.mode == "normals"
+            assert np.array_equal(capture.pixels, other.pixels)
+    assert info(old).captures == {"lit": 6, "normals": 6}
+    assert verify(old).ok
+
+
+def test_normals_of_earlier_versions_are_not_recorded_again(old):
+    before = contents(old)
+    with omniscv.record(omniscv.open_source("scene://four-wall"), old) as source:
+        list(source.capture(face_requests(modes=("normals",))))
+        assert contents(old)[0] == before[0]
+        list(source.capture(face_requests(modes=("normals",), center=(1.0, 0.0, 1.5))))
+    with closing(sqlite3.connect(old)) as database:
+        modes = dict(database.execute("SELECT mode, count(*) FROM capture GROUP BY mode"))
+    assert modes == {"lit": 6, "normal": 6, "normals": 6}
+
+
+def test_a_new_capture_replaces_one_of_an_earlier_version(old):
+    from omniscv.sources.recording import Recording
+
+    with Recording(omniscv.open_source("scene://four-wall"), old, anew=True) as source:
+        list(source.capture(face_requests(modes=("normals",))))
+    with closing(sqlite3.connect(old)) as database:
+        assert dict(database.execute("SELECT mode, count(*) FROM capture GROUP BY mode")) == {
+            "lit": 6,
+            "normals": 6,
+        }
+
+
+NEAR = {
+    "position by 0.001 m: (0, 0, 1.5) recorded, (0.001, 0, 1.5) requested": View(
+        Pose((0.001, 0, 1.5), POSE.rotation), 90.0, 32, 32
+    ),
+    "position by 1e-06 m: (0, 0, 1.5) recorded, (0, 0, 1.500001) requested": View(
+        Pose((0, 0, 1.500001), POSE.rotation), 90.0, 32, 32
+    ),
+    "orientation by 0.0001 deg of yaw, pitch, roll: (0, 0, 0) recorded, (0.0001, 0, 0) requested": View(
+        Pose.from_angles((0, 0, 1.5), yaw_deg=1e-4), 90.0, 32, 32
+    ),
+    "field of view by 2e-06 deg: (90) recorded, (90.000002) requested": View(POSE, 90.000002, 32, 32),
+    "size: 32 x 32 recorded, 32 x 31 px requested": View(POSE, 90.0, 32, 31),
+}
+
+
+@pytest.mark.parametrize("says", NEAR)
+def test_a_missing_view_says_by_how_much_the_nearest_differs(says, recorded):
+    message = missing(recorded, Request(NEAR[says], "lit"))
+    assert message.endswith(f"; the nearest recorded view differs in {says}"), message
+
+
+@pytest.mark.parametrize("exponent", range(-7, 1))
+def test_what_differs_is_never_printed_as_equal(exponent, recorded):
+    step = 1.3 * 10.0**exponent
+    turned = Pose.from_angles((0.1 / 3 + step, 0, 1.5), yaw_deg=step, pitch_deg=90 - step)
+    message = missing(recorded, Request(View(turned, 90.0 + step, 32, 32), "lit"))
+    pairs = re.findall(r"\(([^()]*)\) recorded, \(([^()]*)\) requested", message)
+    assert len(pairs) >= 2
+    assert all(a != b for a, b in pairs)
+
+
+def missing(path, request):
+    with omniscv.open_source(path) as replay, pytest.raises(MissingCaptureError) as error:
+        next(replay.capture([request]))
+    return str(error.value)
+
+
+def test_views_turned_about_the_axis_cover_a_view(tmp_path):
+    """As plugin 0.3.10 is recorded straight up and down; recorded in fewer modes they do not."""
+    up = View(Pose.from_angles((0, 0, 1.5), pitch_deg=90), 90.0, 16, 16)
+    half = View(Pose(up.pose.position, up.pose.rotation @ np.diag([-1.0, -1.0, 1.0])), 90.0, 16, 16)
+    others = [
+        View(Pose((0, 0.1, 1.5), half.pose.rotation), 90.0, 16, 16),
+        View(half.pose, 91.0, 16, 16),
+        View(half.pose, 90.0, 16, 8),
+        View(Pose.from_angles((0, 0, 1.5), pitch_deg=89.99), 90.0, 16, 16),
+    ]
+    path = tmp_path / "room.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        list(source.capture(Request(view, "lit") for view in (up, half, *others)))
+    with omniscv.open_source(path) as replay:
+        assert replay.cover(up) == (up, half)
+        assert replay.cover(half) == (half, up)
+        assert replay.cover(others[0]) == (others[0],)
+        assert replay.cover(VIEW) == (VIEW,)
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        list(source.capture([Request(up, "depth")]))
+    with omniscv.open_source(path) as replay:
+        assert replay.cover(up) == (up,)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("", "a folder"), ("none.sqlite", "nothing there; record one first")]
+)
+def test_what_is_no_file_is_named(name, says, tmp_path):
+    with pytest.raises(NotARecordingError, match=f"expected a recording, got {says}"):
+        omniscv.open_source(tmp_path / name)
+
+
+def test_a_resumed_recording_replays_before_it_reads_on(recorded):
+    """However much is recorded already, requests are read a few at a time."""
+    read = []
+    with omniscv.record(omniscv.open_source("scene://four-wall"), recorded) as source:
+        captures = source.capture(read.append(each) or each for each in face_requests() * 20)
+        next(captures)
+        assert len(read) <= 48
+        captures.close()

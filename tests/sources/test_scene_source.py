@@ -1,0 +1,92 @@
+"""``scene://``: pictures traced in this process, against the scene itself."""
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+
+import mock_server
+import omniscv
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.sources import Capabilities, Request, View
+from omniscv.sources.registry import known_capabilities
+from omniscv.sources.scene import SceneSource
+
+SCENE = mock_server.load_scene("four-wall")
+VIEW = View(Pose.from_angles((0.3, -0.2, 1.4), yaw_deg=25, pitch_deg=-12, roll_deg=4), 80.0, 40, 30)
+
+
+def hits():
+    x = (np.arange(VIEW.width) + 0.5 - VIEW.width / 2) / VIEW.focal_px
+    y = (np.arange(VIEW.height) + 0.5 - VIEW.height / 2) / VIEW.focal_px
+    rays = np.stack([*np.meshgrid(x, y), np.ones((VIEW.height, VIEW.width))], axis=-1)
+    return SCENE.trace(VIEW.pose.position, rays @ VIEW.pose.rotation.T)
+
+
+def captured(source):
+    return {
+        each.mode: each.pixels for each in source.capture(Request(VIEW, m) for m in source.capabilities.modes)
+    }
+
+
+@pytest.mark.parametrize("lit", ["uint8", "float32"])
+def test_every_mode_shows_what_the_rays_meet(lit):
+    truth, pixels = hits(), captured(SceneSource(SCENE, lit=lit))
+    assert np.abs(pixels["lit"] / (255 if lit == "uint8" else 1) - truth.color).max() <= 0.5 / 255 + 1e-12
+    assert pixels["depth"] * VIEW.ray_lengths() == pytest.approx(truth.distance, rel=1e-6)
+    assert pixels["normals"] == pytest.approx(truth.normal, abs=1e-6)
+
+
+def test_masks_show_the_objects_by_colour_or_by_id():
+    truth, source = hits(), SceneSource(SCENE)
+    mask, table = captured(source)["object_mask"], source.objects()
+    for name in np.array(SCENE.objects)[np.unique(truth.label) - 1]:
+        assert (mask[truth.label == SCENE.label(name)] == table.colors[name]).all()
+    by_id = SceneSource(SCENE, masks="ids")
+    assert np.array_equal(captured(by_id)["object_mask"], truth.label)
+    assert by_id.objects().ids == {name: SCENE.label(name) for name in SCENE.objects}
+    assert (table.ids, table.tolerance, by_id.objects().colors) == ({}, 0, table.colors)
+    assert (0, 0, 0) not in table.colors.values()
+    assert len(set(table.colors.values())) == len(SCENE.objects)
+
+
+def test_views_are_traced_once_and_kept_within_a_bound():
+    faces = face_requests(8, ["depth"])
+    source = SceneSource(SCENE, cached_views=4)
+    assert len(list(source.capture(faces[:4] * 5))) == 20
+    assert source.made == 4
+    list(source.capture(faces))
+    assert source.made == 6
+    list(source.capture(faces[5:]))
+    assert source.made == 6
+    list(source.capture(faces[:1]))
+    assert source.made == 7
+
+
+def test_it_can_declare_what_another_source_can_do():
+    fixed = Capabilities(can_set_size=False, image_size=(512, 512), fov_deg=90.0)
+    assert SceneSource(SCENE, fixed).capabilities == fixed
+
+
+def test_addresses(tmp_path):
+    path = tmp_path / "ball.yaml"
+    path.write_text("objects: {Ball: {solids: [{sphere: 0.5, at: [2, 0, 0]}]}}\n")
+    with omniscv.open_source(f"scene://{path}?lit=float32&masks=ids") as source:
+        assert source.objects().ids == {"Ball": 1}
+        assert source.capabilities == known_capabilities(f"scene://{path}")
+        assert next(source.capture(face_requests(8))).provenance["scene"] == "ball"
+
+
+@pytest.mark.parametrize(
+    ("address", "says"),
+    [
+        ("scene://moon", "scene://moon.*expected one of .*four-wall"),
+        ("scene://", "expected one of .*four-wall"),
+        ("scene://four-wall?lit=double", "lit: expected one of uint8, float32; got 'double'"),
+        ("scene://four-wall?masks=red", "masks: expected one of colors, ids; got 'red'"),
+        ("scene://four-wall?size=3", "expected options among lit, masks .*got 'size'"),
+    ],
+)
+def test_wrong_addresses_are_refused(address, says):
+    with pytest.raises(ArgumentError, match=says):
+        omniscv.open_source(address)

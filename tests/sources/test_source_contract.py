@@ -1,0 +1,181 @@
+"""The laws of every source, live or not, alone or wrapped."""
+
+import itertools
+import json
+import threading
+
+import numpy as np
+import pytest
+from support.faces import CENTER, face_requests
+
+import omniscv
+from omniscv import modalities
+from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.sources import Request, SourceWrapper, View
+from omniscv.sources.registry import open_sources
+
+SIZE = 16
+OLD = f"mock://four-wall?dialect=0.3.10&size={SIZE}x{SIZE}"
+ELSEWHERE = (0.5, -0.25, 1.25)
+MODES = ("lit", "object_mask", "depth", "normals")
+REQUESTS = [*face_requests(SIZE, MODES), *face_requests(SIZE, MODES, ELSEWHERE)]
+
+
+def opened(uri):
+    return lambda path: omniscv.open_source(uri)
+
+
+def recording(path):
+    """Half of it is in the file already."""
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        list(source.capture(REQUESTS[::2]))
+    return omniscv.record(omniscv.open_source("scene://four-wall"), path)
+
+
+def replayed(uri):
+    def source(path):
+        with omniscv.record(omniscv.open_source(uri), path) as recording:
+            recording.objects()
+            views = {view for request in REQUESTS for view in recording.cover(request.view)}
+            list(recording.capture(Request(view, mode) for view in views for mode in MODES))
+        return omniscv.open_source(path)
+
+    return source
+
+
+SOURCES = {
+    "mock": opened("mock://four-wall"),
+    "mock 0.3.10": opened(OLD),
+    "scene": opened("scene://four-wall"),
+    "scene with ids": opened("scene://four-wall?masks=ids&lit=float32"),
+    "wrapper": lambda path: SourceWrapper(omniscv.open_source("scene://four-wall")),
+    "recording": recording,
+    "replay": replayed("scene://four-wall?masks=ids&lit=float32"),
+    "replay of 0.3.10": replayed(OLD),
+    "pool": lambda path: open_sources(["scene://four-wall", "scene://four-wall"]),
+    "pool of servers": lambda path: open_sources(["mock://four-wall", "mock://four-wall"]),
+}
+
+
+@pytest.fixture(params=SOURCES)
+def source(request, tmp_path):
+    with SOURCES[request.param](tmp_path / "room.sqlite") as source:
+        yield source
+
+
+def test_captures_come_in_the_order_of_the_requests(source):
+    mixed = [*REQUESTS[::5], *REQUESTS[3::7], *REQUESTS[:3]]
+    captures = list(source.capture(mixed))
+    assert [capture.request for capture in captures] == mixed
+    assert [capture.mode for capture in captures] == [request.mode for request in mixed]
+
+
+def test_requests_are_read_lazily(source):
+    read = []
+    captures = source.capture(read.append(each) or each for each in itertools.cycle(REQUESTS))
+    assert read == []
+    assert next(captures).request == REQUESTS[0]
+    assert len(read) <= 200
+    captures.close()
+    assert next(iter(source.capture(REQUESTS[5:6]))).request == REQUESTS[5]  # the next call is a new one
+
+
+def test_pixels_are_what_the_modality_says(source):
+    table = source.objects()
+    for capture in source.capture(REQUESTS):
+        row, pixels = modalities.get(capture.mode), capture.pixels
+        ids = bool(table.ids) and capture.mode == "object_mask"
+        assert row.fits(pixels) or (ids and pixels.dtype == np.uint16 and pixels.ndim == 2)
+        assert pixels.shape[:2] == (SIZE, SIZE) == (capture.view.height, capture.view.width)
+        assert not pixels.flags.writeable
+        if capture.mode == "depth":
+            assert (pixels > 0.1).all()
+        if capture.mode == "normals":
+            assert np.linalg.norm(pixels, axis=-1) == pytest.approx(1.0, abs=1e-5)
+        if ids:
+            assert set(np.unique(pixels)) <= set(table.ids.values())
+        elif capture.mode == "object_mask":
+            colors = np.array(list(table.colors.values()))
+            off = np.abs(pixels.reshape(-1, 1, 3).astype(int) - colors).max(axis=2).min(axis=1)
+            assert off.max() <= table.tolerance
+        json.dumps(dict(capture.provenance))
+        assert capture.provenance["scene"] == "four-wall"
+
+
+def test_unknown_modes_are_refused():
+    with pytest.raises(ArgumentError, match=r"lit, object_mask, depth, normals; got .beauty"):
+        Request(REQUESTS[0].view, "beauty")
+
+
+def test_it_is_a_context_manager_and_can_be_closed_twice(source):
+    with source as entered:
+        assert entered is source
+    source.close()
+
+
+def test_a_closed_source_raises_one_clear_sentence(source):
+    list(source.capture(REQUESTS[:1]))
+    source.close()
+    for use in (lambda: list(source.capture(REQUESTS[:1])), source.objects):
+        with pytest.raises(SourceError, match="expected an open source, got a closed one; open it again"):
+            use()
+
+
+def test_several_threads_may_use_it(source):
+    parts = [REQUESTS[start::4] for start in range(4)]
+    alone = [[capture.pixels for capture in source.capture(part)] for part in parts]
+    together = [None] * 4
+
+    def work(number):
+        together[number] = [capture.pixels for capture in source.capture(parts[number])]
+
+    threads = [threading.Thread(target=work, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for one, other in zip(alone, together, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_calls_may_be_interleaved(source):
+    first, second = source.capture(REQUESTS[:8]), source.capture(REQUESTS[8:16])
+    pairs = list(zip(first, second, strict=True))
+    assert [a.request for a, _ in pairs] == REQUESTS[:8]
+    assert [b.request for _, b in pairs] == REQUESTS[8:16]
+
+
+def test_cover_begins_with_the_view_and_can_be_captured(source):
+    for _, R_w_c in cube_rotations():
+        view = View(Pose(CENTER, R_w_c), 90.0, SIZE, SIZE)
+        cover = source.cover(view)
+        assert cover[0] == view
+        assert len(list(source.capture(Request(each, "lit") for each in cover))) == len(cover)
+
+
+def test_objects_are_stable(source):
+    before = source.objects()
+    list(source.capture(REQUESTS[:2]))
+    assert source.objects() == before
+    assert before.names() == sorted(before.colors)
+    assert [before.label(name) for name in before.names()] == list(range(1, 1 + len(before.names())))
+
+
+def test_recorded_and_replayed_it_is_the_same(source, tmp_path):
+    """Whatever its bytes: views, pixels to the bit, provenance, objects, and the views that cover another."""
+    views = tuple(dict.fromkeys(request.view for request in REQUESTS))
+    with omniscv.record(source, tmp_path / "new.sqlite") as recording:
+        objects, covers = recording.objects(), [recording.cover(view) for view in views]
+        requests = [Request(view, mode) for mode in MODES for cover in covers for view in cover]
+        captured = list(recording.capture(requests))
+    with omniscv.open_source(tmp_path / "new.sqlite") as replay:
+        assert replay.objects() == objects
+        assert [replay.cover(view) for view in views] == covers
+        assert replay.capabilities.modes == set(MODES)
+        assert set(replay.recorded_views()) == {request.view for request in requests}
+        for capture, again in zip(captured, replay.capture(requests), strict=True):
+            assert again.view == capture.view
+            assert again.pixels.dtype == capture.pixels.dtype
+            assert np.array_equal(again.pixels, capture.pixels)
+            assert again.provenance == capture.provenance

@@ -1,0 +1,218 @@
+"""The file of a recording: whole or refused, never half."""
+
+import os
+import re
+import sqlite3
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+from support.permissions import read_only
+from support.recordings import CountingSource, contents
+
+import omniscv
+from omniscv.errors import (
+    DamagedRecordingError,
+    NewerRecordingError,
+    NotARecordingError,
+    RecordingNotWritableError,
+)
+from omniscv.sources import ObjectTable, SourceWrapper
+from omniscv.sources.recording.inspection import info, verify
+from omniscv.sources.recording.store import Store
+
+
+@pytest.mark.block_network
+def test_a_replay_gives_the_bytes_that_came(recorded):
+    with omniscv.open_source(recorded) as replay:
+        for request, capture in zip(face_requests(), replay.capture(face_requests()), strict=True):
+            assert capture.request == request
+            assert capture.pixels.shape[:2] == (32, 32)
+            assert not capture.pixels.flags.writeable
+
+
+def test_info_counts_what_is_there(recorded):
+    found = info(recorded)
+    assert found.captures == {"depth": 6, "lit": 6, "normals": 6, "object_mask": 6}
+    assert (found.centers, found.sizes, found.scenes) == (1, {"32x32": 24}, ["four-wall"])
+    assert found.objects > 0
+    assert found.first <= found.last
+
+
+def test_a_sound_recording_verifies(recorded):
+    report = verify(recorded)
+    assert report.ok
+    assert report.captures == 24
+
+
+def test_flipped_bits_are_found_and_refused(copy):
+    """One bit in each payload in turn: SQLite does not see it, the checksum does."""
+    with sqlite3.connect(copy) as database:
+        rows = database.execute("SELECT key, payload FROM capture").fetchall()
+        for i, (key, payload) in enumerate(rows):
+            spoiled = bytearray(payload)
+            spoiled[len(spoiled) * i // len(rows)] ^= 1 << (i % 8)
+            database.execute("UPDATE capture SET payload = ? WHERE key = ?", (bytes(spoiled), key))
+    database.close()
+    report = verify(copy)
+    assert len(report.faults) == len(rows)
+    with omniscv.open_source(copy) as replay:
+        for request in face_requests():
+            with pytest.raises(DamagedRecordingError, match="checksum"):
+                next(replay.capture([request]))
+
+
+def test_noise_anywhere_in_the_file_is_found(recorded, tmp_path):
+    """Bytes of the file itself, pages of SQLite's own included: found, or nothing that is shown changed."""
+    original, random = recorded.read_bytes(), np.random.default_rng(0)
+    wanted = contents(recorded)
+    path = tmp_path / "noisy.sqlite"
+    for place in random.integers(100, len(original), 60):
+        noisy = bytearray(original)
+        noisy[place] ^= 0xFF
+        path.write_bytes(noisy)
+        try:
+            found = not verify(path).ok
+        except omniscv.errors.RecordingError:
+            found = True
+        if not found:
+            assert payloads(contents(path)) == payloads(wanted)
+
+
+def payloads(contents):
+    return {key: row[2:] for key, row in contents[0].items()}
+
+
+def test_a_newer_recording_says_which_version_it_needs(copy):
+    with sqlite3.connect(copy) as database:
+        database.execute("PRAGMA user_version = 7")
+    database.close()
+    for write in (False, True):
+        with pytest.raises(NewerRecordingError, match="version 7"):
+            Store(copy, write=write)
+
+
+def test_another_database_is_left_alone(tmp_path):
+    path = tmp_path / "photos.sqlite"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE photo (name TEXT)")
+    database.close()
+    before = path.read_bytes()
+    for write in (False, True):
+        with pytest.raises(NotARecordingError, match="another SQLite database"):
+            Store(path, write=write)
+    assert path.read_bytes() == before
+
+
+def test_recording_again_captures_only_what_is_new(copy):
+    before = contents(copy)
+    live = CountingSource(omniscv.open_source("mock://four-wall"))
+    new = face_requests(center=(0.5, 0.0, 1.5), modes=("lit",))
+    with omniscv.record(live, copy) as source:
+        requests = [*face_requests(), *new, *new]
+        assert [capture.request for capture in source.capture(requests)] == requests
+    assert live.requests == new
+    after = contents(copy)
+    assert {key: after[0][key] for key in before[0]} == before[0]
+    assert len(after[0]) == len(before[0]) + len(new)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"Sofa": (9, 9, 9)}, r"Sofa is \(9, 9, 9\) and was \("),
+        ({"Cat": "Sofa"}, r"Cat is \(.*\), which was Sofa"),
+    ],
+)
+def test_other_mask_colours_are_refused(change, says, copy):
+    """They would turn one object's recorded pixels into another's."""
+    before = contents(copy)
+    colors = before[1].colors
+    changed = {name: colors.get(color, color) for name, color in change.items()}
+    live = Relabelled(omniscv.open_source("scene://four-wall"), ObjectTable({**colors, **changed}))
+    with omniscv.record(live, copy) as source, pytest.raises(RecordingNotWritableError, match=says):
+        source.objects()
+    assert contents(copy) == before
+
+
+class Relabelled(SourceWrapper):
+    """Another source with another object table."""
+
+    def __init__(self, source, table):
+        super().__init__(source)
+        self.table = table
+
+    def objects(self):
+        return self.table
+
+
+def test_a_read_only_folder_is_one_clear_error(open_folder):
+    with (
+        read_only(open_folder),
+        pytest.raises(RecordingNotWritableError, match=r"new\.sqlite: expected a file that can be written"),
+    ):
+        Store(open_folder / "new.sqlite", write=True)
+    assert list(open_folder.iterdir()) == []
+
+
+FULL = """
+import resource, signal, sys
+import omniscv
+from support.faces import face_requests
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+with omniscv.record(omniscv.open_source("scene://four-wall"), sys.argv[1]) as source:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 17, 1 << 17))
+    try:
+        list(source.capture(face_requests(size=256, modes=("depth",), center=(0.5, 0.0, 1.5))))
+    except omniscv.errors.RecordingNotWritableError as error:
+        print(error)
+"""
+
+
+def test_a_full_disk_is_a_clear_error_and_keeps_what_came_before(copy):
+    """A limit of the size of files stands in for the disk."""
+    before = contents(copy)[0]
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, copy], capture_output=True, text=True, env=paths, timeout=120
+    )
+    assert re.fullmatch(
+        r".*copy\.sqlite: expected a file that can be written, got: .*; what it held is intact\n", done.stdout
+    ), done.stderr
+    assert before.items() <= contents(copy)[0].items()
+    assert verify(copy).ok
+
+
+def test_two_readers_and_a_writer_at_once(copy):
+    """Readers see whole captures while a writer adds to the file."""
+    stop, faults, rounds = threading.Event(), [], [0, 0]
+
+    def read(who):
+        while not stop.is_set():
+            try:
+                with omniscv.open_source(copy) as replay:
+                    rounds[who] += sum(1 for _ in replay.capture(face_requests()))
+            except omniscv.OmniscvError as fault:
+                faults.append(fault)
+
+    readers = [threading.Thread(target=read, args=(who,)) for who in range(2)]
+    with (
+        omniscv.open_source("mock://four-wall") as live,
+        omniscv.record(live, copy) as source,
+    ):
+        for reader in readers:
+            reader.start()
+        try:
+            for step in range(1, 9):
+                list(source.capture(face_requests(center=(0.1 * step, 0.0, 1.5), modes=("lit", "depth"))))
+        finally:
+            stop.set()
+            for reader in readers:
+                reader.join()
+    assert faults == []
+    assert min(rounds) >= 24
+    report = verify(copy)
+    assert (report.ok, report.captures) == (True, 24 + 8 * 12)

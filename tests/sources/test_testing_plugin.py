@@ -1,0 +1,189 @@
+"""The pytest plugin in other people's projects: tests in files of their own, run by pytest."""
+
+import json
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from support.recordings import provenances
+
+import mock_server
+
+pytest_plugins = "pytester"
+
+HEAD = """
+import pytest
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.sources import Request, View
+
+VIEWS = [View(Pose((0, 0, 1.5), R_w_c), 90.0, 16, 16) for _, R_w_c in cube_rotations()]
+"""
+
+CAPTURES = """
+@pytest.mark.block_network
+@pytest.mark.recorded("room.sqlite")
+def test_room(recorded_source):
+    requests = [Request(view, mode) for mode in {modes} for view in VIEWS]
+    assert [capture.request for capture in recorded_source.capture(requests)] == requests
+    assert "Layout" in " ".join(recorded_source.objects().names())
+"""
+
+
+@pytest.fixture
+def suite(recorded, pytester):
+    """Run the tests of a module ``test_room.py``, and check their outcomes.
+
+    pytester forgets the modules that such a run has imported. Numba cannot be imported twice, so the fixture
+    ``recorded`` imports it before; else later tests of this process fail.
+    """
+
+    def run(source, *options, **outcomes):
+        pytester.makepyfile(test_room=HEAD + textwrap.dedent(source))
+        result = pytester.runpytest_inprocess("-p", "no:cacheprovider", *options)
+        result.assert_outcomes(**outcomes)
+        return result
+
+    return run
+
+
+@pytest.fixture
+def record(pytester):
+    return pytester.path / "captures" / "test_room" / "room.sqlite"
+
+
+def times(path):
+    """When each capture of a mode was made."""
+    found = {}
+    for mode, provenance in provenances(path):
+        found.setdefault(mode, []).append(provenance["time"])
+    return found
+
+
+def test_a_server_for_any_client(suite):
+    suite(
+        """
+        import unrealcv
+
+        @pytest.mark.unreal(scene="six-wall")
+        @pytest.mark.filterwarnings("ignore:The connected UnrealCV server is too old")  # they all are
+        def test_six(unreal_server):
+            client = unrealcv.Client(("127.0.0.1", unreal_server.port))
+            assert client.connect()
+            assert client.request("vget /scene/name") == "six-wall"
+            client.disconnect()
+            assert unreal_server.statistics.total("vget /scene/name") == 1
+
+        def test_four(unreal_server):
+            assert unreal_server.scene.name == "four-wall"
+        """,
+        passed=2,
+    )
+
+
+def test_a_wrong_marker_names_what_there_is(suite):
+    result = suite(
+        """
+        @pytest.mark.unreal(scene="moon")
+        def test_moon(unreal_server): ...
+        """,
+        errors=1,
+    )
+    result.stdout.fnmatch_lines(["*expected one of*four-wall*got 'moon'*"])
+
+
+def test_nothing_recorded_says_how_to_record(suite, record):
+    result = suite(CAPTURES.format(modes=["lit"]), errors=1)
+    result.stdout.fnmatch_lines(["*room.sqlite: expected a recording; make it with --record-mode=once*"])
+    assert not record.exists()
+
+
+def test_once_records_and_then_replays(suite, record):
+    once = "--record-mode=once"
+    suite(CAPTURES.format(modes=["lit"]), once, passed=1)
+    before = record.read_bytes()
+    suite(CAPTURES.format(modes=["lit"]), passed=1)
+    suite(CAPTURES.format(modes=["lit"]), once, passed=1)
+    result = suite(CAPTURES.format(modes=["lit", "depth"]), once, failed=1)
+    result.stdout.fnmatch_lines(["*MissingCaptureError*the recording holds no depth, only lit*"])
+    assert record.read_bytes() == before
+    assert [file.name for file in record.parent.iterdir()] == [record.name]
+
+
+def test_new_episodes_adds(suite, record):
+    suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
+    before = times(record)
+    suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=new_episodes", passed=1)
+    assert times(record)["lit"] == before["lit"]
+    assert len(times(record)["depth"]) == 6
+
+
+def test_all_records_again_and_keeps_the_rest(suite, record):
+    suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=once", passed=1)
+    before = times(record)
+    suite(CAPTURES.format(modes=["lit"]), "--record-mode=all", passed=1)
+    assert times(record)["depth"] == before["depth"]
+    assert min(times(record)["lit"]) > max(before["lit"])
+
+
+def test_rewrite_starts_from_nothing(suite, record):
+    suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=rewrite", passed=1)
+    suite(CAPTURES.format(modes=["lit"]), "--record-mode=rewrite", passed=1)
+    assert times(record).keys() == {"lit"}
+
+
+def test_rewrite_keeps_the_old_file_where_nobody_answers(suite, record):
+    suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
+    before = record.read_bytes()
+    suite(CAPTURES.format(modes=["lit"]), "--record-mode=rewrite", "--unrealcv=127.0.0.1:1", errors=1)
+    assert record.read_bytes() == before
+
+
+def test_a_running_game_is_recorded(suite, record):
+    with mock_server.serve("six-wall") as game:
+        address = f"--unrealcv=127.0.0.1:{game.port}"
+        suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", address, passed=1)
+        assert game.statistics.total("vget /camera/") >= 6
+    suite(CAPTURES.format(modes=["lit"]), passed=1)
+
+
+def test_a_file_is_named_after_its_test_unless_told(suite, pytester):
+    suite(
+        """
+        from pathlib import Path
+
+        @pytest.fixture(scope="module")
+        def recorded_dir():
+            return Path(__file__).parent / "kept"
+
+        @pytest.mark.parametrize("mode", ["lit", "depth"])
+        def test_face(recorded_source, mode):
+            [capture] = recorded_source.capture([Request(VIEWS[0], mode)])
+        """,
+        "--record-mode=once",
+        passed=2,
+    )
+    names = sorted(file.name for file in (pytester.path / "kept").iterdir())
+    assert names == ["test_face[depth].sqlite", "test_face[lit].sqlite"]
+
+
+LIGHT = """
+import json, sys
+import pytest
+import omniscv, omniscv.testing
+pytest.main(["-q", "-p", "no:cacheprovider"])
+print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
+"""
+HEAVY = {"numba", "cv2", "scipy", "matplotlib", "OpenImageIO", "numpy", "yaml", "unrealcv", "mock_server"}
+
+
+def test_it_loads_nothing_heavy_into_other_projects(pytester):
+    """Importing omniscv and running a foreign project's tests with the plugin."""
+    pytester.makepyfile("def test_nothing(pytestconfig): assert pytestconfig.getoption('--unrealcv') is None")
+    done = subprocess.run(
+        [sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert "1 passed" in done.stdout
+    loaded = set(json.loads(done.stdout.splitlines()[-1]))
+    assert "omniscv" in loaded
+    assert loaded & HEAVY == set()

@@ -1,0 +1,135 @@
+"""The doctor's command, recordings with its remedies, and recordings of launched games."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support.games import behave, beside, is_running, waited_for
+
+import omniscv
+from omniscv.cli import run
+from omniscv.sources.recording.inspection import info, verify
+
+SPOILED = "mock://four-wall?fault=vignette&fault=exposure-drift"
+
+# Recordings with the remedies.
+
+
+def near_seams(width, height):
+    """(H, W) the pixels of an equirectangular image within two degrees of an edge of the cube."""
+    longitude = (0.5 - (np.arange(width) + 0.5) / width)[None, :] * 2 * np.pi
+    latitude = (0.5 - (np.arange(height) + 0.5) / height)[:, None] * np.pi
+    along = np.sort(
+        np.abs([
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude) * np.ones_like(longitude),
+        ]),
+        axis=0,
+    )  # fmt: skip
+    return np.degrees(np.arctan2(along[2], along[1])) - 45 < 2
+
+
+def composed(path, uri, *options):
+    """A panorama from a recording of the six faces."""
+    arguments = ["record", "--source", uri, "--face-size", "64", "--modes", "lit", "--out", str(path)]
+    assert run([*arguments, *options]) == 0
+    camera = omniscv.cameras.create("equirectangular", width=256, height=128)
+    with omniscv.open_source(path) as source:
+        image = omniscv.render(camera, omniscv.Pose.from_angles((0, 0, 1.5)), source, face_size=64)
+    return image.lit.astype(float)
+
+
+@pytest.fixture(scope="module")
+def true(tmp_path_factory):
+    """From a server without faults."""
+    return composed(tmp_path_factory.mktemp("true") / "faces.sqlite", "mock://four-wall")
+
+
+@pytest.mark.parametrize(
+    ("uri", "options"),
+    [
+        (SPOILED, ["--fix-exposure"]),
+        (SPOILED, ["--fix-exposure", "--overscan", "8"]),
+        # 160 px beyond faces of 64: an edge's middle is where (32 / 192)^2 of the corners' loss is.
+        ("mock://four-wall?fault=vignette", ["--overscan", "160"]),
+    ],
+    ids=["exposure", "both", "overscan"],
+)
+def test_recordings_with_the_remedies_have_a_tenth_of_the_seam_error(uri, options, true, tmp_path):
+    """The error along the edges of the cube."""
+    near = near_seams(256, 128)
+    before = np.abs(composed(tmp_path / "before.sqlite", uri) - true)[near].mean()
+    after = np.abs(composed(tmp_path / "after.sqlite", uri, *options) - true)[near].mean()
+    print(f"{' '.join(options)}: {before:.2f} grey levels before, {after:.2f} after")
+    assert before > 15
+    assert after <= before / 10
+
+
+# The command.
+
+
+def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys):
+    assert run(["doctor", "mock://four-wall?dialect=M&fault=vignette=0.3", "--json"]) == 1
+    findings = {each["name"]: each for each in json.loads(capsys.readouterr().out)}
+    assert findings["vignette"]["verdict"] == "bad"
+    assert "r.Tonemapper.Quality 1" in findings["vignette"]["remedy"]
+    assert run(["doctor", "mock://six-wall?dialect=N2", "--position", "0.5,0,1.4"]) == 0
+    assert "seam right|down" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("address", ["room.sqlite", "http://localhost", "unreal://"])
+def test_only_servers_are_examined(address, capsys):
+    assert run(["doctor", address]) == 2
+    assert "expected unreal://host:port" in capsys.readouterr().err
+
+
+# Launched games.
+
+
+def record(game, *options):
+    return ["record", "--launch", str(game), "--face-size", "32", "--modes", "lit", *map(str, options)]
+
+
+def test_a_launched_game_is_recorded_and_stopped(game, tmp_path):
+    """It finds its settings beside the executable that the launcher starts, and they are gone afterwards."""
+    out = tmp_path / "room.sqlite"
+    behave(game, wait_s=0.3)
+    assert run(record(game, "--out", out)) == 0
+    settings = json.loads((beside(game) / "settings.json").read_text())
+    assert (settings["width"], settings["height"], float(settings["fov"])) == ("32", "32", 90)
+    assert 1024 < int(settings["port"]) < 65536
+    assert (verify(out).ok, info(out).captures) == (True, {"lit": 6})
+    assert waited_for(lambda: not is_running(game))
+    assert not list(game.parent.rglob("unrealcv.ini"))
+
+
+def test_ctrl_c_stops_the_game_and_keeps_the_captures(game, tmp_path):
+    out = tmp_path / "room.sqlite"
+    places = [f"--position={0.01 * step},0,1.5" for step in range(400)]
+    command = [sys.executable, "-c", "from omniscv.cli import main; main()"]
+    with subprocess.Popen(
+        [*command, *record(game, "--out", out), *places], stderr=subprocess.PIPE, text=True
+    ) as recorder:
+        assert waited_for(lambda: out.exists() and verify(out).captures > 0)
+        assert is_running(game)
+        recorder.send_signal(signal.SIGINT)
+        _, printed = recorder.communicate(timeout=60)
+    assert recorder.returncode == 130
+    assert "rerun to resume" in printed
+    assert waited_for(lambda: not is_running(game))
+    assert verify(out).ok
+    assert 0 < info(out).captures["lit"] < 2400
+    assert not list(game.parent.rglob("unrealcv.ini"))
+
+
+def test_one_package_twice_shares_the_captures(game, tmp_path):
+    out = tmp_path / "room.sqlite"
+    places = [f"--position={0.1 * step},0,1.5" for step in range(16)]
+    assert run([*record(game, "--launch", game, "--out", out), *places]) == 0
+    assert info(out).captures == {"lit": 96}
+    assert len(info(out).servers) == 2
+    assert not list(game.parent.rglob("unrealcv.ini"))

@@ -1,0 +1,265 @@
+"""The live source with every dialect: captures agree with tracing of the view that they carry."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from support.unreal import (
+    CENTER,
+    MODES,
+    PawnThatFalls,
+    agrees,
+    face_requests,
+    many_balls,
+    pawn_that_stays,
+    relayed,
+    without_masks,
+)
+
+import mock_server
+import omniscv
+from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
+from omniscv.geometry import Pose
+from omniscv.sources import Capabilities, Request, View
+from omniscv.sources.registry import known_capabilities
+from omniscv.sources.unreal.opening import open_connection
+
+DIALECTS = ["0.3.10", "M", "N1", "N2"]
+SIZE = 48
+ROOM = mock_server.load_scene("four-wall")
+FACES = face_requests(SIZE, MODES)
+
+
+def capabilities(dialect):
+    """What the mock's dialects can do."""
+    modern = {"modes": frozenset(MODES), "can_set_tall": False, "dialect": dialect}
+    legacy = {"can_set_size": False, "image_size": (SIZE, SIZE)} if dialect == "0.3.10" else {}
+    return Capabilities(**modern, **legacy)
+
+
+def serve(dialect="0.3.10", scene=ROOM, size=(SIZE, SIZE), **options):
+    return mock_server.serve(scene, dialect=dialect, size=size, **options)
+
+
+@pytest.fixture(scope="module", params=DIALECTS)
+def server(request):
+    with serve(request.param) as running:
+        running.dialect = request.param
+        yield running
+
+
+@pytest.fixture(scope="module")
+def source(server):
+    with omniscv.open_source(server.uri) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def captures(source):
+    return list(source.capture(FACES))
+
+
+def rotation_between(a, b):
+    """Degrees."""
+    cosine = (np.trace(a.pose.R_w_c.T @ b.pose.R_w_c) - 1) / 2
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def test_capabilities_are_probed_whatever_version_is_reported(server, source):
+    assert source.capabilities == capabilities(server.dialect)
+
+
+def test_captures_are_what_the_view_they_carry_sees(source, captures):
+    assert [capture.request for capture in captures] == FACES
+    wrong = [(c.mode, c.view.pose.angles()) for c in captures if not agrees(c, source, ROOM)]
+    assert not wrong
+
+
+def test_views_are_as_requested_as_far_as_the_dialect_can(server, captures):
+    for capture in captures:
+        requested, came = capture.request.view, capture.view
+        vertical = abs(requested.pose.angles()[1]) > 89
+        if server.dialect == "0.3.10" and vertical:
+            assert rotation_between(requested, came) == pytest.approx(0.1, abs=1e-6)
+            assert (came.fov_deg, came.width, came.height) == (requested.fov_deg, SIZE, SIZE)
+        else:
+            assert came == requested
+
+
+def test_any_pose_comes_out_right(source):
+    rng = np.random.default_rng(3)
+    angles = rng.uniform((-180, -95, -80), (180, 95, 80), (6, 3))
+    places = rng.uniform((-1, -1, 0.5), (1, 1, 2.0), (6, 3))
+    views = [View(Pose.from_angles(p, *a), 75.0, SIZE, SIZE) for p, a in zip(places, angles, strict=True)]
+    for capture in source.capture(Request(view, mode) for view in views for mode in MODES):
+        assert agrees(capture, source, ROOM), (capture.mode, capture.view)
+        np.testing.assert_allclose(capture.view.pose.t_w_c, capture.request.view.pose.t_w_c, atol=1e-8)
+
+
+# What only plugin 0.3.10 does.
+
+
+def test_one_round_of_captures_disturbs_neither_the_stream_nor_the_window():
+    """Out of step, or after a fault, the source would connect, and request the version, again."""
+    with serve() as server:
+        with omniscv.open_source(server.uri) as source:
+            list(source.capture(FACES))
+        with open_connection(server.uri) as connection:
+            assert connection.text("vget /viewmode") == "lit"
+        assert server.statistics.counts["vset /action/input/disable"] == 1
+        assert server.statistics.counts["vget /unrealcv/version"] == 1
+
+
+def test_masks_have_the_windows_size_and_field_of_view():
+    with (
+        serve(size=(64, 48), window=(80, 60)) as server,
+        omniscv.open_source(server.uri) as source,
+    ):
+        view = View(Pose.from_angles(CENTER, 30.0), 70.0, 200, 100)
+        found = {c.mode: c for c in source.capture(Request(view, mode) for mode in MODES)}
+        for mode, capture in found.items():
+            expected = (90.0, 80, 60) if mode == "object_mask" else (70.0, 64, 48)
+            assert (capture.view.fov_deg, capture.view.width, capture.view.height) == expected
+            assert capture.pixels.shape[:2] == (expected[2], expected[1])
+            assert agrees(capture, source, ROOM), mode
+
+
+def test_without_masks_the_rest_is_captured():
+    """Engines after 4.16 broke them."""
+    with serve() as server, relayed(server, without_masks) as uri, omniscv.open_source(uri) as source:
+        assert source.capabilities.modes == {"lit", "depth", "normals"}
+        assert agrees(*source.capture([Request(FACES[0].view, "depth")]), source, ROOM)
+        with pytest.raises(ServerRefusedError, match="for depth, lit or normals, got object_mask"):
+            list(source.capture([Request(FACES[0].view, "object_mask")]))
+
+
+def test_a_window_that_is_higher_than_wide_is_refused():
+    expected = "expected pictures at least as wide as high, got 20 x 40"
+    with serve(window=(20, 40)) as server, pytest.raises(ServerRefusedError, match=expected):
+        omniscv.open_source(server.uri)
+
+
+def test_mask_colours_are_ones_that_vertex_colours_show():
+    """With more objects than the 26 first colours, whose channels are 0, 127 and 255, some would change."""
+    scene = mock_server.Scene("balls", {"objects": many_balls()})
+    view = View(Pose.from_angles((-1.5, 0, 1.4)), 90.0, SIZE, SIZE)
+    with serve(scene=scene, window=(256, 256)) as server, omniscv.open_source(server.uri) as source:
+        (capture,) = source.capture([Request(view, "object_mask")])
+        shown = {tuple(color) for color in capture.pixels.reshape(-1, 3).tolist()}
+        assert shown == {(0, 0, 0), *source.objects().colors.values()}
+        assert len(shown) == 49
+        assert agrees(capture, source, scene)
+
+
+@pytest.mark.parametrize(
+    "fault", ["clicked@0.3", "reset@0.02", "cut=0.5@0.02", "missing@0.01", "stale=1", "stale=2"]
+)
+def test_faults_lose_and_spoil_nothing(fault):
+    with serve(seed=5) as server:
+        with omniscv.open_source(server.uri) as source:
+            truth = [capture.payload for capture in source.capture(FACES[:12])]
+        server.faults.start(fault)
+        with omniscv.open_source(server.uri, timeout_s=0.5, retries=8) as source:
+            captures = list(source.capture(FACES[:12]))
+        assert [capture.payload for capture in captures] == truth
+        assert server.faults.struck[fault.partition("=")[0].partition("@")[0]]
+
+
+def test_a_pawn_that_falls_is_refused():
+    expected = "expected a camera that comes to rest, but it still moves"
+    with (
+        serve() as server,
+        relayed(server, PawnThatFalls()) as uri,
+        omniscv.open_source(uri, retries=0) as source,
+        pytest.raises(BadReplyError, match=expected),
+    ):
+        list(source.capture(FACES[:1]))
+
+
+def test_a_camera_that_stays_elsewhere_is_refused():
+    expected = r"expected a camera at \(100.0, .*CineCameraActor"
+    with (
+        serve() as server,
+        relayed(server, pawn_that_stays) as uri,
+        omniscv.open_source(uri, retries=0) as source,
+        pytest.raises(ServerRefusedError, match=expected),
+    ):
+        list(source.capture(face_requests(SIZE, ["lit"], center=(1.0, 0.0, 1.5))[:1]))
+
+
+def test_vertical_views_are_covered_by_two():
+    """Pitch is limited to 89.9 degrees: the second view is tilted to the other side."""
+    with serve() as server, omniscv.open_source(server.uri) as source:
+        for request in FACES[:6]:
+            vertical = abs(request.view.pose.angles()[1]) > 89
+            views = source.cover(request.view)
+            assert views[0] == request.view
+            assert len(views) == 1 + vertical
+            if vertical:
+                first, second = (c.view.pose.R_w_c for c in source.capture(Request(v, "lit") for v in views))
+                middle = first[:, 2] + second[:, 2]
+                np.testing.assert_allclose(
+                    middle / np.linalg.norm(middle), request.view.pose.R_w_c[:, 2], atol=1e-6
+                )
+
+
+def test_the_player_is_where_it_was_afterwards():
+    with serve() as server:
+        with open_connection(server.uri) as connection:
+            connection.text("vset /camera/0/pose 10 20 130 5 40 0")
+        with omniscv.open_source(server.uri) as source:
+            list(source.capture(FACES[:1]))
+        with open_connection(server.uri) as connection:
+            *_, pose = connection.texts(["vget /camera/0/pose"] * 4)
+    assert [float(number) for number in pose.split()] == [10, 20, 130, 5, 40, 0]
+
+
+# What only plugin 1.x does.
+
+
+@pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
+def test_the_spawned_camera_leaves_with_the_source(dialect):
+    """A game that is recorded again and again does not fill with cameras."""
+    with serve(dialect) as server:
+        for _ in range(3):
+            with omniscv.open_source(server.uri) as source:
+                list(source.capture(FACES[:1]))
+            with open_connection(server.uri) as connection:
+                assert connection.text("vget /cameras").split() == ["PawnSensor"]
+        assert server.statistics.total("vset /cameras/spawn") == 3
+
+
+# What all do.
+
+
+def test_a_view_higher_than_wide_is_refused(source):
+    request = Request(View(Pose.from_angles(CENTER), 90.0, 20, 30), "lit")
+    with pytest.raises(ArgumentError, match="expected a view at least as wide as high, got 20 x 30"):
+        list(source.capture([request]))
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_closed_source_stays_closed(dialect):
+    with serve(dialect) as server:
+        with omniscv.open_source(server.uri) as source:
+            captures = source.capture(FACES * 2)  # more than one batch
+            next(captures)
+        for use in (lambda: list(captures), lambda: list(source.capture(FACES[:1])), source.objects):
+            with pytest.raises(SourceError, match="expected an open source, got"):
+                use()
+        source.close()
+        assert server.statistics.total("vget /unrealcv/version") <= 4
+
+
+def test_threads_take_turns(server, source):
+    wanted = {capture.request: capture.payload for capture in source.capture(FACES)}
+    orders = [FACES, FACES[::-1], FACES[5::3] + FACES[:9]]
+    with ThreadPoolExecutor(3) as threads:
+        for captures in threads.map(lambda order: list(source.capture(order)), orders):
+            assert [wanted[capture.request] for capture in captures] == [c.payload for c in captures]
+
+
+@pytest.mark.parametrize("dialect", [*DIALECTS, "1.x"])
+def test_the_mocks_capabilities_are_known_without_a_server(dialect):
+    known = known_capabilities(f"mock://no-such-scene?dialect={dialect}")
+    assert known == (None if dialect == "0.3.10" else capabilities("N1" if dialect == "1.x" else dialect))

@@ -1,0 +1,197 @@
+"""The doctor, with servers whose faults are known."""
+
+import itertools
+import re
+from contextlib import contextmanager
+
+import pytest
+from support.unreal import changed_depth, depth_like_legacy, field_of_view_80, relayed
+
+import mock_server
+from omniscv.diagnostics import doctor, seams
+from omniscv.diagnostics.raw_camera import RawCamera
+from omniscv.sources.unreal.commands import FIX_EXPOSURE
+from omniscv.sources.unreal.mask_colors import colors, paint
+from omniscv.sources.unreal.opening import open_connection
+
+
+@contextmanager
+def visited(*before, change=None, **options):
+    """A connection to a server, after some commands, and a raw camera there that drops no frames."""
+    with mock_server.serve("four-wall", **options) as server:
+        relay = relayed(server, change or (lambda command, forward: forward(command)))
+        with relay as uri, open_connection(uri, timeout_s=10) as connection:
+            connection.texts(before)
+            with RawCamera(connection) as camera:
+                camera.lag = 0
+                yield connection, camera
+
+
+def examined(**options):
+    """All that the doctor finds, by name."""
+    with mock_server.serve("four-wall", **options) as server:
+        return {finding.name: finding for finding in doctor.examine_address(server.uri)}
+
+
+def light(*before, **options):
+    """What the doctor finds about light and seams, by name."""
+    with visited(*before, **options) as (_, camera):
+        return {finding.name: finding for finding in seams.findings(seams.measure(camera))}
+
+
+def bad(findings):
+    """The names of what is bad."""
+    return {name for name, finding in findings.items() if finding.verdict == "bad"}
+
+
+def number(finding):
+    """The first number in what was found."""
+    return float(re.search(r"\d+(\.\d+)?", finding.value)[0])
+
+
+def test_a_server_without_faults_is_ok():
+    findings = examined()
+    assert {finding.verdict for finding in findings.values()} == {"ok"}
+    assert findings["dialect"].value.startswith("N1")
+    assert findings["depth is"].value.startswith("planar")
+    assert findings["depth unit"].value.startswith("cm")
+    assert findings["depth steps"].value.startswith("float16")
+    assert sum(name.startswith("seam ") for name in findings) == 12
+
+
+def test_plugin_0_3_10_is_measured_by_its_depth_and_its_lag():
+    findings = examined(dialect="0.3.10", size=(96, 96), depth="float32")
+    assert not bad(findings)
+    assert findings["depth is"].value.startswith("ray")
+    assert findings["depth unit"].value.startswith("m;")
+    assert findings["depth steps"].value.startswith("float32")
+    assert findings["pose settles"].value.startswith("stale frames: 2")
+    assert "not: points straight up" in findings["capabilities"].value
+
+
+@pytest.mark.parametrize(
+    ("window", "fov_deg", "says"), [((128, 96), 90, "up and down"), ((96, 96), 70, "70")]
+)
+def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera(window, fov_deg, says):
+    with visited(dialect="0.3.10", size=(96, 96), window=window, fov_deg=fov_deg) as (_, camera):
+        camera.lag = 3
+        pairs = doctor.turned_pairs(camera)
+        assert doctor.sizes(pairs, camera).verdict == ("ok" if window == (96, 96) else "warning")
+        assert doctor.field_of_view("lit", pairs, camera, "ray").verdict == "ok"
+        mask = doctor.field_of_view("object_mask", pairs, camera, "ray")
+        assert mask.verdict == "bad"
+        assert says in mask.value
+
+
+def test_a_field_of_view_is_measured_not_believed():
+    """A server that reports 90 degrees, and captures 80."""
+    with visited(change=field_of_view_80) as (_, camera):
+        pairs = doctor.turned_pairs(camera)
+        for mode in ("lit", "object_mask", "depth"):
+            finding = doctor.field_of_view(mode, pairs, camera, "planar")
+            assert finding.verdict == "bad"
+            assert abs(number(finding) - 80) < 0.7  # a quarter of a pixel at the pictures' edge
+
+
+def test_the_player_is_where_it_was_afterwards():
+    state = ["vget /camera/0/pose", "vget /camera/0/horizontal_fieldofview", "vget /viewmode"]
+    with (
+        mock_server.serve("four-wall", dialect="0.3.10", size=(64, 64)) as server,
+        open_connection(server.uri) as connection,
+    ):
+        connection.texts(["vset /camera/0/pose 10 20 130 5 40 0", "vset /camera/0/horizontal_fieldofview 70"])
+        before = connection.texts(state)
+        with RawCamera(connection) as camera:
+            camera.go(100, 30)
+            camera.pixels("object_mask")
+        assert connection.texts(state) == before
+
+
+def test_depth_is_measured_not_believed():
+    """A server of plugin 1.x that sends what 0.3.10 sends: every recording from it would be wrong."""
+    with visited(change=depth_like_legacy) as (_, camera):
+        kind, meaning = doctor.depth_kind(doctor.turned_pairs(camera), camera)
+        unit, scale = doctor.depth_unit(camera)
+    assert (kind, unit) == ("ray", "m")
+    assert meaning.verdict == scale.verdict == "bad"
+
+
+def test_vignette_and_exposure_are_separated_and_measured():
+    shaded, drifting = light(faults=["vignette=0.3"]), light(faults=["exposure-drift"])
+    # The mock rounds to whole grey levels, about 0.5 % of what it shows.
+    assert abs(number(shaded["vignette"]) - 30) < 0.5
+    assert number(shaded["exposure"]) < 0.5
+    assert drifting["exposure"].verdict == "bad"
+    assert drifting["vignette"].verdict == "ok"
+
+
+def test_the_remedies_make_every_seam_at_least_ten_times_smaller():
+    faults = ["vignette", "exposure-drift"]
+    before, after = light(faults=faults), light(*FIX_EXPOSURE, faults=faults)
+    assert len(before) == 14
+    assert bad(before) == set(before)
+    assert not bad(after)
+    for name in before:
+        assert number(after[name]) <= number(before[name]) / 10
+
+
+def test_seams_of_another_cause_have_another_remedy():
+    seam = seams.findings(seams.Light({("front", "up"): 5.0}, vignette=0.0, exposure=0.0))[-1]
+    assert seam.verdict == "bad"
+    assert "r.BloomQuality 0" in seam.remedy
+
+
+def test_the_windows_view_mode_gets_into_captures():
+    with visited("vset /viewmode normal") as (connection, _):
+        assert doctor.view_mode(connection).verdict == "bad"
+        connection.texts([doctor.view_mode(connection).remedy])
+        assert doctor.view_mode(connection).verdict == "ok"
+
+
+@pytest.mark.parametrize("stale", [0, 2, 3])
+def test_stale_frames_are_counted(stale):
+    with visited(faults=[f"stale={stale}"]) as (_, camera):
+        finding = doctor.settle(camera)
+        assert camera.lag == stale
+    assert finding.verdict == ("warning" if stale else "ok")
+
+
+def test_a_camera_that_is_stuck_is_reported():
+    with visited(faults=["stale=1000"]) as (_, camera):
+        finding = doctor.settle(camera)
+    assert finding.verdict == "bad"
+    assert "does not turn" in finding.value
+
+
+def test_a_world_that_moves_never_settles():
+    frames = itertools.count()
+    with visited(change=changed_depth(lambda depth: depth * (1 + 0.1 * next(frames)))) as (_, camera):
+        assert doctor.settle(camera).verdict == "bad"
+
+
+def test_mask_colours_that_show_alike_are_named():
+    dark = ["vset /object/Table/color 0 0 10", "vset /object/Vase/color 0 12 0"]
+    for faults, verdict in ((["mask-gamma"], "bad"), ([], "ok")):
+        with visited(*dark, faults=faults) as (connection, camera):
+            paint(connection, vertex_colors=False)
+            before = colors(connection)
+            finding = doctor.masks(connection, camera, doctor.turned_pairs(camera))
+            assert finding.verdict == verdict
+            assert ("background = Table = Vase" in finding.value) == (verdict == "bad")
+            assert colors(connection) == before
+
+
+@pytest.mark.parametrize("fault", ["reset@0.03", "cut@0.03"])
+def test_a_poor_connection_changes_no_finding(fault):
+    with (
+        mock_server.serve("four-wall", seed=3) as server,
+        open_connection(server.uri, timeout_s=0.4) as connection,
+    ):
+        with RawCamera(connection) as camera:
+            camera.lag = 0
+            server.faults.start(fault)
+            pairs = doctor.turned_pairs(camera)
+            assert doctor.depth_kind(pairs, camera)[1].verdict == "ok"
+            paint(connection, vertex_colors=False)
+            assert doctor.masks(connection, camera, pairs).verdict == "ok"
+        assert server.faults.struck[fault.partition("@")[0]]

@@ -1,0 +1,255 @@
+"""Whatever a server sends, the live source answers with a capture or an error of omniscv, in time."""
+
+import contextlib
+import io
+import socket
+import struct
+import threading
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.cases import cases
+from support.unreal import MODES, frame
+
+import omniscv
+from omniscv.errors import BadReplyError, OmniscvError, ServerConnectionError, SourceError
+from omniscv.geometry import Pose
+from omniscv.sources import View
+from omniscv.sources.codecs import decode, encodings
+from omniscv.sources.unreal.client import MAGIC, MAX_PAYLOAD, Client, read_frame
+from omniscv.sources.unreal.mask_colors import parse_color
+
+VIEW = View(Pose.from_angles((0.3, 0.2, 1.3), 40, 10), 90.0, 9, 7)
+
+
+SIZES = st.sampled_from([0, 1, 7, 1 << 20, MAX_PAYLOAD, MAX_PAYLOAD + 1]) | st.integers(0, (1 << 32) - 1)
+HEADERS = st.builds(
+    lambda magic, size: struct.pack("<II", magic, size), st.sampled_from([MAGIC, MAGIC, 0]), SIZES
+)
+BODIES = st.binary(max_size=40) | st.sampled_from([b"ok", b"error x", b"clicked", b"", b"0 0 0", b"1.0.1"])
+IDS = st.sampled_from([b"7:", b"8:", b"", b":", b"9" * 5000 + b":", b"-1:"])
+PAYLOADS = st.builds(lambda identity, body: identity + body, IDS, BODIES)
+STREAMS = st.lists(PAYLOADS.map(frame) | HEADERS | st.binary(max_size=40), max_size=6).map(b"".join)
+
+
+def received(data, piece):
+    """As ``socket.recv`` of a connection that has received some bytes, and then ends."""
+    stream = io.BytesIO(data)
+    return lambda most: stream.read(min(most, piece))
+
+
+@cases(1500)
+@given(STREAMS, st.integers(1, 50))
+def test_any_stream_is_read_to_its_end_or_refused(data, piece):
+    receive, payloads = received(data, piece), []
+    with contextlib.suppress(BadReplyError, ConnectionError):
+        while True:
+            payloads.append(read_frame(receive))
+    assert data.startswith(b"".join(map(frame, payloads)))
+
+
+@cases(300)
+@given(st.lists(st.binary(min_size=1, max_size=200), max_size=8), st.integers(1, 50))
+def test_frames_come_out_as_they_went_in(payloads, piece):
+    receive = received(b"".join(map(frame, payloads)), piece)
+    assert [read_frame(receive) for _ in payloads] == payloads
+    with pytest.raises(ConnectionError):
+        read_frame(receive)
+
+
+@pytest.mark.parametrize("size", [0, MAX_PAYLOAD + 1, (1 << 32) - 1])
+def test_a_frame_that_claims_4_gb_or_nothing_is_refused(size):
+    with pytest.raises(BadReplyError, match=f"claims {size}"):
+        read_frame(received(struct.pack("<II", MAGIC, size) + b"x" * 100, 50))
+
+
+def test_memory_follows_what_comes_not_what_is_claimed():
+    tracemalloc.start()
+    with pytest.raises(ConnectionError, match="ended 1073740824 bytes before"):
+        read_frame(received(struct.pack("<II", MAGIC, MAX_PAYLOAD) + b"x" * 1000, 1000))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 20
+
+
+# Payloads: true ones, spoiled, and nonsense that starts well.
+
+
+def true_payloads():
+    """Pictures with all of PNG's kinds of colour, and arrays of depth and of colours."""
+    rng = np.random.default_rng(3)
+    for channels in ((), (3,), (4,)):
+        yield bytes(cv2.imencode(".png", rng.integers(0, 255, (7, 9, *channels), dtype=np.uint8))[1])
+    for array in (rng.random((7, 9), dtype=np.float32), rng.integers(0, 255, (7, 9, 3), dtype=np.uint8)):
+        stream = io.BytesIO()
+        np.save(stream, array)
+        yield stream.getvalue()
+
+
+TRUE = list(true_payloads())
+
+
+@st.composite
+def spoiled(draw):
+    """A true payload with bytes changed, cut, doubled, or swapped against those of another."""
+    data = bytearray(draw(st.sampled_from(TRUE)))
+    for _ in range(draw(st.integers(0, 3))):
+        at = draw(st.integers(0, 60) | st.integers(0, len(data) - 1))  # headers more often
+        data[at] = draw(st.integers(0, 255))
+    start = draw(st.integers(0, len(data)))
+    other = bytes(draw(st.sampled_from(TRUE)))
+    kind = draw(st.sampled_from(["as it is", "as it is", "cut", "doubled", "swapped"]))
+    tails = {"as it is": data[start:], "cut": b"", "doubled": data + data, "swapped": other[start:]}
+    return bytes(data[:start] + tails[kind])
+
+
+SPOILED = spoiled()
+
+
+def npy(header):
+    """An array's header, as text, and a few bytes."""
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + b"\0" * 32
+
+
+SHAPES = st.lists(st.sampled_from([0, 1, 7, 9, -1, 1 << 40]), max_size=4).map(tuple)
+HEADERS_NPY = st.builds(
+    "{{'descr': {!r}, 'fortran_order': {}, 'shape': {}, }}\n".format,
+    st.sampled_from(["<f4", "<f8", "|u1", "|O", ">f4", "<U9", "junk", [("a", "<f4")], "<c8", "|V4", "<m8"]),
+    st.sampled_from([True, False, 1, None]),
+    SHAPES | st.just("((7, 9)"),
+)
+ARRAYS = (HEADERS_NPY | st.text(max_size=60)).map(lambda text: npy(text.encode()))
+STARTS = st.builds(
+    lambda start, rest: start + rest,
+    st.sampled_from(
+        [b"\x89PNG\r\n\x1a\n", b"\x93NUMPY", b"\x93NUMPY\x02\0", b"\x93NUMPY\x03\0", b"\x93NUMPY\x09\0"]
+    ),
+    st.binary(max_size=60),
+)
+
+
+@cases(2500)
+@given(
+    spoiled() | ARRAYS | STARTS | st.binary(max_size=60), st.sampled_from(encodings()), st.sampled_from(MODES)
+)
+def test_any_payload_is_pixels_of_the_right_size_or_refused(payload, encoding, mode):
+    with contextlib.suppress(BadReplyError):
+        pixels = decode(payload, encoding, mode, VIEW)
+        assert pixels.shape[:2] == (7, 9)
+        assert not pixels.flags.writeable
+        if mode == "depth":
+            assert pixels.dtype == np.float32
+            assert (pixels >= 0).all()
+
+
+def test_no_picture_survives_a_changed_byte_unseen():
+    """PNG has checksums. Raw depth has none: TCP's and the record's guard it."""
+    payload = TRUE[2]
+    true = decode(payload, "png", "lit", VIEW)
+    for at in range(0, len(payload), 5):
+        changed = payload[:at] + bytes([payload[at] ^ 0x40]) + payload[at + 1 :]
+        with contextlib.suppress(BadReplyError):
+            assert np.array_equal(decode(changed, "png", "lit", VIEW), true)
+
+
+@pytest.mark.parametrize("claimed", [1 << 28, (1 << 32) - 1])
+@pytest.mark.parametrize("chunk", [b"IDAT", b"IHDR", b"IEND"])
+def test_a_chunk_that_claims_4_gb_is_refused_before_it_is_decoded(chunk, claimed, monkeypatch):
+    """Regression: OpenCV allocated and cleared all of it, for 12 s, before it found bytes missing."""
+    payload = bytearray(TRUE[2])
+    at = payload.index(chunk)
+    payload[at - 4 : at] = struct.pack(">I", claimed)
+    monkeypatch.setattr(cv2, "imdecode", None)
+    with pytest.raises(BadReplyError, match="chunks do not add up"):
+        decode(bytes(payload), "png", "lit", VIEW)
+
+
+# A server that talks nonsense.
+
+
+class Nonsense:
+    """Greets, waits for the first request, sends some bytes, and leaves."""
+
+    def __init__(self):
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = self.listener.getsockname()
+        self.data, self.greeting = b"", frame(b"connected to nonsense")
+        threading.Thread(target=self.serve, daemon=True).start()
+
+    def serve(self):
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = self.listener.accept()
+                with connection, contextlib.suppress(OSError):
+                    connection.settimeout(5)
+                    connection.sendall(self.greeting)
+                    first = connection.recv(100)
+                    identity = first[8:].partition(b":")[0]
+                    connection.sendall(self.data.replace(b"7:", identity + b":"))
+
+
+@pytest.fixture(scope="module")
+def nonsense():
+    server = Nonsense()
+    yield server
+    server.listener.close()
+
+
+@cases(300)
+@given(STREAMS)
+def test_any_replies_are_text_bytes_or_an_error_of_omniscv(nonsense, data):
+    nonsense.data = data
+    client = Client(nonsense.endpoint, timeout_s=10)
+    with contextlib.suppress(SourceError):
+        for reply in client.stream(["vget /scene/name", "vget /viewmode"]):
+            assert isinstance(reply, (str, bytes))
+    client.close()
+    assert client.broken
+
+
+@cases(60)
+@given(STREAMS)
+def test_any_greeting_is_one_or_is_refused(data):
+    server = Nonsense()
+    server.greeting = data
+    with contextlib.suppress(SourceError):
+        Client(server.endpoint, timeout_s=0.05).close()
+    server.listener.close()
+
+
+def test_a_greeting_that_trickles_for_ever_is_given_up():
+    """A deadline for every byte would never pass; this one is for the whole frame."""
+    listener, done = socket.create_server(("127.0.0.1", 0)), threading.Event()
+
+    def trickle():
+        with listener, listener.accept()[0] as connection, contextlib.suppress(OSError):
+            connection.sendall(struct.pack("<II", MAGIC, 1 << 20))
+            while not done.wait(0.01):
+                connection.sendall(b"c")
+
+    threading.Thread(target=trickle, daemon=True).start()
+    with pytest.raises(ServerConnectionError, match=r"no greeting within 0\.2 s"):
+        Client(listener.getsockname(), timeout_s=0.2)  # else the suite's time limit is the judge
+    done.set()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "(R=1,G=2,B=3)", "(R=1,G=2,B=3,A=4)x", "R", "(R=٣,G=2,B=3,A=4)", "(R=256,G=2,B=3,A=4)"]
+)
+def test_a_colour_that_is_none_is_refused(text):
+    with pytest.raises(BadReplyError, match="expected a colour"):
+        parse_color(text)
+
+
+@cases(300)
+@given(
+    st.text(max_size=40)
+    | st.builds("mock://four-wall?{}={}".format, st.text(max_size=8), st.text(max_size=8))
+)
+def test_any_address_is_refused_with_an_error_of_omniscv_or_opens(uri):
+    with contextlib.suppress(OmniscvError):
+        omniscv.open_source(uri).close()

@@ -1,0 +1,335 @@
+"""A live source against servers that fail: captures come out right, or one clear error comes in time."""
+
+import threading
+
+import numpy as np
+import pytest
+from support.unreal import MODES, face_requests, many_balls
+
+import mock_server
+import omniscv
+from omniscv.errors import (
+    ArgumentError,
+    BadReplyError,
+    DeadlineError,
+    OmniscvError,
+    ServerConnectionError,
+    SourceError,
+)
+from omniscv.geometry import Pose
+from omniscv.sources import Request, View
+from omniscv.sources.unreal.stale_frames import SETTLED
+
+SIZE = 24
+TIMEOUT_S = 0.25
+PATIENT = {"timeout_s": 20.0}  # where one connection must do, however busy the machine
+SLACK_S = 20  # what a busy machine may add to a deadline before it counts as a hang
+
+
+def requests_by_viewpoint(count=5):
+    """All modes at poses in the room whose pictures differ from all others."""
+    rng = np.random.default_rng(7)
+    views = [
+        View(Pose.from_angles((x, y, 1.2), yaw, pitch), 90.0, SIZE, SIZE)
+        for x, y, yaw, pitch in rng.uniform((-1, -1, -180, -60), (1, 1, 180, 60), (count, 4))
+    ]
+    return [Request(view, mode) for view in views for mode in MODES]
+
+
+def resized(view, size):
+    """The same pose in pictures of another size."""
+    return View(view.pose, view.fov_deg, size, size)
+
+
+REQUESTS = requests_by_viewpoint()
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """What a server without faults answers."""
+    with omniscv.open_source("mock://four-wall") as source:
+        return payloads(source, REQUESTS)
+
+
+def payloads(source, requests):
+    """By request, in order, what came; every request is answered, in its turn."""
+    captures = list(source.capture(requests))
+    assert [capture.request for capture in captures] == requests
+    return [capture.payload for capture in captures]
+
+
+def within(seconds, action):
+    """Does something that must end in so many seconds, and returns its result or its error."""
+    results = []
+
+    def run():
+        try:
+            results.append(action())
+        except OmniscvError as error:
+            results.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    assert results, f"still running after {seconds} s"
+    return results[0]
+
+
+@pytest.fixture
+def server():
+    """A server whose faults the test turns on when it likes."""
+    with mock_server.serve("four-wall", seed=11) as running:
+        yield running
+
+
+def live(server, **options):
+    return omniscv.open_source(server.uri, **{"timeout_s": TIMEOUT_S, "retries": 8, **options})
+
+
+# Every fault of the line, now and then: nothing is lost, nothing is wrong.
+
+LINE = [
+    "delay=0.05@0.2",
+    "delay=0.5@0.03",
+    "drip=0.05@0.2",
+    "drip=0.5@0.03",
+    "missing@0.03",
+    "wrong-id@0.05",
+    "no-id@0.05",
+    "clicked@0.3",
+    "cut=0.5@0.05",
+    "cut=0.99@0.05",
+    "bad-magic@0.05",
+    "zero-size@0.05",
+    "huge@0.05",
+    "reset@0.05",
+    "no-greeting@0.15",
+    "second-client=0.2@0.5",
+]
+
+
+@pytest.mark.parametrize("fault", LINE)
+def test_a_fault_now_and_then_loses_and_spoils_nothing(server, truth, fault):
+    server.faults.start(fault)
+    if "greeting" in fault or "client" in fault:
+        server.faults.start("reset@0.05")  # they need new connections to strike at
+    with live(server) as source:
+        assert payloads(source, REQUESTS) == truth
+        assert source.objects().names() == sorted(server.scene.objects)
+    name = fault.partition("=")[0].partition("@")[0]
+    assert server.faults.struck[name]
+
+
+def test_an_address_takes_faults_and_their_seed(truth):
+    uri = "mock://four-wall?fault=reset@0.02&fault=delay=0.01@0.1&fault=vignette=0.3&seed=3"
+    with omniscv.open_source(uri, timeout_s=TIMEOUT_S, retries=8, fix_exposure=True) as source:
+        assert payloads(source, REQUESTS) == truth
+    with pytest.raises(ArgumentError, match=r"fault: expected one of delay, .* got 'wrong'"):
+        omniscv.open_source("mock://four-wall?fault=wrong")
+
+
+def test_after_faults_the_camera_is_found_again_not_spawned_anew(server, truth):
+    with live(server) as source:
+        server.faults.start("reset@0.05")
+        assert payloads(source, REQUESTS) == truth
+    assert server.faults.struck["reset"] > 1
+    assert server.statistics.total("vset /cameras/spawn") == 1
+
+
+def test_a_click_in_the_window_costs_no_connection(server, truth):
+    server.faults.start("clicked")
+    with live(server, **PATIENT) as source:
+        assert payloads(source, REQUESTS) == truth
+    assert server.statistics.total("vget /cameras") == 1
+
+
+def test_slow_but_steady_replies_break_nothing(server, truth):
+    # Each reply takes less than the deadline; all together take longer.
+    server.faults.start("delay=0.03")
+    with live(server, timeout_s=2.0) as source:
+        assert payloads(source, REQUESTS) == truth
+    assert server.statistics.total("vget /cameras") == 1
+
+
+# The same faults at every reply: one clear error, in time, begin they before the source opens or later.
+
+ALWAYS = {
+    "delay=60": SourceError,  # too late at first, then no greeting: the server is busy
+    "drip=60": SourceError,
+    "missing": DeadlineError,
+    "wrong-id": BadReplyError,
+    "no-id": BadReplyError,
+    "cut": SourceError,
+    "bad-magic": BadReplyError,
+    "zero-size": BadReplyError,
+    "huge": BadReplyError,
+    "reset": ServerConnectionError,
+}
+
+
+@pytest.mark.parametrize(("fault", "error"), ALWAYS.items())
+def test_a_fault_at_every_reply_is_one_clear_error_when_opening(server, fault, error):
+    server.faults.start(fault)
+    came = within(2 * TIMEOUT_S + SLACK_S, lambda: live(server, retries=1))
+    assert isinstance(came, error)
+    assert f"127.0.0.1:{server.port}: " in str(came)
+    assert str(came).endswith("; gave up after 2 attempts")
+
+
+@pytest.mark.parametrize(("fault", "error"), ALWAYS.items())
+def test_a_fault_at_every_reply_is_one_clear_error_when_capturing(server, truth, fault, error):
+    with live(server, retries=1) as source:
+        server.faults.start(fault)
+        came = within(2 * TIMEOUT_S + SLACK_S, lambda: payloads(source, REQUESTS))
+        assert isinstance(came, error)
+        assert f"127.0.0.1:{server.port}: " in str(came)
+        server.faults.stop(fault.partition("=")[0])
+        if "60" not in fault:  # the source is fit to go on, if the caller likes to
+            assert payloads(source, REQUESTS[:4]) == truth[:4]
+
+
+@pytest.mark.parametrize("fault", ["no-greeting", "second-client=60"])
+def test_a_withheld_greeting_is_one_clear_error(server, fault):
+    server.faults.start(fault)
+    came = within(2 * TIMEOUT_S + SLACK_S, lambda: live(server, retries=1))
+    assert isinstance(came, ServerConnectionError)
+    assert "no greeting within 0.25 s; is another client connected?" in str(came)
+
+
+def test_an_unreachable_server_fails_at_once_and_one_that_died_is_retried():
+    with mock_server.serve("four-wall") as server:
+        source = live(server, retries=2)
+    with pytest.raises(
+        ServerConnectionError, match=r"refused.*is the game running\?; gave up after 3 attempts"
+    ):
+        payloads(source, REQUESTS)
+    with pytest.raises(ServerConnectionError, match=r"refused.*is the game running\?$"):
+        live(server)
+
+
+def test_a_game_that_was_started_again_is_taken_up(truth):
+    with mock_server.serve("four-wall") as first, live(first) as source:
+        half = len(REQUESTS) // 2
+        before = payloads(source, REQUESTS[:half])
+        first.stop()
+        with mock_server.serve("four-wall", port=first.port) as second:
+            assert before + payloads(source, REQUESTS[half:]) == truth
+            assert second.statistics.total("vset /cameras/spawn") == 1
+
+
+def test_a_game_on_linux_is_followed_from_tcp_to_its_unix_socket(truth):
+    with mock_server.serve("four-wall", platform="linux", seed=5) as server:
+        with live(server) as source:
+            server.faults.start("reset@0.05")
+            assert payloads(source, REQUESTS) == truth
+        server.faults.stop("reset")
+        with live(server) as source:  # another run, while the game goes on
+            assert payloads(source, REQUESTS[:4]) == truth[:4]
+            (capture,) = source.capture(REQUESTS[:1])
+    assert server.faults.struck["reset"]
+    assert capture.provenance["server"] == f"127.0.0.1:{server.port}"
+
+
+def test_captures_from_before_a_fault_are_delivered_before_its_error(server, truth):
+    with live(server, retries=0) as source:
+        came = []
+        server.faults.start("reset@0.03")
+        with pytest.raises(ServerConnectionError):
+            came.extend(capture.payload for capture in source.capture(REQUESTS))
+    assert 0 < len(came) < len(truth)
+    assert came == truth[: len(came)]
+
+
+# Pictures from before a move.
+
+
+@pytest.mark.parametrize("fault", ["stale", "stale=3", "stale=2@0.5"])
+@pytest.mark.parametrize("order", ["by viewpoint", "in sizes", "by mode", "lit only", "depth only"])
+def test_stale_pictures_never_count(server, truth, fault, order):
+    wanted = dict(zip(REQUESTS, truth, strict=True))
+    requests = {
+        "by viewpoint": REQUESTS,
+        "by mode": [r for mode in MODES for r in REQUESTS if r.mode == mode],
+        "lit only": [r for r in REQUESTS if r.mode == "lit"],
+        "in sizes": [
+            Request(resized(r.view, SIZE + 8 * (i // 2 % 2)), r.mode) for i, r in enumerate(REQUESTS)
+        ],
+        "depth only": [r for r in REQUESTS if r.mode == "depth"],
+    }[order]
+    if order == "in sizes":
+        with live(server) as source:
+            wanted = dict(zip(requests, payloads(source, requests), strict=True))
+    server.faults.start(fault)
+    with live(server) as source:
+        assert payloads(source, requests) == [wanted[request] for request in requests]
+    assert server.faults.struck["stale"]
+
+
+def test_a_camera_without_lag_costs_no_more_than_its_first_pictures(server):
+    with live(server, **PATIENT) as source:
+        payloads(source, REQUESTS)
+    assert server.statistics.total("vget /camera/1/") == len(REQUESTS) + SETTLED
+
+
+def test_views_that_show_the_same_are_captured_and_soon_not_doubted():
+    requests = face_requests(size=16, modes=("depth",))  # nothing but sky all around
+    with mock_server.serve("direction") as server, live(server, **PATIENT) as source:
+        assert len(set(payloads(source, requests * 4))) == 1
+        assert server.statistics.total("vget /camera/1/depth") < 2 * len(requests * 4) + 20
+
+
+# Faults of pictures that a source can avoid.
+
+
+def test_vignette_and_exposure_are_fixed_on_request(truth):
+    with mock_server.serve("four-wall", faults=["vignette", "exposure-drift"]) as server:
+        with live(server) as source:
+            spoiled = payloads(source, REQUESTS)
+        with live(server, fix_exposure=True) as source:
+            cured = payloads(source, REQUESTS)
+    lit = [request.mode == "lit" for request in REQUESTS]
+    differs = [a != b for a, b in zip(spoiled, truth, strict=True)]
+    assert differs == lit
+    assert cured == truth
+
+
+def test_an_object_that_was_spawned_late_is_measured_all_the_same(truth):
+    with mock_server.serve("four-wall", faults=["object-missing=Table"]) as server, live(server) as source:
+        assert payloads(source, REQUESTS) == truth
+
+
+def test_a_sky_dome_is_an_object_far_away():
+    requests = face_requests(size=16, modes=("depth", "object_mask"))
+    with mock_server.serve("direction", faults=["sky-dome=300"]) as server, live(server) as source:
+        captures = list(source.capture(requests))
+        color = source.objects().colors["SkyDome"]
+    for capture in captures[:6]:
+        distance = capture.pixels * capture.view.ray_lengths()
+        assert np.abs(distance - 300).max() < 0.16 * np.sqrt(3)  # half floats: 32 cm steps, planar
+    for capture in captures[6:]:
+        assert (capture.pixels == color).all()
+
+
+def test_half_depth_is_within_half_a_step():
+    requests = [request for request in REQUESTS if request.mode == "depth"]
+    pixels = {}
+    for name, faults in (("exact", []), ("half", ["half-depth"])):
+        with mock_server.serve("four-wall", depth="float32", faults=faults) as server, live(server) as source:
+            pixels[name] = np.array([capture.pixels for capture in source.capture(requests)])
+    step = np.spacing((100 * pixels["exact"]).astype(np.float16)).astype(float) / 100
+    assert (np.abs(pixels["half"] - pixels["exact"]) <= step / 2 + 1e-6).all()
+
+
+def test_masks_through_vertex_colours_keep_every_object_apart():
+    """With more objects than the 26 first colours, whose channels are 0, 127 and 255, some change."""
+    scene = mock_server.Scene("balls", {"objects": many_balls()})
+    view = View(Pose.from_angles((-1.5, 0, 1.4)), 60.0, 96, 96)
+    shown = {}
+    for name, faults in (("set", []), ("changed", ["mask-gamma"])):
+        with mock_server.serve(scene, faults=faults) as server, live(server) as source:
+            (capture,) = source.capture([Request(view, "object_mask")])
+            shown[name] = capture.pixels.reshape(-1, 3)
+    pairs = np.unique(np.concatenate(list(shown.values()), axis=1), axis=0)
+    assert len(pairs) == 49  # one changed colour for each colour set, and the background
+    assert len(np.unique(pairs[:, 3:], axis=0)) == 49
+    assert (pairs[:, :3] != pairs[:, 3:]).any()

@@ -1,0 +1,80 @@
+"""Runs command lines from documents and help texts, each as far as a test can."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from support.documents import at_ports, shrunk
+
+ROOT = Path(__file__).resolve().parents[2]
+
+PARSED_ONLY = ("demo", "chart")
+"""Commands that take long, and have tests of their own."""
+
+_EXIT_CODES = {"doctor": (0, 1)}  # 1: it found something bad
+
+
+def parse(command, words):
+    """Check that a click command accepts the words, without running it."""
+    with command.make_context(command.name, list(words)) as context:
+        if hasattr(command, "resolve_command"):
+            rest = [*getattr(context, "_protected_args", ()), *context.args]
+            parse(*command.resolve_command(context, rest)[1:])
+
+
+def run(words, ports):
+    """Run a command line in the present folder; an AssertionError names it if it fails."""
+    if words[0] != "omniscv":
+        script = ROOT / words[0]
+        assert os.access(script, os.X_OK), f"{words[0]}: expected an executable file"
+        return
+    from typer.main import get_command
+
+    from omniscv import cli
+
+    arguments = at_ports(shrunk("\0".join(words[1:])), ports).split("\0")
+    if arguments[0] in PARSED_ONLY or "--launch" in arguments:
+        parse(get_command(cli.app), arguments)
+    elif arguments[0] == "serve":
+        _serve(arguments)
+    else:
+        code = cli.run(arguments)
+        expected = _EXIT_CODES.get(arguments[0], (0,))
+        assert code in expected, f"{' '.join(words)}: expected exit code {expected}, got {code}"
+
+
+def _serve(arguments):
+    """Start a server at any free port, and stop it once it has printed its address."""
+    anywhere = re.sub(r"--port[=\0]\d+", "--port=0", "\0".join(arguments)).split("\0")
+    program = "from omniscv.cli import main; main()"
+    process = subprocess.Popen([sys.executable, "-c", program, *anywhere], stdout=subprocess.PIPE, text=True)
+    try:
+        assert "unreal://" in process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+        assert process.returncode == 0
+    finally:
+        process.kill()
+
+
+JOB = """
+source: mock://four-wall
+cameras: {panorama: {model: equirectangular, width: 64, height: 32}}
+poses: [{position: [0, 0, 1.5]}]
+out: images
+"""
+
+
+def example_inputs(folder, faces):
+    """Write the files that examples of the help read: a job, recordings, images, a folder of captures."""
+    (folder / "job.yaml").write_text(JOB, encoding="utf-8")
+    recording = folder / "captures" / "four-wall.sqlite"
+    for name in ("room.sqlite", "kitchen.sqlite"):
+        shutil.copy(recording, folder / name)
+    run(["omniscv", "render", "job.yaml"], {})
+    if faces:
+        run(["omniscv", "captures", "export", str(recording), "faces/"], {})

@@ -1,0 +1,46 @@
+"""What the tests of composition share: traced sources, a room's surfaces, an example of every model."""
+
+import numpy as np
+
+from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
+from omniscv import cameras
+from omniscv.sources import Capabilities
+from omniscv.sources.scene import SceneSource
+
+FIXED = Capabilities(can_set_size=False, can_set_fov=False, image_size=(512, 512), fov_deg=90.0)
+
+
+def float_source(scene, capabilities=None):
+    """A scene traced in this process, colours as floats."""
+    return SceneSource(scene, capabilities, lit="float32")
+
+
+def cameras_at(width):
+    """An example of every model at a width."""
+    return {name: cameras.model(name).example(width) for name in cameras.names()}
+
+
+def distance_to_surfaces(scene, points):
+    """(N,) metres from world points to the nearest surface, by each solid's closed form."""
+    nearest = np.full(len(points), np.inf)
+    for row in scene.solids:
+        kind, center, axes, half = int(row[0]), row[2:5], row[5:14].reshape(3, 3), row[14:17]
+        p = (points - center) @ axes.T
+        if kind == SPHERE:
+            away = np.abs(np.linalg.norm(p, axis=1) - half[0])
+        elif kind == CYLINDER:
+            away = _of_box(np.stack([np.hypot(p[:, 0], p[:, 1]), np.abs(p[:, 2])], axis=1), half[[0, 2]])
+        elif kind == BOX:
+            away = _of_box(np.abs(p), half)
+        else:
+            assert kind == RECTANGLE
+            beyond = np.maximum(np.abs(p) - [half[0], half[1], 0.0], 0)
+            away = np.linalg.norm(beyond, axis=1)
+        nearest = np.minimum(nearest, away)
+    return nearest
+
+
+def _of_box(p, half):
+    q = p - half
+    outside = np.linalg.norm(np.maximum(q, 0), axis=1)
+    return np.abs(outside + np.minimum(q.max(axis=1), 0))

@@ -1,0 +1,176 @@
+"""Shared by the tests of live sources: requests, tracing of captures, and a relay that changes replies."""
+
+import contextlib
+import io
+import re
+import socket
+import struct
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.sources import Request, View
+
+CENTER = (0.0, 0.0, 1.5)
+MODES = ("lit", "object_mask", "depth", "normals")
+
+
+def face_requests(size=32, modes=MODES, center=CENTER):
+    """The six faces at a centre, mode by mode."""
+    views = [View(Pose(center, R_w_c), 90.0, size, size) for _, R_w_c in cube_rotations()]
+    return [Request(view, mode) for mode in modes for view in views]
+
+
+def agrees(capture, source, scene):
+    """Whether all pixels but those on an edge, where a last digit decides, are as traced for its view."""
+    view = capture.view
+    lengths = view.ray_lengths()
+    v, u = np.mgrid[: view.height, : view.width] + 0.5
+    x, y = (u - view.width / 2) / view.focal_px, (v - view.height / 2) / view.focal_px
+    rays_c = np.stack([x, y, np.ones_like(x)], axis=-1)
+    hits = scene.trace(view.pose.t_w_c, rays_c @ view.pose.R_w_c.T)
+    if capture.mode == "lit":  # colours are rounded to 8 bits
+        wrong = (np.abs(capture.pixels - 255 * hits.color) > 0.5 + 1e-4).any(axis=-1)
+    elif capture.mode == "object_mask":
+        wrong = labels_of(capture.pixels, source.objects()) != hits.label
+    elif capture.mode == "normals":  # 8 bits for -1 to 1, then made a unit vector again
+        wrong = (np.abs(capture.pixels - hits.normal) > 2 / 255).any(axis=-1)
+    else:  # half floats, of metres along the ray or planar centimetres
+        to_wire = lengths if source.capabilities.dialect == "0.3.10" else 100.0
+        sent = np.where(np.isfinite(hits.distance), hits.distance / lengths * to_wire, 1.0)
+        step = np.spacing(sent.astype(np.float16)).astype(float) / to_wire
+        off = np.abs(np.where(np.isinf(capture.pixels), 0, capture.pixels) - sent / to_wire)
+        both_sky = np.isinf(capture.pixels) & np.isinf(hits.distance)
+        wrong = ~both_sky & ~((off <= step / 2 + 1e-6) & np.isfinite(capture.pixels))
+    return wrong.mean() < 0.005
+
+
+def labels_of(mask, table):
+    """(H, W) the label of each pixel by its colour; 0 for black, -1 for a colour of no object."""
+    labels = np.where(mask.any(axis=-1), -1, 0)
+    for name, color in table.colors.items():
+        labels[(np.abs(mask.astype(int) - color) <= table.tolerance).all(axis=-1)] = table.label(name)
+    return labels
+
+
+def many_balls(count=48):
+    """A scene with more objects than the 26 first mask colours, whose channels are 0, 127 and 255."""
+    return {
+        f"Ball_{i:02}": {"solids": [{"sphere": 0.2, "at": [2, 0.4 * (i % 8) - 1.4, 0.4 * (i // 8) + 0.4]}]}
+        for i in range(count)
+    }
+
+
+@contextmanager
+def relayed(server, change):
+    """The address of a relay to a server: each reply is ``change(command, forward)``.
+
+    ``forward(command)`` sends a command on, and returns the bytes that come back; text may be returned too.
+    """
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=_relay, args=(listener, server, change), daemon=True).start()
+        yield f"unreal://127.0.0.1:{listener.getsockname()[1]}"
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def _relay(listener, server, change):
+    with contextlib.suppress(OSError):
+        while True:
+            client, _ = listener.accept()
+            upstream = socket.create_connection((server.host, server.port))
+            with client, upstream, contextlib.suppress(OSError):
+                _relay_client(client, upstream, change)
+
+
+def _relay_client(client, upstream, change):
+    def forward(command):
+        upstream.sendall(frame(b"7:" + command.encode()))
+        return receive(upstream).partition(b":")[2]
+
+    client.sendall(frame(receive(upstream)))
+    while True:
+        identity, _, command = receive(client).partition(b":")
+        reply = change(command.decode(), forward)
+        body = reply.encode() if isinstance(reply, str) else reply
+        client.sendall(frame(identity + b":" + body))
+
+
+def frame(payload):
+    """A frame of the protocol."""
+    return b"\xc1\x83\x2b\x9e" + struct.pack("<I", len(payload)) + payload
+
+
+def receive(connection):
+    """The next frame's payload; OSError at the end of the stream."""
+    data = b""
+    size = 8
+    while len(data) < size:
+        block = connection.recv(size - len(data))
+        if not block:
+            raise OSError("the stream ended")
+        data += block
+        if len(data) == 8 == size:
+            size += struct.unpack("<I", data[4:])[0]
+    return data[8:]
+
+
+# What a relay may change.
+
+
+def without_masks(command, forward):
+    """As engines after 4.16 answer."""
+    return "error Fail to capture screen" if "object_mask" in command else forward(command)
+
+
+def pawn_that_stays(command, forward):
+    """As where the level has a CineCameraActor, whose pose is reported instead of the pawn's."""
+    return "ok" if command.startswith("vset /camera/0/pose") else forward(command)
+
+
+class PawnThatFalls:
+    """Reports a lower pose each time, once it has been moved."""
+
+    def __init__(self):
+        self.moved, self.fallen_cm = False, 0
+
+    def __call__(self, command, forward):
+        self.moved |= command.startswith("vset /camera/0/pose")
+        reply = forward(command)
+        if self.moved and command == "vget /camera/0/pose":
+            self.fallen_cm += 1
+            x, y, z, *rotation = map(float, reply.split())
+            return " ".join(f"{number:.3f}" for number in (x, y, z - self.fallen_cm, *rotation))
+        return reply
+
+
+def field_of_view_80(command, forward):
+    """Captures 80 degrees, whatever is set, and reports 90."""
+    if command == "vget /camera/1/fov":
+        return "90.000000"
+    return forward(re.sub(r"(?<=^vset /camera/1/fov ).*", "80", command))
+
+
+def depth_like_legacy(command, forward):
+    """Sends metres along the ray, as plugin 0.3.10, of square pictures of 90 degrees."""
+
+    def to_ray_m(depth_cm):
+        view = View(Pose(np.zeros(3), np.eye(3)), 90.0, *depth_cm.shape)
+        return depth_cm / 100 * view.ray_lengths()
+
+    return changed_depth(to_ray_m)(command, forward)
+
+
+def changed_depth(change):
+    """A relay's change that replaces depth by a function of it, as half floats."""
+
+    def changed(command, forward):
+        reply = forward(command)
+        if not command.endswith("depth npy"):
+            return reply
+        stream = io.BytesIO()
+        np.save(stream, change(np.load(io.BytesIO(reply))).astype(np.float16).astype(np.float32))
+        return stream.getvalue()
+
+    return changed

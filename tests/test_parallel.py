@@ -1,0 +1,174 @@
+"""Work on all cores: nested, from several threads, after a fork and in spawned processes."""
+
+import multiprocessing
+import os
+import threading
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+
+from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, side_by_side
+
+TIMEOUT_S = 60
+
+
+def squares(count=40):
+    return side_by_side(lambda n: n * n, range(count))
+
+
+def resample():
+    """What composing does: OpenCV, which has threads of its own, in parallel."""
+    import cv2
+
+    image = np.arange(300 * 300, dtype=np.float32).reshape(300, 300)
+    v, u = np.indices(image.shape, dtype=np.float32)
+    parts = blocks(lambda rows: cv2.remap(image, u[rows], v[rows], cv2.INTER_LINEAR), 300, 1 << 20)
+    return np.array_equal(np.concatenate(parts), image)
+
+
+def all_well():
+    return squares() == [n * n for n in range(40)] and resample()
+
+
+def replay(source):
+    return sum(int(capture.pixels.sum()) for capture in source.capture(face_requests(modes=("lit",))))
+
+
+def test_results_come_in_order():
+    assert squares() == [n * n for n in range(40)]
+    assert side_by_side(str, []) == []
+    assert side_by_side(str, [7]) == ["7"]
+
+
+@pytest.mark.parametrize("elements", [None, MIN_PARALLEL_ELEMENTS, 10 * MIN_PARALLEL_ELEMENTS])
+@pytest.mark.parametrize("count", [0, 1, 7, 1000])
+def test_blocks_cover_all_rows(count, elements):
+    rows = blocks(lambda part: list(range(count))[part], count, elements)
+    assert [row for part in rows for row in part] == list(range(count))
+    assert len(rows) == (cores() if elements else 1)
+
+
+def test_the_first_error_is_raised_and_the_rest_is_not_started():
+    called = []
+
+    def function(number):
+        called.append(number)
+        if number in (3, 4):
+            raise ValueError(f"no {number}")
+        return number
+
+    with pytest.raises(ValueError, match="no 3"):
+        side_by_side(function, range(1000))
+    assert len(called) < 10 * max(2, cores())
+    assert all_well()
+
+
+def test_it_can_be_nested():
+    """In its own workers, and in a thread that they wait for."""
+
+    def in_a_thread(number):
+        found = []
+        thread = threading.Thread(target=lambda: found.extend(squares(number)))
+        thread.start()
+        thread.join()
+        return sum(found)
+
+    def outer(number):
+        return sum(side_by_side(in_a_thread, range(number)))
+
+    expected = [sum(sum(i * i for i in range(n)) for n in range(m)) for m in range(12)]
+    assert side_by_side(outer, range(12)) == expected
+
+
+def test_several_threads_may_use_it():
+    found = {}
+    threads = [threading.Thread(target=lambda n=n: found.update({n: all_well()})) for n in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == dict.fromkeys(range(6), True)
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_it_works_in_child_processes_after_use_in_the_parent(method):
+    """As PyTorch's DataLoader forks its workers; also while another thread of the parent is at work."""
+    assert all_well()
+    stop = threading.Event()
+
+    def work():
+        while not stop.is_set():
+            all_well()
+
+    busy = threading.Thread(target=work)
+    busy.start()
+    try:
+        assert run_in_children(method, _send_all_well, 4) == [True] * 4
+    finally:
+        stop.set()
+        busy.join()
+
+
+def test_a_recording_works_in_forked_children(recorded_room):
+    """Opened and read before the fork; closed by each process for itself."""
+    expected = replay(recorded_room)
+    assert run_in_children("fork", _send_replay, 4, recorded_room) == [expected] * 4
+    assert replay(recorded_room) == expected
+
+
+def test_a_scene_works_in_forked_children():
+    import omniscv
+
+    with omniscv.open_source("scene://four-wall") as scene:
+        expected = replay(scene)
+        assert run_in_children("fork", _send_elsewhere, 2, scene) == [True] * 2
+        assert replay(scene) == expected
+
+
+@pytest.fixture
+def recorded_room(tmp_path):
+    import omniscv
+
+    path = tmp_path / "room.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        list(source.capture(face_requests(modes=("lit",))))
+    with omniscv.open_source(path) as source:
+        yield source
+
+
+def _send_all_well(pipe):
+    pipe.send(all_well() and os.getpid() > 0)
+
+
+def _send_replay(pipe, source):
+    total = replay(source)
+    source.close()
+    pipe.send(total)
+
+
+def _send_elsewhere(pipe, scene):
+    requests = face_requests(modes=("depth",), center=(0.5, 0.0, 1.5))  # not traced by the parent
+    pipe.send(all((capture.pixels > 0).all() for capture in scene.capture(requests)))
+
+
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def run_in_children(method, target, count, *arguments):
+    """What each of several processes sends; a child that hangs fails the test."""
+    context = multiprocessing.get_context(method)
+    sent = []
+    for _ in range(count):
+        receiver, sender = context.Pipe(duplex=False)
+        child = context.Process(target=target, args=(sender, *arguments))
+        child.start()
+        sender.close()
+        try:
+            assert receiver.poll(TIMEOUT_S), "the child hangs"
+            sent.append(receiver.recv())
+        finally:
+            child.join(TIMEOUT_S)
+            if child.is_alive():
+                child.kill()
+                child.join()
+        assert child.exitcode == 0
+    return sent
