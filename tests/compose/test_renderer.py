@@ -17,7 +17,7 @@ from omniscv.sources.scene import SceneSource
 
 ROOM = load_scene("four-wall")
 SOURCE = SceneSource(ROOM, lit="float32", cached_views=5000)  # each view is traced once for all tests
-POSES = [Pose.from_angles((0.1 * i, 0, 1.5), yaw_deg=17.0 * (i % 3)) for i in range(4)]
+POSES = [Pose.from_angles((0.1 * i, 0, 1.5), yaw_deg=17.0 * (i % 3)) for i in range(3)]
 CAMERAS = {
     "equirectangular": create("equirectangular", width=96, height=48),
     "fisheye": create("fisheye-equidistant", width=64, height=64, fov_deg=190),
@@ -73,7 +73,7 @@ def test_lookups_of_several_cameras_are_made_once_pose_by_pose():
 
 def test_one_renderer_in_several_threads():
     renderer = omniscv.Renderer(SOURCE, cache_bytes=1 << 20)  # small: threads evict each other's
-    tasks = [(camera, pose) for pose in POSES for camera in CAMERAS.values()] * 3
+    tasks = [(camera, pose) for pose in POSES for camera in CAMERAS.values()] * 2
     with ThreadPoolExecutor(4) as threads:
         images = list(threads.map(lambda task: renderer.render(*task, MODES), tasks))
     expected = {task: reference(*task) for task in dict.fromkeys(tasks)}
