@@ -31,6 +31,7 @@ import yaml
 from omniscv import modalities, planning
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import check_format
+from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Progress, Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -106,7 +107,7 @@ def run(
     Args:
         job: what to render.
         progress: called with (images done, images in all); a part of an image is a fraction.
-        warn: called with a line for each image that has unsure pixels.
+        warn: called with a line for each image that has unsure or occluded pixels.
 
     Returns:
         The files written.
@@ -120,15 +121,26 @@ def run(
         for done, (stem, camera, pose) in enumerate(job.items()):
             part = _part_of(progress, done, len(job))
             image = renderer.render(camera, pose, job.modes, job.options, progress=part)
-            if warn and image.unsure is not None and (count := np.count_nonzero(image.unsure)):
-                warn(
-                    f"{stem}: {count} of {np.count_nonzero(image.valid)} pixels are unsure: viewpoint "
-                    f"occluded, or depth not verified by any capture (see {stem}.unsure.png)"
-                )
+            if warn:
+                for line in _warnings(stem, image):
+                    warn(line)
             written += saving.result() if saving else []
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
         written += saving.result() if saving else []
     return written
+
+
+_WARNINGS = {
+    "unsure": "not verified by any capture",
+    "occluded": "their optical centres are not visible from the camera position",
+}
+
+
+def _warnings(stem: str, image: OmniImage) -> Iterator[str]:
+    for layer, what in _WARNINGS.items():
+        if layer in image.layers and (count := np.count_nonzero(image[layer])):
+            whole = np.count_nonzero(image.valid)
+            yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
 def _part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
@@ -151,11 +163,12 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
     with replace(job, record=path).open() as source:
         source.objects()
         renderer = Renderer(source)
+        modes = planning.sampled(job.modes, job.options)
 
         def capture_round(round_: Round) -> Kept:
-            kept, total = [], len(needed.keys() | round_.requests(job.modes))
-            for viewpoint, captures in planning.captured(round_, source, job.modes, skip=needed):
-                needed.update(dict.fromkeys(viewpoint.requests(job.modes)))
+            kept, total = [], len(needed.keys() | round_.requests(modes))
+            for viewpoint, captures in planning.captured(round_, source, modes, skip=needed):
+                needed.update(dict.fromkeys(viewpoint.requests(modes)))
                 if viewpoint.keep:
                     kept.append(captures)
                 if progress:
@@ -191,7 +204,7 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
     found = []
     for name in planning.names():
         with suppress(ArgumentError):  # the source cannot do it
-            found.append(cost(name, tasks, job.modes, seconds_per_request))
+            found.append(cost(name, tasks, planning.sampled(job.modes, job.options), seconds_per_request))
     return found
 
 

@@ -8,13 +8,18 @@ import numpy as np
 from omniscv import modalities
 from omniscv.cameras import Camera
 from omniscv.compose.canvas import Canvas
-from omniscv.compose.image import OmniImage, layers_of
+from omniscv.compose.depth import NEAR_PLANE_M
+from omniscv.compose.image import OmniImage, layers_of, mark_beyond_reach
+from omniscv.compose.kernels import Floats
 from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.samplers import Sampler
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.planning import Kept, Round, Task, Viewpoint, captured
+from omniscv.planning import Kept, Round, Task, Viewpoint, captured, sampled
 from omniscv.sources.base import Capture, Source, View
+
+_SAME_M = 1e-9
+"""Optical centres nearer to each other than this are one."""
 
 
 class Composition:
@@ -39,7 +44,8 @@ class Composition:
         sampler_of: Callable[[RayBundle, Array, tuple[View, ...], Camera | None], Sampler],
         progress: Callable[[int, int], None] | None,
     ) -> None:
-        self._task, self._rays, self._modes, self._source = task, rays, modes, source
+        self._task, self._rays, self._source = task, rays, source
+        self._modes = sampled(modes, task.options)
         self._make_sampler, self._progress = sampler_of, progress
         self._valid_count = int(np.count_nonzero(task.rays.valid))
         self._canvas: Canvas | None = None
@@ -70,14 +76,18 @@ class Composition:
         """Return the image."""
         valid, canvas = self._rays.valid, self._canvas or Canvas(self._rays, whole=False)
         found = canvas.layers()
-        layers, objects, unknown = layers_of(
-            {mode: found[mode] for mode in self._modes if mode in found},
-            self._source, valid, self._task.pose.R_w_c,
-        )  # fmt: skip
+        modes = {mode: found.pop(mode) for mode in self._modes if mode in found}
+        if "normals_from_depth" in modes:
+            modes["normals"] = modes.pop("normals_from_depth")
+        layers, objects, unknown = layers_of(modes, self._source, valid, self._task.pose.R_w_c)
+        marks = {"unsure", "occluded", *(modalities.get(mode).marked_by for mode in self._modes)}
+        layers["unsure"] = np.zeros(valid.shape, np.bool_)
+        layers |= {name: layer for name, layer in found.items() if name in marks}
+        mark_beyond_reach(layers, valid)
         task, provenance = self._task, self._provenance
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
-            centers_w=canvas.centers_w, unsure=canvas.unsure, objects=objects, unknown_colors=unknown,
+            centers_w=canvas.centers_w, objects=objects, unknown_colors=unknown,
             provenance=provenance, options=task.options,
         )  # fmt: skip
 
@@ -93,10 +103,19 @@ class Composition:
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         canvas = self._canvas
         assert canvas is not None
-        canvas.add_viewpoint(viewpoint, self._origins_w(viewpoint))
-        for mode in (mode for mode in self._modes if mode in captures):
-            views = tuple(capture.view for capture in captures[mode])
-            faces = [capture.pixels for capture in captures[mode]]
+        offsets_w = self._offsets_w(viewpoint)
+        origins_w = viewpoint.center_w
+        if viewpoint.found is not None and offsets_w is not None:  # found depth starts at the rays' origins
+            origins_w = origins_w + offsets_w
+        canvas.add_viewpoint(viewpoint, origins_w)
+        parallax = self._parallax(viewpoint, offsets_w)
+        rows = [modalities.get(mode) for mode in self._modes]
+        for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # it says where labels are
+            mode, mine = row.name, captures.get(row.captured_as or row.name)
+            if mine is None or (row.interpolation == "surface" and viewpoint.found is not None):
+                continue
+            views = tuple(capture.view for capture in mine)
+            faces = [capture.pixels for capture in mine]
             kinds = {(pixels.shape, pixels.dtype.name) for pixels in faces}
             if len(kinds) != 1:
                 raise BadReplyError(
@@ -104,8 +123,14 @@ class Composition:
                 )
             sampler = self._sampler_of(viewpoint, views)
             self._check_seen(viewpoint, sampler, views)
-            canvas.sample(mode, viewpoint, sampler, self._filter, faces)
-            self._provenance = captures[mode][0].provenance
+            if row.interpolation == "surface":
+                depth = canvas.sample_depth(viewpoint, sampler, self._filter, mine, offsets_w)
+                parallax = depth.parallax
+            else:
+                canvas.sample(mode, viewpoint, sampler, self._filter, faces)
+                if row.marked_by:
+                    canvas.mark_edges(mode, viewpoint, sampler, faces, parallax)
+            self._provenance = mine[0].provenance
 
     def _sampler_of(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
         """The sampler of the captured views; the last one again for the next mode, if that came with the same
@@ -124,12 +149,21 @@ class Composition:
             return self._make_sampler(self._rays.whole, R_w_c, views, self._task.rays.camera)
         return self._make_sampler(self._rays.of(viewpoint.pixels), R_w_c, views, None)
 
-    def _origins_w(self, viewpoint: Viewpoint) -> Any:
-        """Depth that a strategy knows is measured from the pixels' own centres, not from the viewpoint's."""
+    def _offsets_w(self, viewpoint: Viewpoint) -> Array | None:
+        """(N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they coincide."""
         origins = self._task.rays.origins
-        if viewpoint.toward_w is None or origins is None:
+        if origins is None:
             return None
-        return self._task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels])
+        offsets_w = self._task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels]) - viewpoint.center_w
+        return offsets_w if np.abs(offsets_w).max() > _SAME_M else None
+
+    def _parallax(self, viewpoint: Viewpoint, offsets_w: Array | None) -> Floats | None:
+        """(N,) radians, how far from its ray a pixel's surface may show, before its depth is known."""
+        if viewpoint.found is not None:
+            return viewpoint.found.direction_error
+        if offsets_w is None:
+            return None
+        return np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
 
     def _check_seen(self, viewpoint: Viewpoint, sampler: Sampler, views: Sequence[View]) -> None:
         if not sampler.unseen:

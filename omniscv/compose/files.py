@@ -5,7 +5,10 @@ STEM.object_mask.png           mask colours
 STEM.labels.png                16-bit labels
 STEM.depth.exr                 float32 metres along the ray
 STEM.normals.exr               float32, camera frame
+STEM.depth_error.exr           float32 metres that depth may be off
+STEM.label_edge.png            255 where a label may be the neighbour's
 STEM.unsure.png                255 where no capture verified a pixel
+STEM.occluded.png              255 where the optical centre is not visible from the camera position
 STEM.json                      camera, pose, options, source, versions
 objects.json                   label to object name and mask colour
 
@@ -145,6 +148,8 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.channelnames = row.channel_names
     spec.attribute("compression", {".exr": "zip", ".jxl": "lossless", ".jpg": "jpeg:95"}[path.suffix])
     spec.attribute("DateTime", _NO_CLOCK)
+    for name, value in row.attributes.items():
+        spec.attribute(name, value)
     if row.doc:
         spec.attribute("ImageDescription", row.doc)
     if path.suffix == ".jxl":

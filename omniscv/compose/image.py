@@ -28,8 +28,6 @@ class OmniImage:
         valid: (H, W) bool, the pixel is inside the field of view.
         layers: by the names of :mod:`omniscv.modalities`; those that were requested and what is derived.
         centers_w: (H, W, 3) or (3,), where depth is measured from, world frame, metres.
-        unsure: (H, W) bool, pixels whose optical centre is not visible from the camera's position, or
-            that a strategy with few centres could not certify; None where nothing was judged.
         objects: names and mask colours; None without labels.
         unknown_colors: mask colours that no object has, and on how many pixels.
         provenance: where the captures came from.
@@ -41,7 +39,6 @@ class OmniImage:
     valid: Mask
     layers: Mapping[str, NDArray[Any]]
     centers_w: Array
-    unsure: Mask | None = None
     objects: ObjectTable | None = None
     unknown_colors: Mapping[Color, int] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -77,6 +74,28 @@ class OmniImage:
         """(H, W, 3) float32 unit vectors, camera frame; 0 where unknown."""
         return self.layers.get("normals")
 
+    @property
+    def depth_error(self) -> NDArray[np.float32] | None:
+        """(H, W) float32 metres: how far depth may be off the distance along the pixel's own ray, from its
+        own origin; +inf where nothing bounds it, 0 outside the field of view."""
+        return self.layers.get("depth_error")
+
+    @property
+    def label_edge(self) -> Mask | None:
+        """(H, W) bool: within a capture's pixel of a label boundary: the label may be the neighbour's."""
+        return self.layers.get("label_edge")
+
+    @property
+    def unsure(self) -> Mask | None:
+        """(H, W) bool: not verified by any capture."""
+        return self.layers.get("unsure")
+
+    @property
+    def occluded(self) -> Mask | None:
+        """(H, W) bool: the pixel's optical centre is not visible from the camera's position, for example
+        beyond a wall; None for a single centre, and where that is not known."""
+        return self.layers.get("occluded")
+
     def points(self) -> Array:
         """Return (N, 3) world points, metres, of the pixels with finite depth, row by row.
 
@@ -105,10 +124,7 @@ class OmniImage:
         """
         from omniscv.compose.files import write
 
-        layers = dict(self.layers)
-        if self.unsure is not None:
-            layers["unsure"] = self.unsure
-        return write(layers, self._description(), self.objects, Path(out), stem, image_format)
+        return write(self.layers, self._description(), self.objects, Path(out), stem, image_format)
 
     def __repr__(self) -> str:
         size = f"{self.camera.width}x{self.camera.height}"
@@ -127,9 +143,33 @@ class OmniImage:
             "pose": self.pose.to_dict(),
             "options": asdict(self.options),
             "source": dict(self.provenance),
-            "unsure_pixels": None if self.unsure is None else int(np.count_nonzero(self.unsure)),
+            "unsure_pixels": _count(self.unsure),
+            "occluded_pixels": _count(self.occluded),
             "unknown_mask_colors": [[*color, count] for color, count in self.unknown_colors.items()],
         }
+
+
+def _count(mask: Mask | None) -> int | None:
+    return None if mask is None else int(np.count_nonzero(mask))
+
+
+def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
+    """Tell surfaces that are farther than captures reach from the sky, where labels show them.
+
+    Depth is +inf for both. Where there is no label, that is right; where there is one, it is unsure.
+
+    Args:
+        layers: of an image; ``depth_error`` and ``unsure`` are changed.
+        valid: (H, W).
+    """
+    if "depth" not in layers or "labels" not in layers:
+        return
+    endless = valid & np.isposinf(layers["depth"])
+    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"]
+    layers["depth_error"][sky] = 0
+    beyond = endless & (layers["labels"] > 0)
+    if beyond.any():
+        layers["unsure"] = beyond | layers.get("unsure", False)
 
 
 def layers_of(
@@ -151,7 +191,7 @@ def layers_of(
     unknown: dict[Color, int] = {}
     for mode, values in sampled.items():
         row = modalities.get(mode)
-        turned = row.interpolation == "direction"
+        turned = row.interpolation in ("direction", "plane")
         layers[mode] = (values @ R_w_c).astype(np.float32) if turned else values
         if "labels" in row.derives:
             objects = source.objects()

@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 
 from omniscv.compose.atlas import Atlas, minification
 from omniscv.compose.bicubic import sample_bicubic
-from omniscv.compose.depth import sample_depth
+from omniscv.compose.depth import SampledDepth, sample_depth
+from omniscv.compose.directions import normals_from_depth, sample_directions
 from omniscv.compose.folding import remap
 from omniscv.compose.gutter import FILTER_SUPPORT_PX
-from omniscv.compose.kernels import Floats, Ints, Pixels
+from omniscv.compose.kernels import Floats, Ints, Mask, Pixels
+from omniscv.compose.label_edges import label_edges
 from omniscv.compose.ray_bundle import RayBundle
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
+from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
 from omniscv.sources.base import View
 
@@ -48,8 +51,19 @@ class Sampler(Protocol):
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
         """Return (N, ...) blended values; of the finer rays for ``area``, where there are any."""
 
-    def sample_depth(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        """Return (N,) float32 metres along the rays."""
+    def sample_depth(
+        self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
+    ) -> SampledDepth:
+        """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
+
+    def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
+        """Return (N,) whether rays lie at a label boundary; see :mod:`omniscv.compose.label_edges`."""
+
+    def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+        """Return (N, 3) unit vectors; see :mod:`omniscv.compose.directions`."""
+
+    def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
+        """Return (N, 3) normals of planes that are fitted to depth; see the same module."""
 
     @property
     def nbytes(self) -> int:
@@ -110,8 +124,19 @@ class CpuSampler:
                 picture, x, y, "nearest" if filter == "nearest" else "bilinear", (finer or self._rays).row
             )
 
-    def sample_depth(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        return sample_depth(faces, self.lookup, self._views, filter == "nearest")
+    def sample_depth(
+        self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
+    ) -> SampledDepth:
+        return sample_depth(faces, self.lookup, self._views, filter == "nearest", precision, offsets_w)
+
+    def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
+        return label_edges(faces, self.lookup, self._views, parallax)
+
+    def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+        return sample_directions(faces, self.lookup, filter == "nearest")
+
+    def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
+        return normals_from_depth(faces, self.lookup, self._views)
 
     @property
     def nbytes(self) -> int:
@@ -165,17 +190,10 @@ def _pixel_centers(lookup: RayLookup, view: View) -> RayLookup:
     return RayLookup(lookup.view, x, y, lookup.margin)
 
 
-def _directions(sampler: Sampler, filter: str, faces: Sequence[Pixels]) -> Pixels:
-    """Blended, never averaged over areas; unit again, 0 where unknown surroundings outweigh the known."""
-    values = sampler.sample("bilinear" if filter == "area" else filter, faces)
-    length = np.linalg.norm(values, axis=-1, keepdims=True)
-    return np.asarray(np.divide(values, length, out=np.zeros_like(values), where=length > 0.5))
-
-
 SAMPLE: dict[Interpolation, Callable[[Sampler, str, Sequence[Pixels]], Pixels]] = {
     "blended": lambda sampler, filter, faces: sampler.sample(filter, faces),
     "nearest": lambda sampler, filter, faces: sampler.sample("nearest", faces),
-    "surface": lambda sampler, filter, faces: sampler.sample_depth(filter, faces),
-    "direction": _directions,
+    "plane": lambda sampler, filter, faces: sampler.normals_from_depth(faces),
+    "direction": lambda sampler, filter, faces: sampler.sample_directions(filter, faces),
 }
-"""How each kind of modality is sampled."""
+"""How kinds of modalities are sampled; surfaces by :meth:`Sampler.sample_depth`, which bounds their error."""

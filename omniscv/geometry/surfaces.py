@@ -1,8 +1,12 @@
-"""Depth between pixels: exact on planes, and never a point between two surfaces.
+"""Surfaces in a picture of planar depth: which pixels lie on one, and where it runs between them.
 
 On a plane 1 / (planar depth) is linear in the pixel, so bilinear interpolation of it is exact. Across the
-edge of an object it would put points in the air: :func:`one_surface` detects that.
+edge of an object it would put points in the air: :func:`one_surface` detects that, and there the nearest
+pixel's own surface is continued.
 """
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,19 +16,66 @@ _STEP_M = 0.004
 _STEP_RELATIVE = 0.001
 """How far neighbours may lie off the line through the other two and still be one surface: less than a
 phantom would be seen by (2 cm), more than half floats jump (0.05 %)."""
+_CONTINUED_M = 0.01
+_CONTINUED_RELATIVE = 0.002
+"""How far a surface is continued in depth beyond the last pixel that shows it: it may end there."""
+_ROUNDINGS = 1.0
+"""The second difference of rounded values is mostly less than so many of their largest errors."""
+_FLOAT32 = 2.0**-25
+
+
+class Precision(NamedTuple):
+    """How exactly a picture of depth was stored.
+
+    Attributes:
+        unit_m: of the stored values, metres.
+        digits: significant binary digits: 11 of half floats, 24 of floats.
+        along_ray: whether distances to the optical centre were stored, not planar depth.
+        largest_m: what is farther cannot be told from no surface.
+    """
+
+    unit_m: float = 1.0
+    digits: int = 24
+    along_ray: bool = False
+    largest_m: float = math.inf
+
+
+class Point(NamedTuple):
+    """A surface where a picture shows it, between pixels.
+
+    Attributes:
+        inverse: 1 / planar depth, 1/m.
+        across, down: its change per pixel, 1/m.
+        error: the largest error of ``inverse`` on one surface, 1/m.
+        jump: metres of planar depth to what neighbouring pixels show, where those are other surfaces; else 0.
+    """
+
+    inverse: float
+    across: float
+    down: float
+    error: float
+    jump: float
 
 
 @njit(cache=True, nogil=True)
-def interpolated(face: NDArray[np.float32], r: int, c: int, a: float, b: float) -> float:
-    """Between the 2 x 2 pixels at (r, c), linear in the inverse: a across, b down, 0..1."""
-    above = (1 - a) / face[r, c] + a / face[r, c + 1]
-    below = (1 - a) / face[r + 1, c] + a / face[r + 1, c + 1]
-    return float(1.0 / ((1 - b) * above + b * below))
+def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, precision: Precision) -> Point:
+    """Return the surface at continuous pixel (x, y) of a picture of planar depth (h, w), metres.
+
+    Where there is none ``inverse`` is 0.
+    """
+    height, width = face.shape
+    px, py = x - 0.5, y - 0.5
+    c, r = int(np.floor(px)), int(np.floor(py))
+    if 1 <= c < width - 2 and 1 <= r < height - 2 and one_surface(face, r, c):
+        return _between(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
+    c = min(max(int(np.floor(x)), 0), width - 1)
+    r = min(max(int(np.floor(y)), 0), height - 1)
+    return _continued(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
 def one_surface(face: NDArray[np.float32], r: int, c: int) -> bool:
-    """Whether the 2 x 2 pixels at (r, c) belong to one smooth surface, for depths or distances."""
+    """Whether the 2 x 2 pixels at (r, c) belong to one smooth surface."""
     for j in range(2):
         if not _continues(face[r + j, c - 1], face[r + j, c], face[r + j, c + 1], face[r + j, c + 2]):
             return False
@@ -34,13 +85,155 @@ def one_surface(face: NDArray[np.float32], r: int, c: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
+def discontinuities(face: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return (h, w) 0 at pixels beside another surface than their own, 255 elsewhere."""
+    height, width = face.shape
+    out = np.full((height, width), 255, np.uint8)
+    for r in range(height):
+        for c in range(width):
+            if c + 1 < width:
+                before, after = face[r, max(c - 1, 0)], face[r, min(c + 2, width - 1)]
+                if not _same(before, face[r, c], face[r, c + 1], after):
+                    out[r, c] = out[r, c + 1] = 0
+            if r + 1 < height:
+                before, after = face[max(r - 1, 0), c], face[min(r + 2, height - 1), c]
+                if not _same(before, face[r, c], face[r + 1, c], after):
+                    out[r, c] = out[r + 1, c] = 0
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _same(before: float, a: float, b: float, after: float) -> bool:
+    """Whether a and b are both no surface, or one."""
+    return (a == np.inf and b == np.inf) or _continues(before, a, b, after)
+
+
+@njit(cache=True, nogil=True)
+def rounding(z: float, r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision) -> float:
+    """Return the largest error, metres, that a stored planar depth has at pixel (r, c)."""
+    length = 1.0
+    if precision.along_ray:
+        u, v = (c + 0.5 - shape[1] / 2) / focal, (r + 0.5 - shape[0] / 2) / focal
+        length = np.sqrt(1.0 + u * u + v * v)
+    # Slightly more: 128 cm is stored with the step above it, and comes as 1.28 m rounded down.
+    exponent = math.frexp(z * length / precision.unit_m * (1.0 + 8 * _FLOAT32))[1]
+    return float(math.ldexp(precision.unit_m, exponent - precision.digits - 1) / length + _FLOAT32 * z)
+
+
+@njit(cache=True, nogil=True)
+def _between(
+    face: NDArray[np.float32], r: int, c: int, a: float, b: float, focal: float, precision: Precision
+) -> Point:
+    """Between the 2 x 2 pixels at (r, c), linear in the inverse: a across, b down, 0..1."""
+    i00, i01 = 1.0 / face[r, c], 1.0 / face[r, c + 1]
+    i10, i11 = 1.0 / face[r + 1, c], 1.0 / face[r + 1, c + 1]
+    inverse = (1 - b) * ((1 - a) * i00 + a * i01) + b * ((1 - a) * i10 + a * i11)
+    across, down = (1 - b) * (i01 - i00) + b * (i11 - i10), (1 - a) * (i10 - i00) + a * (i11 - i01)
+    near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
+    stored = max(
+        near * near * rounding(1.0 / near, r, c, face.shape, focal, precision),
+        far * far * rounding(1.0 / far, r, c, face.shape, focal, precision),
+    )
+    bent_across = max(
+        _bend(face[r, c - 1], face[r, c], face[r, c + 1], face[r, c + 2]),
+        _bend(face[r + 1, c - 1], face[r + 1, c], face[r + 1, c + 1], face[r + 1, c + 2]),
+    )
+    bent_down = max(
+        _bend(face[r - 1, c], face[r, c], face[r + 1, c], face[r + 2, c]),
+        _bend(face[r - 1, c + 1], face[r, c + 1], face[r + 1, c + 1], face[r + 2, c + 1]),
+    )
+    noise = 2.0 * _ROUNDINGS * stored
+    bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
+    # Coordinates are float32: an error of a part in 2^24 of the width.
+    placed = (abs(across) + abs(down)) * _FLOAT32 * max(face.shape[0], face.shape[1])
+    return Point(inverse, across, down, stored + bend + placed, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _bend(before: float, a: float, b: float, after: float) -> float:
+    """What a curve or a crease may lie off the chord between a and b, at most 1/4 of it, 1/m."""
+    left = abs(2.0 / a - 1.0 / b - 1.0 / before) if before < np.inf else 0.0
+    right = abs(2.0 / b - 1.0 / a - 1.0 / after) if after < np.inf else 0.0
+    return left + right
+
+
+@njit(cache=True, nogil=True)
+def _continued(
+    face: NDArray[np.float32], r: int, c: int, dx: float, dy: float, focal: float, precision: Precision
+) -> Point:
+    """The surface of pixel (r, c), continued to (dx, dy) from its centre by the slope that it has there."""
+    height, width = face.shape
+    z = float(face[r, c])
+    jump = _jump(face, r, c)
+    if not z < np.inf:
+        return Point(0.0, 0.0, 0.0, 0.0, jump)
+    row, column = np.full(5, np.inf), np.full(5, np.inf)
+    for k in range(5):
+        if 0 <= c + k - 2 < width:
+            row[k] = face[r, c + k - 2]
+        if 0 <= r + k - 2 < height:
+            column[k] = face[r + k - 2, c]
+    across, known_across = _slope(row, dx)
+    down, known_down = _slope(column, dy)
+    inverse = 1.0 / z + across * dx + down * dy
+    most = _CONTINUED_M + _CONTINUED_RELATIVE * z
+    limited = min(max(inverse, 1.0 / (z + most)), 1.0 / max(z - most, 0.5 * z))
+    error = 3.0 * rounding(z, r, c, face.shape, focal, precision) / (z * z) + abs(inverse - limited)
+    if not (known_across and known_down):
+        error += most / (z * z)
+    return Point(limited, across, down, error, jump)
+
+
+@njit(cache=True, nogil=True)
+def _jump(face: NDArray[np.float32], r: int, c: int) -> float:
+    """The largest difference to a neighbour's depth, metres."""
+    z, most = face[r, c], 0.0
+    for j in range(max(r - 1, 0), min(r + 2, face.shape[0])):
+        for k in range(max(c - 1, 0), min(c + 2, face.shape[1])):
+            if face[j, k] != z:
+                most = max(most, abs(face[j, k] - z))
+    return float(most)
+
+
+@njit(cache=True, nogil=True)
+def _slope(line: NDArray[np.float64], toward: float) -> tuple[float, bool]:
+    """The slope of 1/z at the middle of five pixels, from a side where the surface goes on; else 0, False."""
+    here = line[2]
+    allowed = allowed_step(here)
+    left, has_left = _one_sided(here, line[1], line[0], allowed)
+    right, has_right = _one_sided(here, line[3], line[4], allowed)
+    if has_left and has_right:
+        if abs(left + right) <= allowed:
+            return 0.5 * (right - left), True
+        return (right if toward > 0 else -left), True
+    if has_left or has_right:
+        return (right if has_right else -left), True
+    return 0.0, False
+
+
+@njit(cache=True, nogil=True)
+def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tuple[float, bool]:
+    """1/z of the next pixel less that of this one, and whether both lie on one surface."""
+    if not next_ < np.inf:
+        return 0.0, False
+    step = 1.0 / next_ - 1.0 / here
+    on = abs(step) <= allowed or (beyond < np.inf and abs(1.0 / beyond - 1.0 / next_ - step) <= allowed)
+    return step, on
+
+
+@njit(cache=True, nogil=True)
+def allowed_step(near: float) -> float:
+    """How far 1/z may be off a line through neighbours on the same surface."""
+    return (_STEP_M + _STEP_RELATIVE * near) / (near * near)
+
+
+@njit(cache=True, nogil=True)
 def _continues(before: float, a: float, b: float, after: float) -> bool:
     """Whether a and b lie on one line in 1/z with a neighbour on either side, to a tolerance in metres."""
     if not (a < np.inf and b < np.inf):
         return False
-    near = min(a, b)
     step = 1.0 / b - 1.0 / a
-    allowed = (_STEP_M + _STEP_RELATIVE * near) / (near * near)
+    allowed = allowed_step(min(a, b))
     if abs(step) <= allowed:
         return True
     from_left = before < np.inf and abs(step - (1.0 / a - 1.0 / before)) <= allowed

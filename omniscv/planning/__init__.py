@@ -3,6 +3,7 @@
 from omniscv.planning.base import (
     FILTERS,
     Filter,
+    FoundDepth,
     Kept,
     RenderKeywords,
     RenderOptions,
@@ -13,6 +14,7 @@ from omniscv.planning.base import (
     Viewpoint,
     captured,
     drive,
+    sampled,
 )
 from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints, strip_viewpoints
 from omniscv.planning.recorded_faces import RecordedViews
@@ -23,6 +25,7 @@ __all__ = [
     "FILTERS",
     "CameraRays",
     "Filter",
+    "FoundDepth",
     "Kept",
     "RayGroup",
     "RecordedViews",
@@ -41,5 +44,6 @@ __all__ = [
     "names",
     "register",
     "rounds",
+    "sampled",
     "strip_viewpoints",
 ]

@@ -25,7 +25,7 @@ class Adaptive(Reproject):
     max_rounds = 5
 
     def next_centers(self, rays: MarchedRays) -> list[Array]:
-        unsure = ~rays.sure
+        unsure = ~rays.met.sure
         if unsure.mean() <= _ENOUGH:
             return []
         groups = int(rays.own.max()) + 1

@@ -1,5 +1,7 @@
 """What a plan is made of: rounds of viewpoints, and the strategies that yield them."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -11,6 +13,7 @@ from typing import ClassVar, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import modalities
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import densities
@@ -20,6 +23,7 @@ from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
+Normals = Literal["captured", "from-depth"]
 
 
 class RenderKeywords(TypedDict, total=False):
@@ -30,6 +34,7 @@ class RenderKeywords(TypedDict, total=False):
     face_size: int | Literal["auto"]
     filter: Filter
     max_error_px: float | None
+    normals: Normals
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,7 @@ class RenderOptions:
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
         max_error_px: the error that ``reproject`` and ``adaptive`` may make, in output pixels.
+        normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
 
     Raises:
         ArgumentError: a value outside its domain.
@@ -53,15 +59,43 @@ class RenderOptions:
     face_size: int | Literal["auto"] = "auto"
     filter: Filter = "auto"
     max_error_px: float | None = None
+    normals: Normals = "captured"
 
     def __post_init__(self) -> None:
         if self.filter not in FILTERS:
             raise ArgumentError(f"filter: expected one of {', '.join(FILTERS)}; got {self.filter!r}")
+        if self.normals not in get_args(Normals):
+            raise ArgumentError(f"normals: expected {' or '.join(get_args(Normals))}; got {self.normals!r}")
         size = self.face_size
         if size != "auto" and not (isinstance(size, int) and 1 <= size <= densities.LARGEST):
             raise ArgumentError(f"face_size: expected 'auto' or 1 to {densities.LARGEST} px, got {size!r}")
         if self.max_error_px is not None and not self.max_error_px > 0:
             raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {self.max_error_px!r}")
+
+
+def sampled(modes: Sequence[str], options: RenderOptions) -> tuple[str, ...]:
+    """Return the modalities that are sampled for those that an image shows: normals may come from depth."""
+    other = {"normals": "normals_from_depth"} if options.normals == "from-depth" else {}
+    return tuple(other.get(mode, mode) for mode in modes)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundDepth:
+    """What a strategy knows of the depth of N pixels before their other modalities are captured.
+
+    Attributes:
+        distance: (N,) float32 metres along the pixels' own rays, +inf no surface.
+        error: (N,) float32 metres, how far that may be off; +inf where nothing bounds it.
+        direction_error: (N,) float32 radians, how far the directions of the lookup may be off for it.
+        grazes: (N,) bool, whether a ray passes within a capture's pixel of another surface on its way.
+        unsure: (N,) bool, what no capture verified.
+    """
+
+    distance: NDArray[np.float32]
+    error: NDArray[np.float32]
+    direction_error: NDArray[np.float32]
+    grazes: NDArray[np.bool_]
+    unsure: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +110,10 @@ class Viewpoint:
         modes: what is captured; all that the image needs if not given.
         keep: whether the strategy is sent its captures at the end of the round.
         toward_w: (N, 3) directions, of any length, in which the pixels are looked up; their own rays if None.
-        depth: (N,) float32 metres along the pixels' own rays, where the strategy knows them; depth is then
-            not captured.
-        unsure: (N,) bool, pixels that no capture verified; None: not judged.
+        found: the depth of the pixels, where the strategy knows it; depth is then not captured.
+        check: what is known of the depth along the pixels' own rays, which share another centre.
+        occluded: (N,) bool, pixels whose own optical centre is not visible from the camera's position;
+            None: not judged.
     """
 
     center_w: Array
@@ -87,8 +122,9 @@ class Viewpoint:
     modes: tuple[str, ...] | None = None
     keep: bool = False
     toward_w: Array | None = None
-    depth: NDArray[np.float32] | None = None
-    unsure: NDArray[np.bool_] | None = None
+    found: FoundDepth | None = None
+    check: FoundDepth | None = None
+    occluded: NDArray[np.bool_] | None = None
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """What is captured for an image in some modes, view by view: a server poses its camera once for all.
@@ -97,9 +133,9 @@ class Viewpoint:
         detects by it that its camera has moved.
         """
         wanted = modes if self.modes is None else self.modes
-        order = [mode for mode in ("depth",) if mode in wanted and self.depth is None]
-        order += [mode for mode in wanted if mode != "depth"]
-        return [Request(view, mode) for view in self.views for mode in order]
+        order = [mode for mode in ("depth",) if mode in wanted and self.found is None]
+        order += [modalities.get(mode).captured_as or mode for mode in wanted if mode != "depth"]
+        return [Request(view, mode) for view in self.views for mode in dict.fromkeys(order)]
 
 
 @dataclass(frozen=True, eq=False)

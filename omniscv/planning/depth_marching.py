@@ -10,41 +10,62 @@ With h the distance of c from the ray and psi the angle between ``Y - c`` and th
 ``|Y - c| = h / sin psi``, and steps of equal psi are steps of equal pixels.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from omniscv.geometry import Array, cube_rotations
-from omniscv.geometry.surfaces import interpolated, one_surface
+from omniscv.geometry.surfaces import Precision, discontinuities, surface_point
 from omniscv.parallel import blocks
+from omniscv.planning.base import FoundDepth
+from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
 _STEP_PX = 1.0
 _REFINEMENTS = 12
 _ON_SURFACE = 0.003
 """How far a refined crossing may be from the surface, metres and parts of the distance: half floats."""
-_DEPTH_NOISE = 2.0**-12  # relative error of half floats, rounded
+_MARGIN = 1.3
+"""A neighbouring surface goes on between the pixels that show it."""
+_ROUNDED = 1.2
+"""The slope, and so the crossing, is found from rounded values too."""
+_BEHIND = 1.01
+"""A ray that starts farther behind what the centre sees starts where the centre sees nothing."""
+_DEEPER_PX = 2.0
+_TOUCHING = 4.0
+"""A ray that is not deeper behind a surface than so many of its errors, so many pixels on, touches it."""
+_SHORT = 0.25
+"""Of the reach: a longer hidden part of a ray's way may hold anything."""
+_LEAST_COSINE = 1e-3
+"""Between a ray and the normal of a surface: what is more grazing is met anywhere."""
 _SAME_FACE = 0.01
 """Entries of rotation matrices of a face that a source could not turn exactly differ by less."""
 
 
 class DepthShell(NamedTuple):
-    """The depth captured from a centre, as distances.
+    """The depth captured from a centre.
 
     Attributes:
         center_w: (3,) metres.
-        distance: (V, h, w) float32 along the rays; +inf for the sky.
+        depth: (V, h, w) float32 planar metres; +inf for the sky.
+        nearest: (V, h, w) float32 of the nearest surface that shows within a pixel, where that is another one
+            than the pixel's own; else the pixel's own.
         slot: (6,) int64, which of V each face of the world-aligned cube is; -1 for none.
         R_c_w: (6, 3, 3) world to each face.
         focal, half_width, half_height: px.
         least, most: of the finite distances.
+        precision: of the depth.
     """
 
     center_w: Array
-    distance: NDArray[np.float32]
+    depth: NDArray[np.float32]
+    nearest: NDArray[np.float32]
     slot: NDArray[np.int64]
     R_c_w: Array
     focal: float
@@ -52,6 +73,7 @@ class DepthShell(NamedTuple):
     half_height: float
     least: float
     most: float
+    precision: Precision
 
 
 def depth_shell(center_w: Array, captures: Sequence[Capture]) -> DepthShell:
@@ -69,32 +91,94 @@ def depth_shell(center_w: Array, captures: Sequence[Capture]) -> DepthShell:
         off = np.abs(R_c_w - own).max(axis=(1, 2))
         if off.min() < _SAME_FACE:
             slot[off.argmin()], R_c_w[off.argmin()] = i, own
-    lengths = view.ray_lengths().astype(np.float32)
-    distance = np.stack([capture.pixels * lengths for capture in captures])
-    finite = distance[np.isfinite(distance)]
-    least, most = (float(finite.min()), float(finite.max())) if finite.size else (np.inf, 0.0)
-    return DepthShell(
-        center_w, distance, slot, R_c_w, view.focal_px, view.width / 2, view.height / 2, least, most
+    depth, nearest = zip(
+        *((capture.pixels, _nearest_around(capture.pixels)) for capture in captures), strict=True
     )
+    least = min(float(face.min()) for face in depth)
+    finite = [face[np.isfinite(face)] for face in depth]
+    most = max((float(face.max()) for face in finite if face.size), default=0.0)
+    corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
+    precision = codecs.precision(captures[0].encoding)
+    return DepthShell(
+        center_w, np.stack(depth), np.stack(nearest), slot, R_c_w,
+        view.focal_px, view.width / 2, view.height / 2, least, most * corner, precision,
+    )  # fmt: skip
 
 
-def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Return how far rays go before they meet a surface captured from a centre.
+def _nearest_around(face: NDArray[np.float32]) -> NDArray[np.float32]:
+    least = cv2.erode(face, np.ones((3, 3), np.uint8))
+    beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
+    return np.where(beside, least, face)
+
+
+class Met(NamedTuple):
+    """What N rays meet.
+
+    Attributes:
+        reach: (N,) metres along each ray, +inf for the sky, NaN if the capture shows nothing there.
+        sure: (N,) whether all of the way is visible from the centre.
+        error: (N,) how far the reach may be off, metres, +inf where nothing bounds it.
+        direction_error: (N,) radians, how far the direction to what is met may be off for it.
+        grazes: (N,) whether the ray passes within a pixel of another surface on its way.
+        hidden_from, hidden_to: (N,) metres along the ray, the part of it that the centre does not see;
+            +inf and -inf if it sees all.
+    """
+
+    reach: Array
+    sure: NDArray[np.bool_]
+    error: Array
+    direction_error: Array
+    grazes: NDArray[np.bool_]
+    hidden_from: Array
+    hidden_to: Array
+
+    def of(self, rows: NDArray[np.int64]) -> Met:
+        """Return what some of the rays meet."""
+        return Met(
+            self.reach[rows],
+            self.sure[rows],
+            self.error[rows],
+            self.direction_error[rows],
+            self.grazes[rows],
+            self.hidden_from[rows],
+            self.hidden_to[rows],
+        )
+
+    def found(self) -> FoundDepth:
+        """Return what is known of the depth: a short part of the way that is hidden adds to its error."""
+        with np.errstate(invalid="ignore"):
+            may_be_nearer = np.where(self.sure, 0.0, self.reach - self.hidden_from)
+            long = ~(self.hidden_to - self.hidden_from <= _SHORT * self.reach)
+        return FoundDepth(
+            self.reach.astype(np.float32),
+            np.fmax(self.error, may_be_nearer).astype(np.float32),
+            self.direction_error.astype(np.float32),
+            self.grazes | ~self.sure,
+            ~self.sure & long,
+        )
+
+    @classmethod
+    def nothing(cls, count: int) -> Met:
+        """Return that nothing is known of so many rays."""
+        no = np.zeros(count, np.bool_)
+        endless = np.full(count, np.inf)
+        return cls(
+            np.full(count, np.nan), no, endless, np.zeros(count), no.copy(), endless.copy(), -endless
+        )  # fmt: skip
+
+
+def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Met:
+    """Return what rays meet first of what was captured from a centre.
 
     Args:
         shell: what was captured from the centre.
         origins_w, directions_w: (N, 3), unit directions.
-
-    Returns:
-        (N,) metres along each ray, +inf for the sky, NaN if the capture shows nothing there; (N,) whether
-        all of the way is visible from the centre; (N,) the error that noise of the depth makes, radians
-        from the centre.
     """
     count = len(origins_w)
-    reach, sure, error = np.full(count, np.nan), np.zeros(count, np.bool_), np.zeros(count)
-    each = (origins_w, directions_w, reach, sure, error)
+    met = Met.nothing(count)
+    each = origins_w, directions_w, *met
     blocks(lambda rows: _march(shell, *(array[rows] for array in each)), count)
-    return reach, sure, error
+    return met
 
 
 def distances(shell: DepthShell, directions_w: Array) -> Array:
@@ -107,27 +191,35 @@ def distances(shell: DepthShell, directions_w: Array) -> Array:
 @njit(cache=True, nogil=True)
 def _distances(shell: Any, directions: Any, out: Any) -> None:
     for i in range(directions.shape[0]):
-        k, u, v = _lookup(shell, directions[i, 0], directions[i, 1], directions[i, 2])
-        out[i] = _nearest(shell.distance[k], u, v) if k >= 0 else 0.0
+        k, u, v, along = _lookup(shell, directions[i, 0], directions[i, 1], directions[i, 2])
+        out[i] = _nearest(shell.depth[k], u, v) / along if k >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)
-def _lookup(shell: Any, x: float, y: float, z: float) -> tuple[int, float, float]:
-    """The view that a direction is in, and the place there; -1 if that face was not captured."""
-    ax, ay, az = abs(x), abs(y), abs(z)
-    if ax >= ay and ax >= az:
-        face = 0 if x > 0 else 2
-    elif ay >= az:
-        face = 3 if y > 0 else 1
-    else:
-        face = 4 if z > 0 else 5
+def _face_of(toward: Any) -> int:
+    """Which face of the world-aligned cube a direction hits."""
+    x, y, z = toward
+    if abs(x) >= abs(y) and abs(x) >= abs(z):
+        return 0 if x > 0 else 2
+    if abs(y) >= abs(z):
+        return 3 if y > 0 else 1
+    return 4 if z > 0 else 5
+
+
+@njit(cache=True, nogil=True)
+def _lookup(shell: Any, x: float, y: float, z: float) -> tuple[int, float, float, float]:
+    """The view that a direction is in, the pixel there, and the part of the direction along the view's axis.
+
+    -1 if that face was not captured.
+    """
+    face = _face_of((x, y, z))
     if shell.slot[face] < 0:
-        return -1, 0.0, 0.0
+        return -1, 0.0, 0.0, 1.0
     R = shell.R_c_w[face]
     depth = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
     u = shell.focal * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z) / depth + shell.half_width
     v = shell.focal * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z) / depth + shell.half_height
-    return shell.slot[face], u, v
+    return shell.slot[face], u, v, depth
 
 
 @njit(cache=True, nogil=True)
@@ -138,16 +230,57 @@ def _nearest(face: Any, u: float, v: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _smooth(face: Any, u: float, v: float) -> float:
-    """Between pixels of one surface, else the nearest pixel's."""
-    c, r = int(np.floor(u - 0.5)), int(np.floor(v - 0.5))
-    if 1 <= c < face.shape[1] - 2 and 1 <= r < face.shape[0] - 2 and one_surface(face, r, c):
-        return float(interpolated(face, r, c, u - 0.5 - c, v - 0.5 - r))
-    return float(_nearest(face, u, v))
+def _smooth(shell: Any, k: int, u: float, v: float) -> float:
+    """Planar depth between pixels; +inf where there is no surface."""
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    return 1.0 / point.inverse if point.inverse > 0.0 else np.inf
 
 
 @njit(cache=True, nogil=True)
-def _march(shell: Any, origin: Any, direction: Any, reach: Any, sure: Any, error: Any) -> None:
+def _met_at(shell: Any, origin: Any, direction: Any, at: Any) -> tuple[float, float, float]:
+    """Where a ray meets the surface that lies in a direction from the centre: the reach, how far that may be
+    off, and how far, in radians from the centre, what it meets.
+
+    On the plane ``m . p = 1`` through the surface's point the ray ``o + t d`` has
+    ``t = (1 - m . o) / (m . d)``: an error of a part of the inverse depth moves it by that part of
+    ``1 / (m . d)``.
+    """
+    k, u, v, along = _lookup(shell, at[0], at[1], at[2])
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    if not point.inverse > 0.0:
+        return np.inf, np.inf, np.inf
+    R = shell.R_c_w[_face_of(at)]
+    a, b = point.across * shell.focal, point.down * shell.focal
+    e = point.inverse - point.across * (u - shell.half_width) - point.down * (v - shell.half_height)
+    slope = start = parallel = 0.0
+    for j in range(3):
+        m = a * R[0, j] + b * R[1, j] + e * R[2, j]
+        slope, start, parallel = (
+            slope + m * direction[j],
+            start + m * origin[j],
+            parallel + at[j] * direction[j],
+        )
+    distance = 1.0 / (point.inverse * along)
+    cosine = max(abs(slope) * distance, _LEAST_COSINE)
+    off = _ROUNDED * point.error / point.inverse * distance / cosine
+    aside = np.sqrt(max(0.0, 1.0 - parallel * parallel))
+    reach = (1.0 - start) / slope if slope != 0.0 else np.inf
+    return reach, off + _MARGIN * point.jump / along / cosine, off * aside / distance
+
+
+@njit(cache=True, nogil=True)
+def _march(
+    shell: Any,
+    origin: Any,
+    direction: Any,
+    reach: Any,
+    sure: Any,
+    error: Any,
+    direction_error: Any,
+    grazes: Any,
+    hidden_from: Any,
+    hidden_to: Any,
+) -> None:
     step = _STEP_PX / shell.focal
     cx, cy, cz = shell.center_w[0], shell.center_w[1], shell.center_w[2]
     for i in range(origin.shape[0]):
@@ -157,43 +290,80 @@ def _march(shell: Any, origin: Any, direction: Any, reach: Any, sure: Any, error
         hx, hy, hz = ox + foot * dx, oy + foot * dy, oz + foot * dz
         h = np.sqrt(hx * hx + hy * hy + hz * hz)
         if h < 1e-9:  # the ray runs through the centre, or starts there
-            k, u, v = _lookup(shell, dx, dy, dz)
+            k, u, v, along = _lookup(shell, dx, dy, dz)
             if k >= 0:
-                reach[i] = _smooth(shell.distance[k], u, v) + foot
+                reach[i] = _smooth(shell, k, u, v) / along + foot
                 sure[i] = foot >= -shell.least
+                error[i] = _met_at(shell, (ox, oy, oz), (dx, dy, dz), (dx, dy, dz))[1]
             continue
         hx, hy, hz = hx / h, hy / h, hz / h
         psi = np.arctan2(h, -foot)
         if h < shell.least:  # nearer than everything that was captured there is nothing
             psi = min(psi, np.arcsin(h / shell.least))
         end = h / (2.0 * shell.most + h) if shell.most > 0 else step
-        certain, met, was_free = True, False, True
+        met, was_free, first = False, False, True
+        passed, at = np.inf, psi
         while True:
             psi = max(psi, end)
             s, c = np.sin(psi), np.cos(psi)
-            k, u, v = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
-            if k < 0:
-                certain = was_free = False
-            else:
-                if h / s < _nearest(shell.distance[k], u, v):
-                    was_free = True
-                elif was_free:
+            was_free = was_free or first
+            free = False
+            k, u, v, along = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+            if k >= 0:
+                planar = h / s * along
+                near = _nearest(shell.depth[k], u, v)
+                if planar < near:
+                    free = True
+                    beside = _nearest(shell.nearest[k], u, v)
+                    if planar >= beside:
+                        # Where the ray is as far from the centre as the surface that it may have met.
+                        away = np.sqrt(max(0.0, (beside / along) ** 2 - h * h))
+                        passed = min(passed, foot + (away if c > 0 else -away), foot + h * c / s)
+                elif was_free and not (first and planar > near * _BEHIND):
                     # A step farther: between pixels a surface can lie behind its nearest pixel.
                     behind, before = max(psi - step, 0.5 * end), min(psi + 2 * step, np.pi)
                     at, gap = _refined(shell, behind, before, (hx, hy, hz), (dx, dy, dz), h)
                     length = h / np.sin(at)
                     if abs(gap) <= _ON_SURFACE * (1.0 + length):
-                        reach[i] = foot + h / np.tan(at)
-                        error[i] = np.sin(at) * _DEPTH_NOISE
                         met = True
                         break
-                    certain = was_free = False
+            if not free:
+                hidden_from[i] = min(hidden_from[i], foot + h / np.tan(min(psi + step, np.pi - 1e-9)))
+                hidden_to[i] = foot + h / np.tan(psi - step) if psi > end else np.inf
+            was_free, first = free, False
             if psi <= end:
                 break
             psi -= step
-        if not met and certain:
+        seen = hidden_from[i] > hidden_to[i]
+        if met:
+            s, c = np.sin(at), np.cos(at)
+            toward = (hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+            along_ray = foot + h * c / s
+            reach[i], error[i], direction_error[i] = _met_at(shell, (ox, oy, oz), (dx, dy, dz), toward)
+            if abs(reach[i] - along_ray) > _ON_SURFACE * (1.0 + h / s):  # too grazing for a plane
+                reach[i], error[i] = along_ray, error[i] + abs(reach[i] - along_ray)
+            if _touches(shell, at - _DEEPER_PX * step, (hx, hy, hz), (dx, dy, dz), h):
+                error[i], grazes[i] = np.inf, True
+        elif seen:
             reach[i] = np.inf
-        sure[i] = certain and (met or was_free)
+            error[i] = np.inf if shell.precision.largest_m < np.inf else 0.0
+        sure[i] = seen
+        if passed < np.inf:
+            grazes[i] = True
+            error[i] = max(error[i], _MARGIN * (reach[i] - passed))
+
+
+@njit(cache=True, nogil=True)
+def _touches(shell: Any, psi: float, toward_ray: Any, direction: Any, h: float) -> bool:
+    """Whether a ray that met a surface is hardly behind it a little farther on: it may as well miss it."""
+    (hx, hy, hz), (dx, dy, dz) = toward_ray, direction
+    s, c = np.sin(psi), np.cos(psi)
+    k, u, v, along = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+    if psi <= 0.0 or k < 0:
+        return False
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    error = point.error / max(point.inverse, 1e-12)
+    return bool(h / s * along * point.inverse < 1.0 + _TOUCHING * error)
 
 
 @njit(cache=True, nogil=True)
@@ -206,10 +376,10 @@ def _refined(
     for _ in range(_REFINEMENTS):
         middle = 0.5 * (behind + before)
         s, c = np.sin(middle), np.cos(middle)
-        k, u, v = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+        k, u, v, along = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
         if k < 0:
             return middle, np.inf
-        gap = h / s - _smooth(shell.distance[k], u, v)
+        gap = h / s - _smooth(shell, k, u, v) / along
         if gap > 0:
             behind = middle
         else:

@@ -3,15 +3,19 @@
 from abc import abstractmethod
 from collections.abc import Callable
 
+import numpy as np
+
 from omniscv.geometry import Array
-from omniscv.planning.base import Round, Rounds, Strategy, Task, Viewpoint
+from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_marching import DepthShell
+from omniscv.planning.depth_marching import DepthShell, march
 from omniscv.planning.strip_views import strip_size, strip_views
 from omniscv.planning.viewpoints import Groups, RayGroup
 from omniscv.planning.visibility import look_around, occluded
 from omniscv.sources.base import View
 
+_SHARED_M = 0.05
+"""What rays meet that start nearer to their viewpoint, its own captures bound well enough."""
 _STRIP_BORDER_PX = 2
 """The filter support beyond a ray's pixel: a strip's rays run through its middle."""
 
@@ -62,11 +66,23 @@ def _serving(
     around: DepthShell | None,
     views: Callable[[Array, RayGroup], tuple[View, ...]],
 ) -> tuple[Viewpoint, ...]:
-    centers_w = [task.pose.to_world(group.center_c) for group in groups]
-    return tuple(
-        Viewpoint(center_w, views(center_w, group), group.pixels, unsure=occluded(around, center_w, group))
-        for center_w, group in zip(centers_w, groups, strict=True)
-    )
+    found = []
+    for group in groups:
+        center_w = task.pose.to_world(group.center_c)
+        hidden, check = occluded(around, center_w, group), _check(task, group, around)
+        found.append(Viewpoint(center_w, views(center_w, group), group.pixels, check=check, occluded=hidden))
+    return tuple(found)
+
+
+def _check(task: Task, group: RayGroup, around: DepthShell | None) -> FoundDepth | None:
+    """What the camera's position shows of rays that share a centre far from their own origins."""
+    origins = task.rays.origins
+    if around is None or origins is None:
+        return None
+    own_c = origins.reshape(-1, 3)[group.pixels]
+    if np.abs(own_c - group.center_c).max() <= _SHARED_M:
+        return None
+    return march(around, task.pose.to_world(own_c), group.directions @ task.pose.R_w_c.T).found()
 
 
 class Exact(Strategy):

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.geometry import Array
-from omniscv.planning.base import Round, Rounds, Strategy, Task, Viewpoint
+from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_marching import DepthShell, depth_shell, march
+from omniscv.planning.depth_marching import DepthShell, Met, depth_shell, march
 from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints
 from omniscv.planning.viewpoints import Groups, RayGroup
 from omniscv.planning.visibility import look_around, visible
@@ -31,6 +31,8 @@ INITIAL_VIEWPOINTS = 8
 _DEFAULT_ERROR_PX = 0.5
 _TRIES = 4
 """Through how many centres, nearest first, a ray is marched."""
+_ON_SURFACE = 0.003
+"""Of the reach: rays that end nearer to each other than this meet the same surface."""
 _FAR = 1e6  # metres: where the direction to a point of the sky is the ray's own
 
 
@@ -53,8 +55,8 @@ class Reproject(Strategy):
             viewpoints = tuple(rays.depth_viewpoint(center_w) for center_w in centers_w)
             kept = yield Round(viewpoints)
             if kept is None:  # only a plan: as if every centre served a pixel
-                known = np.zeros(0, np.float32)
-                yield Round(tuple(replace(v, modes=None, keep=False, depth=known) for v in viewpoints))
+                known = FoundDepth(*np.zeros((5, 0)))
+                yield Round(tuple(replace(v, modes=None, keep=False, found=known) for v in viewpoints))
                 return
             rays.march([each["depth"] for each in kept])
             centers_w = self.next_centers(rays)
@@ -73,8 +75,7 @@ class MarchedRays:
     Attributes:
         origins_w, directions_w: (N, 3), unit directions.
         own: (N,) the row of the optical centre among the camera's own viewpoints.
-        reach: (N,) metres along the ray to the surface that it meets, +inf for the sky, NaN if unknown.
-        sure: (N,) whether a centre certified that.
+        met: what each ray meets, as far as it is known.
     """
 
     def __init__(self, task: Task, groups: Groups) -> None:
@@ -87,10 +88,11 @@ class MarchedRays:
         self.directions_w = self._directions_c @ task.pose.R_w_c.T
         own = rays.camera.viewpoints()
         self.own, self._own_centers_c = own.index.ravel()[self._pixels].astype(np.int64), own.centers
-        self._steps = np.nan_to_num(rays.steps).ravel()[self._pixels]
+        steps = rays.steps.ravel()[self._pixels]
+        self._steps = np.where(steps > 0, steps, np.nanmedian(steps))  # unknown for a rim's single pixels
         count = len(self._pixels)
         self._shell_of = np.full(count, -1)
-        self.reach, self.sure = np.full(count, np.nan), np.zeros(count, np.bool_)
+        self.met = Met.nothing(count)
         self._shells: list[DepthShell] = []
         self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
@@ -106,41 +108,65 @@ class MarchedRays:
         first = len(self._shells)
         self._shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
         centers_w = np.array([shell.center_w for shell in self._shells])
-        open_ = np.flatnonzero(~self.sure)
+        open_ = np.flatnonzero(~self.met.sure)
         away = ((self.origins_w[open_, None] - centers_w) ** 2).sum(axis=-1)
         nearest = np.argsort(away, axis=1, kind="stable")[:, :_TRIES]
         for rank in range(nearest.shape[1]):
             for number in range(first, len(self._shells)):
-                mine = open_[(nearest[:, rank] == number) & ~self.sure[open_]]
+                mine = open_[(nearest[:, rank] == number) & ~self.met.sure[open_]]
                 if len(mine):
                     self._march_through(number, mine)
 
     def _march_through(self, number: int, mine: NDArray[np.int64]) -> None:
-        reach, sure, error = march(self._shells[number], self.origins_w[mine], self.directions_w[mine])
+        met = march(self._shells[number], self.origins_w[mine], self.directions_w[mine])
         limit = self._task.options.max_error_px
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error_px = np.where(error > 0, error / self._steps[mine], 0.0)
-            behind = reach <= 0  # a hit counts only in front of the ray's origin
-        reach[behind] = np.nan
-        sure &= (error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)) & ~behind
+        behind = met.reach <= 0  # a hit counts only in front of the ray's origin
+        error_px = met.direction_error / self._steps[mine]
+        met.reach[behind] = np.nan
+        met.sure[~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)) | behind] = False
+        self._join(mine, met)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
-        better = sure | (np.isnan(self.reach[mine]) & ~np.isnan(reach))
+        better = met.sure | (np.isnan(self.met.reach[mine]) & ~np.isnan(met.reach))
         chosen = mine[better]
-        self.reach[chosen], self.sure[chosen], self._shell_of[chosen] = reach[better], sure[better], number
+        self._shell_of[chosen] = number
+        for known, new in zip(self.met, met, strict=True):
+            known[chosen] = new[better]
+
+    def _join(self, mine: NDArray[np.int64], met: Met) -> None:
+        """Certify rays that several centres together see all of, and let meet the same surface."""
+        known = self.met.of(mine)
+        with np.errstate(invalid="ignore"):
+            same = (known.reach == met.reach) | (
+                np.abs(known.reach - met.reach) <= known.error + met.error + _ON_SURFACE * known.reach
+            )
+        same &= ~met.sure & ~np.isnan(known.reach)
+        self.met.hidden_from[mine[same]] = np.maximum(known.hidden_from, met.hidden_from)[same]
+        self.met.hidden_to[mine[same]] = np.minimum(known.hidden_to, met.hidden_to)[same]
+        together = mine[same]
+        self.met.sure[together] = self.met.hidden_from[together] >= self.met.hidden_to[together]
+        self.met.grazes[together] |= met.grazes[same]
+        passed = mine[same & met.grazes]
+        self.met.error[passed] = np.maximum(self.met.error[passed], met.error[same & met.grazes])
 
     def found(self, around: DepthShell | None) -> Iterator[Viewpoint]:
         """Yield the centres through which rays were found, with the faces that see the points."""
-        unsure = ~self.sure if around is None else ~(self.sure & visible(around, self.origins_w))
+        occluded = None if around is None else ~visible(around, self.origins_w)
         for number, shell in enumerate(self._shells):
             mine = np.flatnonzero(self._shell_of == number)
             if not len(mine):
                 continue
-            met = np.where(np.isfinite(self.reach[mine]), self.reach[mine], _FAR)[:, None]
-            toward_w = self.origins_w[mine] + met * self.directions_w[mine] - shell.center_w
+            met = self.met.of(mine)
+            reach = np.where(np.isfinite(met.reach), met.reach, _FAR)[:, None]
+            toward_w = self.origins_w[mine] + reach * self.directions_w[mine] - shell.center_w
             views = self._faces.views(shell.center_w, faces_hit(toward_w, np.eye(3)))
-            depth = self.reach[mine].astype(np.float32)
+            hidden = None if occluded is None else occluded[mine]
             yield Viewpoint(
-                shell.center_w, views, self._pixels[mine], toward_w=toward_w, depth=depth, unsure=unsure[mine]
+                shell.center_w,
+                views,
+                self._pixels[mine],
+                toward_w=toward_w,
+                found=met.found(),
+                occluded=hidden,
             )
 
     def exact(self, around: DepthShell | None) -> tuple[Viewpoint, ...]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from omniscv import modalities
 from omniscv.errors import BadReplyError
+from omniscv.geometry.surfaces import Precision
 from omniscv.sources.base import Capture, View
 
 Decoder = Callable[[bytes, str, View], NDArray[Any]]
@@ -33,17 +34,26 @@ _NPY_HEADER = re.compile(
 """The header as NumPy writes it. NumPy's own reader evaluates any Python literal, and crashes on some."""
 
 
-def register(encoding: str, decoder: Decoder, modes: Sequence[str] | None = None) -> None:
+def register(
+    encoding: str, decoder: Decoder, modes: Sequence[str] | None = None, precision: Precision | None = None
+) -> None:
     """Add an encoding, or replace the one of its name; recordings are decoded by it too.
 
-    It can encode the modalities ``modes``; all if not given.
+    It can encode the modalities ``modes``, all if not given; ``precision`` is that of its depth, that of
+    floats in metres if not given.
     """
     _decoders[encoding] = decoder, modes
+    _precisions[encoding] = precision or Precision()
 
 
 def encodings() -> tuple[str, ...]:
     """The names of all encodings."""
     return tuple({**_decoders, **_MODULES})
+
+
+def precision(encoding: str | None) -> Precision:
+    """Return how exactly an encoding stores depth; that of floats for captures without wire bytes."""
+    return Precision() if encoding is None else _precisions[encoding]
 
 
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
@@ -198,6 +208,7 @@ def _start(payload: bytes) -> str:
 
 
 _decoders: dict[str, tuple[Decoder, Sequence[str] | None]] = {}
+_precisions: dict[str, Precision] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 _MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.codecs")

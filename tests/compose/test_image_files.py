@@ -41,7 +41,7 @@ def image():
     labels[30, 20:23] = 1, 256, 65535
     unsure = np.zeros(image.valid.shape, bool)
     unsure[10:20, 30:50] = True
-    return replace(image, layers={**image.layers, "depth": depth, "labels": labels}, unsure=unsure)
+    return replace(image, layers={**image.layers, "depth": depth, "labels": labels, "unsure": unsure})
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,8 @@ def equal_bits(a, b):
 
 def test_the_files_are_named_after_their_layers(image, tmp_path):
     written = image.save(tmp_path, stem="pano-0")
-    layers = ["lit.png", "object_mask.png", "depth.exr", "normals.exr", "labels.png", "unsure.png", "json"]
+    pixels = ["lit.png", "object_mask.png", "labels.png", "depth.exr", "normals.exr"]
+    layers = [*pixels, "unsure.png", "label_edge.png", "depth_error.exr", "json"]
     assert {path.name for path in written} == {*(f"pano-0.{name}" for name in layers), "objects.json"}
     assert sorted(written) == sorted(tmp_path.iterdir())
 
@@ -168,7 +169,7 @@ def test_objects_name_the_labels_and_the_colours_of_masks(image, folder):
 
 
 def test_only_layers_that_were_requested_are_written(image, tmp_path):
-    depth = replace(image, layers={"depth": image.depth}, unsure=None, objects=None)
+    depth = replace(image, layers={"depth": image.depth}, objects=None)
     depth.save(tmp_path, stem="a")
     assert {path.name for path in tmp_path.iterdir()} == {"a.depth.exr", "a.json"}
 

@@ -224,7 +224,7 @@ def test_a_radius_beyond_the_walls_is_told(strategy):
     centers_w = LEVEL.to_world(camera.viewpoints().centers)
     outside = np.abs(centers_w[:, 1]) > 2.5
     assert outside.any()
-    marked = image.unsure.all(axis=0)
+    marked = image.occluded.all(axis=0)
     np.testing.assert_array_equal(marked[outside], True)
     if strategy != "adaptive":
         # what else is marked stands behind furniture or in it, as seen from the middle
@@ -232,20 +232,20 @@ def test_a_radius_beyond_the_walls_is_told(strategy):
         hidden = from_the_middle < 0.97 * 2.7
         seen = from_the_middle > 1.03 * 2.7
         np.testing.assert_array_equal(marked[hidden], True)
-        np.testing.assert_array_equal(image.unsure.any(axis=0)[seen], False)
+        np.testing.assert_array_equal(image.occluded.any(axis=0)[seen], False)
 
 
 def test_a_mirror_taller_than_the_room_is_told():
     camera = create("noncentral-conical-mirror", width=64, height=64, half_angle_deg=55.0, distance=6.0)
     image = omniscv.render(camera, LEVEL, float_source(ROOM), ("depth",), face_size=32)
-    assert image.unsure[image.valid].all()
+    assert image.occluded[image.valid].all()
 
 
 def test_in_the_open_nothing_is_marked():
     image = omniscv.render(
         CAMERAS["noncentral-panorama"], LEVEL, float_source(ROOM), ("depth",), face_size=32
     )
-    assert not image.unsure.any()
+    assert not image.occluded.any()
 
 
 def test_cubes_are_aligned_with_the_world():

@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.geometry.surfaces import Precision
 from omniscv.geometry.unreal_frame import direction_from_unreal
 from omniscv.sources import codecs
 from omniscv.sources.base import View
 
+_HALF_DIGITS = 11  # significant binary digits of the half floats that depth goes through in the engine
 SKY = 65504.0  # the largest half float: what servers send for no surface, in their unit
 
 _UNIT_TOLERANCE = 0.1  # how far the length of an 8-bit normal may be from 1; the sky's grey is near 0
@@ -46,5 +48,7 @@ def _depth_by(divisor: Callable[[View], Any]) -> codecs.Decoder:
 
 
 codecs.register("png normal", _normals, ("normals",))
-codecs.register("npy planar cm", _depth_by(lambda view: 100), ("depth",))
-codecs.register("npy ray m", _depth_by(View.ray_lengths), ("depth",))
+_PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=SKY / 100)
+_RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=SKY)
+codecs.register("npy planar cm", _depth_by(lambda view: 100), ("depth",), _PLANAR_CM)
+codecs.register("npy ray m", _depth_by(View.ray_lengths), ("depth",), _RAY_M)

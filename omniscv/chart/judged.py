@@ -1,0 +1,123 @@
+"""An image against the exact truth of its scene: what is wrong, and whether its marks say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.chart.truth import traced
+from omniscv.compose.image import OmniImage
+
+if TYPE_CHECKING:
+    from mock_server import Scene
+
+Mask = NDArray[np.bool_]
+
+_RIM_PX = 1
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One image, all as parts of its valid pixels but for metres and ratios.
+
+    Attributes:
+        wrong_labels: labels that are not those of the pixels' own rays.
+        depth_50_m, depth_99_m: quantiles of the error of finite depth.
+        off_1_percent: depth that is off by more than 1 %, or finite where the truth is not.
+        normals_20_deg: normals more than 20 degrees off those of every surface within a pixel.
+        uncovered: depth off by more than its bound, or a label wrong and not at an edge, and not unsure.
+        thin: pixels of what is thinner than a capture's pixel, wrong and not marked: no capture can show it.
+        unsure: marked as verified by no capture; ``unsure_wrong``: the part of them that is wrong.
+        label_edge: marked as at a label boundary.
+        tightness: the median of the bound over the median of the error.
+    """
+
+    wrong_labels: float
+    depth_50_m: float
+    depth_99_m: float
+    off_1_percent: float
+    normals_20_deg: float
+    uncovered: float
+    thin: float
+    unsure: float
+    unsure_wrong: float
+    label_edge: float
+    tightness: float
+
+
+class Errors:
+    """What an image with depth and object masks has wrong, pixel by pixel.
+
+    Attributes:
+        depth_m: (H, W) the error of depth; 0 where both are +inf, +inf where one is.
+        label: (H, W) whether the label is another one.
+        uncovered: (H, W) wrong and not marked; ``thin``: the same, of thin objects.
+
+    Args:
+        image: with depth and object masks.
+        scene: what it shows.
+        thin: names of objects that are thinner than a capture's pixel.
+    """
+
+    def __init__(self, image: OmniImage, scene: Scene, thin: Sequence[str] = ()) -> None:
+        hits = traced(scene, image.camera, image.pose)
+        depth, bound, labels = image.depth, image.depth_error, image.labels
+        assert depth is not None
+        assert bound is not None
+        assert labels is not None
+        assert image.label_edge is not None
+        assert image.unsure is not None
+        self.image, self.hits = image, hits
+        both = np.isposinf(depth) & np.isposinf(hits.distance)
+        with np.errstate(invalid="ignore"):
+            self.depth_m = np.where(both, 0.0, np.abs(depth - hits.distance))
+            self.label = labels != hits.label
+            off = self.depth_m > bound
+        unmarked = image.valid & ~image.unsure & (off | (self.label & ~image.label_edge))
+        of_thin = [scene.label(name) for name in thin]
+        hidden = np.isin(hits.label, of_thin) | np.isin(labels, of_thin)
+        self.uncovered, self.thin = unmarked & ~hidden, unmarked & hidden
+
+    def judgement(self) -> Judgement:
+        """Return the errors in numbers."""
+        image, valid, hits = self.image, self.image.valid, self.hits
+        assert image.depth_error is not None
+        assert image.unsure is not None
+        assert image.label_edge is not None
+        error, bound = self.depth_m[valid], image.depth_error[valid]
+        finite = np.isfinite(error) & np.isfinite(hits.distance[valid])
+        with np.errstate(invalid="ignore"):
+            off = self.depth_m > 0.01 * hits.distance
+        wrong = off | self.label
+        unsure = image.unsure & valid
+        least, most = np.median(error[finite]), np.median(bound[finite])
+        return Judgement(
+            wrong_labels=float(self.label[valid].mean()),
+            depth_50_m=float(least),
+            depth_99_m=float(np.quantile(error[finite], 0.99)),
+            off_1_percent=float(off[valid].mean()),
+            normals_20_deg=float(_normals_off(image, hits.normal)[valid].mean()),
+            uncovered=float(self.uncovered[valid].mean()),
+            thin=float(self.thin[valid].mean()),
+            unsure=float(unsure[valid].mean()),
+            unsure_wrong=float(wrong[unsure].mean()) if unsure.any() else 1.0,
+            label_edge=float(image.label_edge[valid].mean()),
+            tightness=float(most / least) if least > 0 else float("inf"),
+        )
+
+
+def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:
+    """Where normals are more than 20 degrees off all true ones within a pixel; nowhere without normals."""
+    if image.normals is None:
+        return np.zeros(image.valid.shape, np.bool_)
+    own_w = image.normals @ image.pose.R_w_c.T
+    near = np.zeros(image.valid.shape, np.bool_)
+    for down in range(-_RIM_PX, _RIM_PX + 1):
+        for across in range(-_RIM_PX, _RIM_PX + 1):
+            other = np.roll(normals_w, (down, across), axis=(0, 1))
+            near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= np.cos(np.radians(20))
+    return image.valid & ~near & np.isfinite(image.depth if image.depth is not None else 0.0)

@@ -1,0 +1,66 @@
+"""Where a label may be another one than the nearest pixel's: beside what masks show as a boundary."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numba import njit
+
+from omniscv.compose import kernels
+from omniscv.compose.kernels import Floats, Ints, Mask, Pixels
+from omniscv.compose.ray_lookup import RayLookup
+from omniscv.geometry import Array
+from omniscv.sources.base import View
+
+
+def label_edges(
+    faces: Sequence[Pixels], lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
+) -> Mask:
+    """Return (N,) whether rays lie within a pixel of a label boundary.
+
+    Args:
+        faces: (h, w) or (h, w, C) masks of each view.
+        lookup: of N rays.
+        views: those of the faces.
+        parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
+    """
+    edge_px = np.stack([_px_to_boundary(face, near_only=parallax is None) for face in faces])
+    focal = np.array([view.focal_px for view in views])
+    out = np.empty(len(lookup.x), np.bool_)
+    beyond = np.zeros(len(out), np.float32) if parallax is None else parallax
+    kernels.run(_near, (lookup.view, lookup.x, lookup.y, beyond, out), edge_px, focal)
+    return out
+
+
+def _px_to_boundary(face: Pixels, near_only: bool) -> Floats:
+    """(h, w) px, along the farther axis, from each pixel to the next that has a neighbour of another value.
+
+    Infinite for all but those pixels themselves if only what is near counts.
+    """
+    inside = np.full(face.shape[:2], 255, np.uint8)
+    for axis in (0, 1):
+        a, b = np.moveaxis(face, axis, 0)[:-1], np.moveaxis(face, axis, 0)[1:]
+        differ = (a != b).reshape(*a.shape[:2], -1).any(axis=-1)
+        lines = np.moveaxis(inside, axis, 0)
+        lines[:-1][differ] = 0
+        lines[1:][differ] = 0
+    if near_only or inside.all():
+        return np.where(inside, np.float32(np.inf), np.float32(0))
+    return np.asarray(cv2.distanceTransform(inside, cv2.DIST_C, 3))
+
+
+@njit(cache=True, nogil=True)
+def _near(
+    view: Ints, x: Floats, y: Floats, parallax: Floats, out: Mask, edge_px: Floats, focal: Array
+) -> None:
+    height, width = edge_px.shape[1], edge_px.shape[2]
+    for i in range(view.shape[0]):
+        k = view[i]
+        if k < 0:
+            out[i] = False
+            continue
+        c = min(max(int(np.floor(x[i])), 0), width - 1)
+        r = min(max(int(np.floor(y[i])), 0), height - 1)
+        u, v = (x[i] - width / 2) / focal[k], (y[i] - height / 2) / focal[k]
+        border = min(min(c, r), min(width - 1 - c, height - 1 - r)) + 1.0  # what is beyond it may differ
+        out[i] = min(edge_px[k, r, c], border) <= parallax[i] * focal[k] * (1.0 + u * u + v * v)
