@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
-from omniscv.compose.ray_bundle import ImageRays, average
+from omniscv.compose.ray_bundle import ImageRays
 from omniscv.compose.samplers import SAMPLE, Sampler
 from omniscv.geometry import Array
 from omniscv.planning import Viewpoint
@@ -24,7 +24,6 @@ class Canvas:
     def __init__(self, rays: ImageRays, whole: bool) -> None:
         self._rays, self.whole = rays, whole
         self._flat: dict[str, NDArray[Any]] = {}
-        self._averaged: dict[str, NDArray[np.bool_]] = {}
         self._unsure: NDArray[np.bool_] | None = None
         self._centers_w: Array = np.zeros(3) if whole else np.zeros((rays.valid.size, 3))
 
@@ -40,37 +39,25 @@ class Canvas:
                 self._unsure = np.zeros(self._rays.valid.size, np.bool_)
             self._unsure[viewpoint.pixels] = viewpoint.unsure
         if viewpoint.depth is not None:
-            self._layer("depth", self._rays.valid.size, viewpoint.depth)[viewpoint.pixels] = viewpoint.depth
+            self._layer("depth", viewpoint.depth)[viewpoint.pixels] = viewpoint.depth
 
     def sample(
         self, mode: str, viewpoint: Viewpoint, sampler: Sampler, filter: str, faces: Sequence[NDArray[Any]]
     ) -> None:
         """Sample a mode along the rays of a viewpoint."""
         values = SAMPLE[modalities.get(mode).interpolation](sampler, filter, faces)
-        seen = (
-            sampler.finer_seen
-            if filter == "area" and modalities.get(mode).interpolation == "blended"
-            else None
-        )
-        if seen is None:
-            self._put(mode, viewpoint.pixels, self._rays.valid.size, values)
-            return
-        height, width = self._rays.finer_shape
-        mine = slice(None) if self.whole else self._rays.finer_pixels(viewpoint.pixels)
-        self._put(mode, mine, height * width, values)
-        self._averaged.setdefault(mode, np.zeros(height * width, np.bool_))[mine] = seen
+        if self.whole:
+            self._flat[mode] = values
+        else:
+            self._layer(mode, values)[viewpoint.pixels] = values
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the layers, (H, W, ...)."""
         valid, found = self._rays.valid, {}
         for mode, values in self._flat.items():
-            shape = self._rays.finer_shape if mode in self._averaged else valid.shape
-            image = values.reshape(*shape, *values.shape[1:])
-            if mode in self._averaged:
-                image = average(image, self._averaged[mode].reshape(shape))
+            found[mode] = values.reshape(*valid.shape, *values.shape[1:])
             if outside := modalities.get(mode).outside:
-                image[~valid] = outside
-            found[mode] = image
+                found[mode][~valid] = outside
         return found
 
     @property
@@ -83,13 +70,7 @@ class Canvas:
         """(H, W) pixels that no capture verified; None where no viewpoint was judged."""
         return None if self._unsure is None else self._unsure.reshape(self._rays.valid.shape)
 
-    def _put(self, mode: str, where: Any, size: int, values: NDArray[Any]) -> None:
-        if self.whole:
-            self._flat[mode] = values
-        else:
-            self._layer(mode, size, values)[where] = values
-
-    def _layer(self, mode: str, size: int, like: NDArray[Any]) -> NDArray[Any]:
+    def _layer(self, mode: str, like: NDArray[Any]) -> NDArray[Any]:
         if mode not in self._flat:
-            self._flat[mode] = np.zeros((size, *like.shape[1:]), like.dtype)
+            self._flat[mode] = np.zeros((self._rays.valid.size, *like.shape[1:]), like.dtype)
         return self._flat[mode]

@@ -3,6 +3,8 @@
 from abc import abstractmethod
 from collections.abc import Callable
 
+import numpy as np
+
 from omniscv.geometry import Array
 from omniscv.planning.base import Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
@@ -13,7 +15,7 @@ from omniscv.planning.visibility import look_around, occluded
 from omniscv.sources.base import View
 
 _STRIP_BORDER_PX = 2
-"""The filter support beyond a ray's pixel: a strip's rays run through its middle."""
+"""The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
 
 
 def face_viewpoints(
@@ -32,7 +34,9 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
     """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do."""
     if not groups:
         return ()
-    focal_px, border_px = task.edge / 2, task.border(_STRIP_BORDER_PX)
+    focal_px = task.edge / 2
+    spanned = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
+    border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned / 2))))
     rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
     size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
     faces = CubeFaces(task, task.edge, border_px)

@@ -53,6 +53,12 @@ class CameraRays:
         return densities.steps(self.directions)
 
     @cached_property
+    def typical_step(self) -> float:
+        """The median of ``steps``, radians; 0 without any."""
+        steps = self.steps[np.isfinite(self.steps)]
+        return float(np.median(steps)) if steps.size else 0.0
+
+    @cached_property
     def face_size(self) -> int:
         """Edge in px of the smallest 90 degree face that loses no detail."""
         return densities.face_size(self.steps)
