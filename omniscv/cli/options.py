@@ -73,6 +73,7 @@ class JobOptions(Options):
     face_size: str = Option("auto", help="px of a 90 degree face, or auto.")
     filter: str = Option("auto", help="auto, nearest, bilinear, bicubic or area.")
     max_error: str | None = Option(None, help="Error that reproject and adaptive may make, such as 0.5px.")
+    truth_scale: int = Option(1, help="How many times finer masks, depth and normals are captured, 1 to 8.")
 
     def to_job(self, stem: str | None = None, **others: Any) -> Job:
         """Return the job; ``others`` are further fields of :class:`omniscv.jobs.Job`, not for a job file."""
@@ -88,7 +89,7 @@ class JobOptions(Options):
         parameters = {"width": width, "height": height, **fov, **dict(map(_parameter, self.param))}
         position = numbers("--position", self.position)
         error = self.max_error
-        bound = () if error is None else numbers("--max-error", error.removesuffix("px"), "0.5")
+        bound = None if error is None else numbers("--max-error", error.removesuffix("px"), "0.5")[0]
         edge: Any = int(self.face_size) if self.face_size.isdecimal() else self.face_size
         filter: Any = self.filter
         return Job(
@@ -96,7 +97,7 @@ class JobOptions(Options):
             cameras={stem or self.camera: create(self.camera, **parameters)},
             poses=(Pose.from_angles(position, self.yaw, self.pitch, self.roll),),
             modes=modes(self.modes),
-            options=RenderOptions(self.strategy, self.viewpoints, edge, filter, *bound),
+            options=RenderOptions(self.strategy, self.viewpoints, edge, filter, bound, self.truth_scale),
             **others,
         )
 

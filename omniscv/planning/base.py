@@ -1,7 +1,7 @@
 """What a plan is made of: rounds of viewpoints, and the strategies that yield them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import modalities
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import densities
@@ -20,6 +21,7 @@ from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
+FINEST_TRUTH = 8
 
 
 class RenderKeywords(TypedDict, total=False):
@@ -30,6 +32,7 @@ class RenderKeywords(TypedDict, total=False):
     face_size: int | Literal["auto"]
     filter: Filter
     max_error_px: float | None
+    truth_scale: int
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class RenderOptions:
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
         max_error_px: the error that ``reproject`` and ``adaptive`` may make, in output pixels.
+        truth_scale: how many times finer than colours masks, depth and normals are captured, 1 to 8.
 
     Raises:
         ArgumentError: a value outside its domain.
@@ -53,6 +57,7 @@ class RenderOptions:
     face_size: int | Literal["auto"] = "auto"
     filter: Filter = "auto"
     max_error_px: float | None = None
+    truth_scale: int = 1
 
     def __post_init__(self) -> None:
         if self.filter not in FILTERS:
@@ -62,6 +67,8 @@ class RenderOptions:
             raise ArgumentError(f"face_size: expected 'auto' or 1 to {densities.LARGEST} px, got {size!r}")
         if self.max_error_px is not None and not self.max_error_px > 0:
             raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {self.max_error_px!r}")
+        if not (isinstance(self.truth_scale, int) and 1 <= self.truth_scale <= FINEST_TRUTH):
+            raise ArgumentError(f"truth_scale: expected 1 to {FINEST_TRUTH}, got {self.truth_scale!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +77,7 @@ class Viewpoint:
 
     Attributes:
         center_w: (3,) the centre, world frame, metres.
-        views: the pictures taken there.
+        views: the pictures taken there, of colours; those of ground truth are ``truth_scale`` times finer.
         pixels: (N,) int64, row-major flat indices of the image's pixels that it serves; none where its
             captures only inform the strategy.
         modes: what is captured; all that the image needs if not given.
@@ -79,6 +86,7 @@ class Viewpoint:
         depth: (N,) float32 metres along the pixels' own rays, where the strategy knows them; depth is then
             not captured.
         unsure: (N,) bool, pixels that no capture verified; None: not judged.
+        truth_scale: set by :func:`omniscv.planning.rounds` for every strategy.
     """
 
     center_w: Array
@@ -89,9 +97,16 @@ class Viewpoint:
     toward_w: Array | None = None
     depth: NDArray[np.float32] | None = None
     unsure: NDArray[np.bool_] | None = None
+    truth_scale: int = 1
+
+    def views_of(self, mode: str) -> tuple[View, ...]:
+        """Return the pictures taken in a mode."""
+        scale = self.truth_scale if modalities.get(mode).truth else 1
+        return self.views if scale == 1 else tuple(view.scaled(scale) for view in self.views)
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
-        """What is captured for an image in some modes, view by view: a server poses its camera once for all.
+        """What is captured for an image in some modes, view by view: a server poses its camera once for all
+        modes of one size.
 
         Depth comes first, because it differs between places where colours may be alike: a live source
         detects by it that its camera has moved.
@@ -99,7 +114,11 @@ class Viewpoint:
         wanted = modes if self.modes is None else self.modes
         order = [mode for mode in ("depth",) if mode in wanted and self.depth is None]
         order += [mode for mode in wanted if mode != "depth"]
-        return [Request(view, mode) for view in self.views for mode in order]
+        finer = [mode for mode in order if self.truth_scale > 1 and modalities.get(mode).truth]
+        sizes = finer, [mode for mode in order if mode not in finer]
+        return [
+            Request(view, mode) for same in sizes if same for view in self.views_of(same[0]) for mode in same
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +171,13 @@ class Task:
         size = self.options.face_size
         return self.rays.face_size if size == "auto" else size
 
-    def available(self, views: Iterable[View]) -> bool:
-        """Return whether the source can deliver views: unless it is a recording without them."""
-        return self.recorded is None or self.recorded.hold(views)
+    def available(self, views: Sequence[View]) -> bool:
+        """Return whether the source can deliver views: unless it is a recording without them, be it as
+        colours or as ground truth."""
+        scales = {1, self.options.truth_scale}
+        return self.recorded is None or any(
+            self.recorded.hold(view.scaled(scale) for view in views) for scale in scales
+        )
 
     @property
     def sets_views(self) -> bool:

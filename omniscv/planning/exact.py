@@ -55,7 +55,7 @@ def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -
     """
     if task.sets_views:
         strips = strip_viewpoints(task, groups, around)
-        if task.available(view for each in strips for view in each.views):
+        if task.available([view for each in strips for view in each.views]):
             return strips
     return face_viewpoints(task, groups, around)
 
