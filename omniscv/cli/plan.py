@@ -9,7 +9,7 @@ from omniscv.cli.options import JobOptions
 
 app = Typer(add_completion=False)
 
-_COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds", "displaced m")
+_COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds", "shift m")
 
 
 class PlanOptions(JobOptions):
