@@ -60,6 +60,11 @@ class Modality:
     aliases: tuple[str, ...] = ()
     doc: str = ""
 
+    @property
+    def truth(self) -> bool:
+        """Whether it is ground truth, which may be captured finer than colours: all that is not blended."""
+        return self.interpolation != "blended"
+
     def fits(self, pixels: NDArray[np.generic]) -> bool:
         """Whether an array (H, W) or (H, W, channels) can hold it."""
         channels = pixels.shape[2:] == ((self.channels,) if self.channels else ())

@@ -1,4 +1,4 @@
-"""Speed against accuracy of central cameras: filters x face sizes x models, measured and drawn."""
+"""Speed against accuracy of central cameras: filters x face sizes x models, and finer ground truth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from omniscv.chart.pareto import Chart, Panel
 from omniscv.chart.truth import traced, traced_mean
 from omniscv.compose.renderer import Renderer
 from omniscv.geometry import Array, Pose
-from omniscv.planning import CameraRays, Filter, RenderOptions
+from omniscv.planning import CameraRays, Filter, RenderOptions, densities
+from omniscv.planning.cost import cost
 from omniscv.sources.scene import SceneSource, open_scene
 
 if TYPE_CHECKING:
@@ -28,6 +29,15 @@ if TYPE_CHECKING:
 FILTERS: tuple[Filter, ...] = ("nearest", "bilinear", "bicubic", "area")
 SCALES = (0.5, 1.0, 2.0, 4.0)
 """Face sizes, as multiples of the one that ``auto`` takes."""
+TRUTH_SCALES = (2, 4)
+"""How much finer masks and depth are captured, beside the default."""
+
+DEFAULT: tuple[float, Filter, int] = (1.0, "bilinear", 1)
+WAYS = (
+    *((scale, filter, 1) for scale, filter in product(SCALES, FILTERS)),
+    *((*DEFAULT[:2], finer) for finer in TRUTH_SCALES),
+)
+"""Multiple of the automatic face size, filter, and ``truth_scale``."""
 
 _POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 _ROUNDS = 5
@@ -41,7 +51,9 @@ class Row:
     """One way to compose one model's image.
 
     Attributes:
+        truth_scale: how many times finer mask and depth are captured than lit.
         ms: composing lit, mask and depth with a new orientation, captures decoded: the best of five.
+        megapixels: captured, over all three modes.
         psnr_db, flip: lit against the mean colour of each pixel, by exact tracing.
         wrong_labels: part of the valid pixels.
         depth_median, depth_q99: relative error against each pixel's own ray.
@@ -53,13 +65,20 @@ class Row:
     face_size: int
     scale: float
     default: bool
+    truth_scale: int
     ms: float
+    megapixels: float
     psnr_db: float
     flip: float
     wrong_labels: float
     depth_median: float
     depth_q99: float
     seam: float
+
+    @property
+    def way(self) -> str:
+        """The filter, and how much finer ground truth is."""
+        return self.filter if self.truth_scale == 1 else f"{self.filter}, truth x {self.truth_scale}"
 
 
 def models(width: int) -> dict[str, Camera]:
@@ -74,32 +93,38 @@ def models(width: int) -> dict[str, Camera]:
     }
 
 
-def measure(width: int = 512, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+def measure(
+    width: int = 512,
+    progress: Callable[[int, int], None] | None = None,
+    smallest_face: int = densities.SMALLEST,
+) -> list[Row]:
     """Measures every way in the four-wall room.
 
     Args:
         width: of the images, px.
         progress: called with (images done, images in all).
+        smallest_face: px of the smallest face that ``auto`` takes.
     """
     scene, cameras = open_scene("scene://four-wall").scene, models(width)
     rows: list[Row] = []
     for name, camera in cameras.items():
         hits, mean = traced(scene, camera, _POSE), traced_mean(scene, camera, _POSE)
-        source, auto = SceneSource(scene), CameraRays(camera).face_size
-        for scale, filter in product(SCALES, FILTERS):
-            edge, default = round(auto * scale), scale == 1.0 and filter == "bilinear"
-            renderer, options = Renderer(source), RenderOptions(filter=filter, face_size=edge)
-            measured = _measured(camera, renderer, options, edge, hits, mean)
-            rows.append(Row(name, filter, edge, scale, default, **measured))
+        source, auto = SceneSource(scene), densities.face_size(CameraRays(camera).steps, smallest_face)
+        for scale, filter, finer in WAYS:
+            edge, default = round(auto * scale), (scale, filter, finer) == DEFAULT
+            options = RenderOptions(filter=filter, face_size=edge, truth_scale=finer)
+            measured = _measured(camera, Renderer(source), options, hits, mean)
+            rows.append(Row(name, filter, edge, scale, default, finer, **measured))
             if progress:
-                progress(len(rows), len(cameras) * len(SCALES) * len(FILTERS))
+                progress(len(rows), len(cameras) * len(WAYS))
     return rows
 
 
 def _measured(
-    camera: Camera, renderer: Renderer, options: RenderOptions, edge: int, hits: Hits, mean: Array
+    camera: Camera, renderer: Renderer, options: RenderOptions, hits: Hits, mean: Array
 ) -> dict[str, float]:
-    times = []
+    times, edge = [], renderer.task(camera, _POSE, options).edge
+    asked = cost("auto", [renderer.task(camera, _POSE, options)], _MODES, 0.0)
     for turn in range(1, _ROUNDS + 2):
         pose = Pose.from_angles(_POSE.t_w_c, yaw_deg=27.0 + turn, pitch_deg=8.0, roll_deg=-5.0)
         started = time.perf_counter()
@@ -113,6 +138,7 @@ def _measured(
     near = inside & _near_edges(camera, edge)
     return {
         "ms": 1e3 * min(times[1:]),
+        "megapixels": asked.pixels / 1e6,
         "psnr_db": float(-10 * np.log10(square[inside].mean())),
         "flip": _flip(np.where(inside[..., None], mean, 0), np.where(inside[..., None], lit, 0), inside),
         "wrong_labels": float((image["labels"] != hits.label)[inside].mean()),
@@ -149,6 +175,4 @@ def write(rows: list[Row], out: Path) -> list[Path]:
         Panel("labels: part that is wrong", *cost, lambda row: max(row.wrong_labels, _LEAST)),
         Panel("depth: 99th percentile of relative error", *cost, lambda row: max(row.depth_q99, _LEAST)),
     ]
-    return pareto.write(
-        rows, out, Chart("central", title, "model", "filter", attrgetter("face_size"), panels)
-    )
+    return pareto.write(rows, out, Chart("central", title, "model", "way", attrgetter("face_size"), panels))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from omniscv.chart.truth import traced, traced_mean
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import render
 from omniscv.geometry import Array, Pose
+from omniscv.planning import RenderKeywords
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
 from omniscv.sources.scene import SceneSource, open_scene
 
@@ -80,12 +81,17 @@ def cameras(width: int) -> dict[str, Camera]:
     }
 
 
-def measure(width: int = 384, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+def measure(
+    width: int = 384,
+    progress: Callable[[int, int], None] | None = None,
+    face_size: int | Literal["auto"] = "auto",
+) -> list[Row]:
     """Measures every way in the four-wall room.
 
     Args:
         width: of the panorama, px; mirrors are half as wide.
         progress: called with (images done, images in all).
+        face_size: px of a 90 degree face.
     """
     scene = open_scene("scene://four-wall").scene
     rows: list[Row] = []
@@ -94,7 +100,8 @@ def measure(width: int = 384, progress: Callable[[int, int], None] | None = None
         for strategy, viewpoints in WAYS:
             source = _Counting(SceneSource(scene, cached_views=_KEPT))
             started = time.perf_counter()
-            image = render(camera, _POSE, source, _MODES, strategy=strategy, viewpoints=viewpoints)
+            given: RenderKeywords = {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
+            image = render(camera, _POSE, source, _MODES, **given)
             compose_s = time.perf_counter() - started - source.seconds
             accuracy = _accuracy(image, hits, mean)
             row = Row(

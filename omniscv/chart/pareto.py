@@ -21,7 +21,7 @@ Row = TypeVar("Row")
 class Chart(NamedTuple):
     """What is drawn: a line of panels for each group of rows, a colour for each kind, a label at each dot.
 
-    ``group`` and ``kind`` are names of the rows' fields; a field ``default`` marks the row that is ringed.
+    ``group`` and ``kind`` are names of the rows' attributes; a field ``default`` marks the ringed row.
     """
 
     name: str

@@ -74,6 +74,7 @@ class JobOptions(Options):
     filter: str = Option("auto", help="auto, nearest, bilinear, bicubic or area.")
     max_error: str | None = Option(None, help="Error that reproject and adaptive may make, such as 0.5px.")
     normals: str = Option("captured", help="captured, or from-depth: of planes fitted to depth.")
+    truth_scale: int = Option(1, help="How many times finer masks, depth and normals are captured, 1 to 8.")
 
     def to_job(self, stem: str | None = None, **others: Any) -> Job:
         """Return the job; ``others`` are further fields of :class:`omniscv.jobs.Job`, not for a job file."""
@@ -98,7 +99,9 @@ class JobOptions(Options):
             cameras={stem or self.camera: create(self.camera, **parameters)},
             poses=(Pose.from_angles(position, self.yaw, self.pitch, self.roll),),
             modes=modes(self.modes),
-            options=RenderOptions(self.strategy, self.viewpoints, edge, filter, bound, normals),
+            options=RenderOptions(
+                self.strategy, self.viewpoints, edge, filter, bound, self.truth_scale, normals
+            ),
             **others,
         )
 

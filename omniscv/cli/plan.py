@@ -9,7 +9,7 @@ from omniscv.cli.options import JobOptions
 
 app = Typer(add_completion=False)
 
-_COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds")
+_COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds", "shift m")
 
 
 class PlanOptions(JobOptions):
@@ -22,12 +22,16 @@ class PlanOptions(JobOptions):
 @app.command(epilog="Example: omniscv plan --camera noncentral-panorama --param radius=1 --modes lit,depth")
 @PlanOptions.command
 def plan(given: PlanOptions) -> None:
-    """List what each strategy would capture for a job, and how long that takes, without capturing it."""
+    """List what each strategy would capture for a job, and how long that takes, without capturing it.
+
+    The last column is the largest distance from a pixel's own optical centre to that of its captures: what
+    fewer --viewpoints give up.
+    """
     from omniscv.jobs import costs
 
     rows = []
     for cost in costs(given.to_job(out=Path()), measure=given.measure):
         counts = (cost.views, cost.requests, cost.most_requests)
         sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
-        rows.append((cost.strategy, *counts, *sizes))
+        rows.append((cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}"))
     console.table(_COLUMNS, rows)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.compose.depth import SampledDepth
 from omniscv.compose.kernels import Floats, Mask
-from omniscv.compose.ray_bundle import ImageRays, average
+from omniscv.compose.ray_bundle import ImageRays
 from omniscv.compose.samplers import SAMPLE, Sampler
 from omniscv.geometry import Array
 from omniscv.planning import FoundDepth, Viewpoint
@@ -31,7 +31,6 @@ class Canvas:
     def __init__(self, rays: ImageRays, whole: bool) -> None:
         self._rays, self.whole = rays, whole
         self._flat: dict[str, NDArray[Any]] = {}
-        self._averaged: dict[str, Mask] = {}
         self._centers_w: Array = np.zeros(3) if whole else np.zeros((rays.valid.size, 3))
 
     def add_viewpoint(self, viewpoint: Viewpoint, origins_w: Array) -> None:
@@ -77,16 +76,7 @@ class Canvas:
         self, mode: str, viewpoint: Viewpoint, sampler: Sampler, filter: str, faces: Sequence[NDArray[Any]]
     ) -> None:
         """Sample another mode along the rays of a viewpoint."""
-        row = modalities.get(mode)
-        values = SAMPLE[row.interpolation](sampler, filter, faces)
-        seen = sampler.finer_seen if filter == "area" and row.interpolation == "blended" else None
-        if seen is None:
-            self._put(mode, viewpoint.pixels, values)
-            return
-        height, width = self._rays.finer_shape
-        mine = slice(None) if self.whole else self._rays.finer_pixels(viewpoint.pixels)
-        self._put(mode, mine, values, height * width)
-        self._averaged.setdefault(mode, np.zeros(height * width, np.bool_))[mine] = seen
+        self._put(mode, viewpoint.pixels, SAMPLE[modalities.get(mode).interpolation](sampler, filter, faces))
 
     def mark_edges(
         self,
@@ -112,13 +102,9 @@ class Canvas:
         """Return the layers, (H, W, ...)."""
         valid, found = self._rays.valid, {}
         for mode, values in self._flat.items():
-            shape = self._rays.finer_shape if mode in self._averaged else valid.shape
-            image = values.reshape(*shape, *values.shape[1:])
-            if mode in self._averaged:
-                image = average(image, self._averaged[mode].reshape(shape))
+            found[mode] = values.reshape(*valid.shape, *values.shape[1:])
             if outside := modalities.get(mode).outside:
-                image[~valid] = outside
-            found[mode] = image
+                found[mode][~valid] = outside
         return found
 
     @property
@@ -126,15 +112,15 @@ class Canvas:
         """(3,) or (H, W, 3) where depth is measured from, world frame, metres."""
         return self._centers_w if self.whole else self._centers_w.reshape(*self._rays.valid.shape, 3)
 
-    def _put(self, mode: str, where: Any, values: NDArray[Any], size: int | None = None) -> None:
+    def _put(self, mode: str, where: Any, values: NDArray[Any]) -> None:
         if self.whole:
             self._flat[mode] = values
         else:
-            self._layer(mode, values, size)[where] = values
+            self._layer(mode, values)[where] = values
 
-    def _layer(self, mode: str, like: NDArray[Any], size: int | None = None) -> NDArray[Any]:
+    def _layer(self, mode: str, like: NDArray[Any]) -> NDArray[Any]:
         if mode not in self._flat:
-            self._flat[mode] = np.zeros((size or self._rays.valid.size, *like.shape[1:]), like.dtype)
+            self._flat[mode] = np.zeros((self._rays.valid.size, *like.shape[1:]), like.dtype)
         return self._flat[mode]
 
 

@@ -122,7 +122,7 @@ class Composition:
                     f"expected captures of one size and type at a centre, got {sorted(kinds)}"
                 )
             sampler = self._sampler_of(viewpoint, views)
-            self._check_seen(viewpoint, sampler, views)
+            self._check_seen(viewpoint.views_of(mode)[0], viewpoint, sampler, views)
             if row.interpolation == "surface":
                 depth = canvas.sample_depth(viewpoint, sampler, self._filter, mine, offsets_w)
                 parallax = depth.parallax
@@ -165,11 +165,13 @@ class Composition:
             return None
         return np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
 
-    def _check_seen(self, viewpoint: Viewpoint, sampler: Sampler, views: Sequence[View]) -> None:
+    def _check_seen(
+        self, wanted: View, viewpoint: Viewpoint, sampler: Sampler, views: Sequence[View]
+    ) -> None:
         if not sampler.unseen:
             return
         came = views[0]
-        same = [(v.fov_deg, v.width, v.height) for v in (viewpoint.views[0], came)]
+        same = [(v.fov_deg, v.width, v.height) for v in (wanted, came)]
         advice = "capture with strategy 'cube'" if same[0] == same[1] else (
             f"they came as {came.width} x {came.height} of {came.fov_deg:g} degrees; make the source deliver "
             "square pictures of 90 degrees ('omniscv doctor' measures what a server delivers)"

@@ -17,7 +17,7 @@ from omniscv.geometry import pinhole
 from omniscv.sources.base import View
 
 FILTER_SUPPORT_PX = 2
-"""Pixels beyond a point that the widest filter, bicubic, needs."""
+"""Pixels beyond a point that bicubic, the widest interpolation, needs."""
 
 
 class Gutter:
@@ -25,20 +25,18 @@ class Gutter:
 
     Args:
         views: all of one size, from one centre.
-        width, height: px of a view at the level.
-        scale: its pixels per pixel of the view.
-        origin: where in the view the centre of its first pixel lies.
+        level: the mip level.
+        support: px of the gutter.
         bicubic: whether neighbours are resampled by the better and slower filter.
     """
 
-    def __init__(
-        self, views: Sequence[View], width: int, height: int, scale: float, origin: float, bicubic: bool
-    ) -> None:
-        ring = _ring(width, height)
+    def __init__(self, views: Sequence[View], level: int, support: int, bicubic: bool) -> None:
+        width, height, scale = views[0].width >> level, views[0].height >> level, 0.5**level
+        ring = _ring(width, height, support)
         self._ring, self._bicubic = ring, bicubic
         in_view, pixels = [], []
         for k, view in enumerate(views):
-            at = ring / scale + origin
+            at = (ring + 0.5) / scale
             rays_w = pinhole.rays(at, view.focal_px, view.width, view.height) @ view.pose.R_w_c.T
             others = [i for i in range(len(views)) if i != k]
             source = np.full(len(ring), k)
@@ -47,7 +45,7 @@ class Gutter:
                 found = look_up(rays_w, [views[i] for i in others])
                 seen = found.view >= 0
                 source[seen] = np.array(others)[found.view[seen]]
-                pixel[seen] = (np.stack([found.x, found.y], axis=1)[seen] - origin) * scale
+                pixel[seen] = np.stack([found.x, found.y], axis=1)[seen] * scale - 0.5
             in_view.append(source)
             pixels.append(np.clip(pixel, 0, (width - 1, height - 1)))
         self._source, self._pixel = np.array(in_view), np.array(pixels)
@@ -67,9 +65,10 @@ class Gutter:
             picture[row.ravel(), column.ravel()] = sample_bicubic(picture, x, y)
 
 
-def _ring(width: int, height: int) -> Ints:
-    """Return (N, 2) the pixels (x, y) within FILTER_SUPPORT_PX of a view, outside it."""
-    beyond = FILTER_SUPPORT_PX
-    v, u = np.mgrid[-beyond : height + beyond, -beyond : width + beyond]
-    outside = (u < 0) | (u >= width) | (v < 0) | (v >= height)
-    return np.stack([u[outside], v[outside]], axis=-1)
+def _ring(width: int, height: int, support: int) -> Ints:
+    """Return (N, 2) the pixels (x, y) within so many of a view, outside it."""
+    across, down = np.arange(-support, width + support), np.arange(height)
+    above, below = np.arange(-support, 0), np.arange(height, height + support)
+    left, right = np.arange(-support, 0), np.arange(width, width + support)
+    bands = [(across, above), (across, below), (left, down), (right, down)]
+    return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in bands])

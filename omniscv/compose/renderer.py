@@ -146,7 +146,7 @@ def render(
     Args:
         camera, pose, source, modes: what, from where, of which captures, and which modalities.
         progress: called with (captures done, captures known to be needed).
-        options: strategy, viewpoints, face_size, filter and max_error_px of :class:`omniscv.RenderOptions`.
+        options: the fields of :class:`omniscv.RenderOptions`.
 
     Raises:
         OmniscvError: as :meth:`Renderer.render`.

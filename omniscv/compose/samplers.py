@@ -9,15 +9,15 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omniscv.compose.atlas import Atlas, minification
+from omniscv.compose.area import AreaSampling
+from omniscv.compose.atlas import Atlas
 from omniscv.compose.bicubic import sample_bicubic
 from omniscv.compose.depth import SampledDepth, sample_depth
 from omniscv.compose.directions import normals_from_depth, sample_directions
 from omniscv.compose.folding import remap
 from omniscv.compose.gutter import FILTER_SUPPORT_PX
-from omniscv.compose.kernels import Floats, Ints, Mask, Pixels
+from omniscv.compose.kernels import Floats, Mask, Pixels
 from omniscv.compose.label_edges import label_edges
 from omniscv.compose.ray_bundle import RayBundle
 from omniscv.compose.ray_lookup import RayLookup, look_up
@@ -26,7 +26,6 @@ from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
 from omniscv.sources.base import View
 
-_SMALLEST_LEVEL = 8  # px: less of a view says nothing
 _MINIFIED, _MOST = 2.0, 0.9
 _EVERY = 7  # of how many pixels one is tested for minification
 
@@ -41,15 +40,11 @@ class Sampler(Protocol):
         """How many valid rays no view sees."""
 
     @property
-    def finer_seen(self) -> NDArray[np.bool_] | None:
-        """Which of the finer rays that ``area`` samples a view sees; None where there are none."""
-
-    @property
     def minifies(self) -> bool:
         """Whether most rays' pixels span two pixels of a view or more."""
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        """Return (N, ...) blended values; of the finer rays for ``area``, where there are any."""
+        """Return (N, ...) blended values."""
 
     def sample_depth(
         self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
@@ -70,6 +65,38 @@ class Sampler(Protocol):
         """What is held in memory."""
 
 
+class PointSampling:
+    """Samples an atlas at one point a ray.
+
+    Args:
+        filter: ``nearest``, ``bilinear`` or ``bicubic``.
+        lookup: of N rays.
+        views: all of one size.
+        row: rays in a row of the image; 0 where they are in none.
+    """
+
+    def __init__(self, filter: str, lookup: RayLookup, views: Sequence[View], row: int) -> None:
+        self._filter, self._row = filter, row
+        if filter == "nearest":
+            lookup = _pixel_centers(lookup, views[0])
+        guttered = filter != "nearest" and lookup.margin < FILTER_SUPPORT_PX
+        self._atlas = Atlas(views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
+        self._x, self._y = self._atlas.coordinates(lookup)
+
+    def sample(self, faces: Sequence[Pixels]) -> Pixels:
+        """Return (N, ...) values of the views' pixels."""
+        with self._atlas.picture(faces) as picture:
+            if self._filter == "bicubic":
+                return sample_bicubic(picture, self._x, self._y)
+            interpolation = "nearest" if self._filter == "nearest" else "bilinear"
+            return remap(picture, self._x, self._y, interpolation, self._row)
+
+    @property
+    def nbytes(self) -> int:
+        """What is held in memory."""
+        return self._atlas.nbytes + self._x.nbytes + self._y.nbytes
+
+
 class CpuSampler:
     """Samples with OpenCV and numba.
 
@@ -81,7 +108,7 @@ class CpuSampler:
 
     def __init__(self, rays: RayBundle, R_w_d: Array, views: Sequence[View]) -> None:
         self._rays, self._R_w_d, self._views = rays, R_w_d, tuple(views)
-        self._made: dict[str, tuple[Atlas, Floats, Floats]] = {}
+        self._made: dict[str, PointSampling | AreaSampling] = {}
 
     @cached_property
     def lookup(self) -> RayLookup:
@@ -89,40 +116,30 @@ class CpuSampler:
         return look_up(self._rays.directions, self._views, self._R_w_d)
 
     @cached_property
-    def finer_lookup(self) -> RayLookup | None:
-        """Of the finer rays."""
-        finer = self._rays.finer
-        return None if finer is None else look_up(finer.directions, self._views, self._R_w_d)
-
-    @cached_property
     def unseen(self) -> int:
         """How many valid rays no view sees."""
         return int(np.count_nonzero(self.lookup.view < 0)) - self._rays.invalid_count
 
     @cached_property
-    def finer_seen(self) -> NDArray[np.bool_] | None:
-        """Which finer rays a view sees."""
-        return None if self.finer_lookup is None else self.finer_lookup.view >= 0
-
-    @cached_property
     def minifies(self) -> bool:
         """Whether bilinear interpolation would pass over some of most pixels' footprints."""
-        some = np.flatnonzero(self.lookup.view[::_EVERY] >= 0) * _EVERY
-        return bool(len(some)) and bool(
-            np.quantile(self._spanned(self.lookup, self._rays.steps, some), 1 - _MOST) > _MINIFIED
-        )
+        lookup, view = self.lookup, self._views[0]
+        some = np.flatnonzero(lookup.view[::_EVERY] >= 0) * _EVERY
+        u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
+        # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
+        # to its centre
+        spanned = self._rays.steps[some] * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75
+        return len(some) > 0 and bool(np.quantile(spanned, 1 - _MOST) > _MINIFIED)
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
         if filter not in self._made:
-            self._made[filter] = self._make(filter)
-        atlas, x, y = self._made[filter]
-        finer = self._rays.finer if filter == "area" else None
-        with atlas.picture(faces) as picture:
-            if filter == "bicubic":
-                return sample_bicubic(picture, x, y)
-            return remap(
-                picture, x, y, "nearest" if filter == "nearest" else "bilinear", (finer or self._rays).row
+            rays, views = self._rays, self._views
+            self._made[filter] = (
+                AreaSampling(rays.footprints(), self.lookup, views, self._R_w_d)
+                if filter == "area"
+                else PointSampling(filter, self.lookup, views, rays.row)
             )
+        return self._made[filter].sample(faces)
 
     def sample_depth(
         self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
@@ -140,47 +157,8 @@ class CpuSampler:
 
     @property
     def nbytes(self) -> int:
-        lookups = [self.__dict__.get("lookup"), self.__dict__.get("finer_lookup")]
-        held: int = sum(lookup.nbytes for lookup in lookups if lookup is not None)
-        for atlas, x, y in list(self._made.values()):
-            held += atlas.nbytes + x.nbytes + y.nbytes
-        return held
-
-    def _make(self, filter: str) -> tuple[Atlas, Floats, Floats]:
-        lookup, steps = self.lookup, None
-        if filter == "area":
-            finer, finer_lookup = self._rays.finer, self.finer_lookup
-            if finer is None or finer_lookup is None:
-                steps = self._rays.steps
-            else:
-                lookup, steps = finer_lookup, finer.steps
-            atlas = Atlas(self._views, self._levels(lookup, steps), guttered=True, bicubic=False)
-        else:
-            if filter == "nearest":
-                lookup = _pixel_centers(lookup, self._views[0])
-            guttered = filter != "nearest" and lookup.margin < FILTER_SUPPORT_PX
-            atlas = Atlas(self._views, range(1), guttered, bicubic=filter == "bicubic")
-        return atlas, *atlas.coordinates(lookup, steps)
-
-    def _levels(self, lookup: RayLookup, steps: Floats) -> range:
-        """The mip levels that an averaged image samples."""
-        seen = np.flatnonzero(lookup.view >= 0)
-        if len(seen) == 0:
-            return range(1)
-        spanned = self._spanned(lookup, steps, seen)
-        least, most = (int(np.log2(max(1.0, float(limit)))) for limit in (spanned.min(), spanned.max()))
-        smallest = min(self._views[0].width, self._views[0].height)
-        while most > 0 and smallest >> most < _SMALLEST_LEVEL:
-            most -= 1
-        return range(min(least, most, 1), most + 1)
-
-    def _spanned(self, lookup: RayLookup, steps: Floats, some: Ints) -> Array:
-        view = self._views[0]
-        return np.asarray(
-            minification(
-                lookup.x[some], lookup.y[some], view.width / 2, view.height / 2, view.focal_px, steps[some]
-            )
-        )
+        held: int = self.lookup.nbytes if "lookup" in self.__dict__ else 0
+        return held + sum(sampling.nbytes for sampling in list(self._made.values()))
 
 
 def _pixel_centers(lookup: RayLookup, view: View) -> RayLookup:

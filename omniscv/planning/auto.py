@@ -3,17 +3,21 @@
 from omniscv.planning.base import Task, Viewpoint
 from omniscv.planning.depth_marching import DepthShell
 from omniscv.planning.exact import Exact, cheapest_viewpoints, face_viewpoints
+from omniscv.planning.single_view import single_viewpoint
 from omniscv.planning.viewpoints import Groups
 
 
 class Auto(Exact):
-    """The cheapest that the source can do: ``strips`` if there are several optical centres, else ``faces``.
+    """``strips`` where there are several optical centres; at one, a single view if it holds all rays, else
+    ``faces``.
 
-    Also ``faces`` where the source cannot set size and field of view, or is a recording without the strips.
+    Also ``faces`` where the source cannot set size and field of view, or is a recording without those views.
     """
 
     name = "auto"
 
     def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        chosen = cheapest_viewpoints if len(groups) > 1 else face_viewpoints
-        return chosen(task, groups, around)
+        if len(groups) > 1:
+            return cheapest_viewpoints(task, groups, around)
+        single = [found for group in groups if (found := single_viewpoint(task, group))]
+        return tuple(single) or face_viewpoints(task, groups, around)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,6 +24,7 @@ from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
 Normals = Literal["captured", "from-depth"]
+FINEST_TRUTH = 8
 
 
 class RenderKeywords(TypedDict, total=False):
@@ -34,6 +35,7 @@ class RenderKeywords(TypedDict, total=False):
     face_size: int | Literal["auto"]
     filter: Filter
     max_error_px: float | None
+    truth_scale: int
     normals: Normals
 
 
@@ -48,6 +50,7 @@ class RenderOptions:
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
         max_error_px: the error that ``reproject`` and ``adaptive`` may make, in output pixels.
+        truth_scale: how many times finer than colours masks, depth and normals are captured, 1 to 8.
         normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
 
     Raises:
@@ -59,6 +62,7 @@ class RenderOptions:
     face_size: int | Literal["auto"] = "auto"
     filter: Filter = "auto"
     max_error_px: float | None = None
+    truth_scale: int = 1
     normals: Normals = "captured"
 
     def __post_init__(self) -> None:
@@ -71,6 +75,8 @@ class RenderOptions:
             raise ArgumentError(f"face_size: expected 'auto' or 1 to {densities.LARGEST} px, got {size!r}")
         if self.max_error_px is not None and not self.max_error_px > 0:
             raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {self.max_error_px!r}")
+        if not (isinstance(self.truth_scale, int) and 1 <= self.truth_scale <= FINEST_TRUTH):
+            raise ArgumentError(f"truth_scale: expected 1 to {FINEST_TRUTH}, got {self.truth_scale!r}")
 
 
 def sampled(modes: Sequence[str], options: RenderOptions) -> tuple[str, ...]:
@@ -104,7 +110,7 @@ class Viewpoint:
 
     Attributes:
         center_w: (3,) the centre, world frame, metres.
-        views: the pictures taken there.
+        views: the pictures taken there, of colours; those of ground truth are ``truth_scale`` times finer.
         pixels: (N,) int64, row-major flat indices of the image's pixels that it serves; none where its
             captures only inform the strategy.
         modes: what is captured; all that the image needs if not given.
@@ -114,6 +120,7 @@ class Viewpoint:
         check: what is known of the depth along the pixels' own rays, which share another centre.
         occluded: (N,) bool, pixels whose own optical centre is not visible from the camera's position;
             None: not judged.
+        truth_scale: set by :func:`omniscv.planning.rounds` for every strategy.
     """
 
     center_w: Array
@@ -125,9 +132,16 @@ class Viewpoint:
     found: FoundDepth | None = None
     check: FoundDepth | None = None
     occluded: NDArray[np.bool_] | None = None
+    truth_scale: int = 1
+
+    def views_of(self, mode: str) -> tuple[View, ...]:
+        """Return the pictures taken in a mode."""
+        scale = self.truth_scale if modalities.get(mode).truth else 1
+        return self.views if scale == 1 else tuple(view.scaled(scale) for view in self.views)
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
-        """What is captured for an image in some modes, view by view: a server poses its camera once for all.
+        """What is captured for an image in some modes, view by view: a server poses its camera once for all
+        modes of one size.
 
         Depth comes first, because it differs between places where colours may be alike: a live source
         detects by it that its camera has moved.
@@ -135,7 +149,12 @@ class Viewpoint:
         wanted = modes if self.modes is None else self.modes
         order = [mode for mode in ("depth",) if mode in wanted and self.found is None]
         order += [modalities.get(mode).captured_as or mode for mode in wanted if mode != "depth"]
-        return [Request(view, mode) for view in self.views for mode in dict.fromkeys(order)]
+        order = list(dict.fromkeys(order))
+        finer = [mode for mode in order if self.truth_scale > 1 and modalities.get(mode).truth]
+        sizes = finer, [mode for mode in order if mode not in finer]
+        return [
+            Request(view, mode) for same in sizes if same for view in self.views_of(same[0]) for mode in same
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +207,13 @@ class Task:
         size = self.options.face_size
         return self.rays.face_size if size == "auto" else size
 
-    def available(self, views: Iterable[View]) -> bool:
-        """Return whether the source can deliver views: unless it is a recording without them."""
-        return self.recorded is None or self.recorded.hold(views)
+    def available(self, views: Sequence[View]) -> bool:
+        """Return whether the source can deliver views: unless it is a recording without them, be it as
+        colours or as ground truth."""
+        scales = {1, self.options.truth_scale}
+        return self.recorded is None or any(
+            self.recorded.hold(view.scaled(scale) for view in views) for scale in scales
+        )
 
     @property
     def sets_views(self) -> bool:

@@ -3,8 +3,10 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from omniscv import modalities
-from omniscv.planning.base import Round, Task, drive
+from omniscv.planning.base import Round, Task, Viewpoint, drive
 from omniscv.planning.registry import get, rounds
 from omniscv.sources.base import Request
 
@@ -15,11 +17,12 @@ class Cost:
 
     Attributes:
         strategy: its name.
-        views: pictures, each in every mode.
+        views: pictures.
         requests, most_requests: captures.
         pixels: captured, over all modes.
         bytes: on the wire, estimated.
         seconds: estimated.
+        displacement_m: the largest distance from a pixel's own optical centre to its captures' one, metres.
     """
 
     strategy: str
@@ -29,6 +32,7 @@ class Cost:
     pixels: int
     bytes: float
     seconds: float
+    displacement_m: float = 0.0
 
 
 def cost(strategy: str, tasks: Iterable[Task], modes: Sequence[str], seconds_per_request: float) -> Cost:
@@ -45,27 +49,44 @@ def cost(strategy: str, tasks: Iterable[Task], modes: Sequence[str], seconds_per
     """
     requests: dict[Request, None] = {}
     further = most = 0
+    displacement_m = 0.0
     for task in tasks:
         bound = task.options.max_error_px if get(strategy).approximate else None
         task = replace(task, options=replace(task.options, strategy=strategy, max_error_px=bound))
+        serving: list[Viewpoint] = []
 
-        def plan(round_: Round) -> None:
+        def plan(round_: Round, serving: list[Viewpoint] = serving) -> None:
             requests.update(dict.fromkeys(round_.requests(modes)))
+            serving += round_.viewpoints
 
         drive(rounds(task), plan)
+        displacement_m = max([displacement_m, *(_displacement_m(task, each) for each in serving)])
         estimate, limit = get(strategy).further_views(task)
         further, most = further + estimate, most + limit
     each = len({*modes, "depth"}) if further else len(modes)
     areas = [request.view.width * request.view.height for request in requests]
-    largest = max(areas, default=0)
+    largest = dict.fromkeys(modes, 0)
+    for request, area in zip(requests, areas, strict=True):
+        largest[request.mode] = max(area, largest.get(request.mode, 0))
     wire_bytes = sum(a * modalities.get(r.mode).wire_bytes for a, r in zip(areas, requests, strict=True))
+    further_bytes = sum(modalities.get(mode).wire_bytes * area for mode, area in largest.items())
     count = len(requests) + further * each
     return Cost(
         strategy,
         views=len({request.view for request in requests}) + further,
         requests=count,
         most_requests=len(requests) + most * each,
-        pixels=sum(areas) + further * each * largest,
-        bytes=wire_bytes + further * largest * sum(modalities.get(mode).wire_bytes for mode in modes),
+        pixels=sum(areas) + further * sum(largest.values()),
+        bytes=wire_bytes + further * further_bytes,
         seconds=count * seconds_per_request,
+        displacement_m=displacement_m,
     )
+
+
+def _displacement_m(task: Task, viewpoint: Viewpoint) -> float:
+    """How far from its own optical centre a pixel is captured, at most; marched rays are not."""
+    origins = task.rays.origins
+    if origins is None or viewpoint.toward_w is not None or not len(viewpoint.pixels):
+        return 0.0
+    own_w = task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels])
+    return float(np.linalg.norm(own_w - viewpoint.center_w, axis=1).max())

@@ -64,7 +64,7 @@ class CubeFaces:
         """
         six = tuple(View(Pose(center_w, R_w_c), *self._kind) for R_w_c in ROTATIONS)
         if self._task.recorded is not None:
-            six = self._task.recorded.faces(center_w, six)
+            six = self._task.recorded.faces(center_w, six, self._task.options.truth_scale)
         covers = [self._task.cover(view) for view, wanted in zip(six, hit, strict=True) if wanted]
         return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
 

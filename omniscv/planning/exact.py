@@ -17,7 +17,7 @@ from omniscv.sources.base import View
 _SHARED_M = 0.05
 """What rays meet that start nearer to their viewpoint, its own captures bound well enough."""
 _STRIP_BORDER_PX = 2
-"""The filter support beyond a ray's pixel: a strip's rays run through its middle."""
+"""The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
 
 
 def face_viewpoints(
@@ -36,7 +36,9 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
     """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do."""
     if not groups:
         return ()
-    focal_px, border_px = task.edge / 2, task.border(_STRIP_BORDER_PX)
+    focal_px = task.edge / 2
+    spanned = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
+    border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned / 2))))
     rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
     size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
     faces = CubeFaces(task, task.edge, border_px)
@@ -55,7 +57,7 @@ def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -
     """
     if task.sets_views:
         strips = strip_viewpoints(task, groups, around)
-        if task.available(view for each in strips for view in each.views):
+        if task.available([view for each in strips for view in each.views]):
             return strips
     return face_viewpoints(task, groups, around)
 

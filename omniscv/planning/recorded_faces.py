@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,16 +39,34 @@ class RecordedViews:
         """Return whether all of some views are recorded."""
         return self._held.issuperset(views)
 
-    def faces(self, center_w: Array, wanted: Sequence[View]) -> tuple[View, ...]:
+    def faces(self, center_w: Array, wanted: Sequence[View], truth_scale: int = 1) -> tuple[View, ...]:
         """Return the six views at a centre: the wanted ones if they are there, else the fullest, finest set.
 
         Those that the recording lacks are the wanted ones: requesting them shows what is missing.
+
+        Args:
+            center_w: (3,) the centre.
+            wanted: six views.
+            truth_scale: how many times finer ground truth is requested. A set that is recorded both ways
+                comes first; one that is recorded once is taken for ground truth.
         """
-        kinds = self._at.get(_position(center_w), {})
-        if not kinds:
+        kinds, best = self._at.get(_position(center_w), {}), _kind(wanted[0])
+        if not kinds or best in kinds or _kind(wanted[0].scaled(truth_scale)) in kinds:
             return tuple(wanted)
-        best = max(kinds, key=lambda kind: (kind == _kind(wanted[0]), len(kinds[kind]), kind[0]))
-        return tuple(kinds[best].get(face, view) for face, view in enumerate(wanted))
+
+        def finer(kind: Kind) -> Kind:
+            return truth_scale * kind[0], truth_scale * kind[1], kind[2]
+
+        coarse = [kind for kind in kinds if finer(kind) in kinds]
+        coarse = coarse or [
+            (width // truth_scale, height // truth_scale, fov) for width, height, fov in kinds
+        ]
+        best = max(coarse, key=lambda kind: (len(kinds.get(finer(kind), {})), kind[0]))
+        found = kinds.get(finer(best), {})
+        return tuple(
+            replace(found[face], width=best[0], height=best[1]) if face in found else view
+            for face, view in enumerate(wanted)
+        )
 
 
 def _position(position: Array) -> Position:

@@ -9,6 +9,7 @@ from omniscv.planning.auto import Auto
 from omniscv.planning.base import Rounds, Strategy, Task
 from omniscv.planning.cube import Cube
 from omniscv.planning.faces import Faces
+from omniscv.planning.finer_truth import with_finer_truth
 from omniscv.planning.reproject import Reproject
 from omniscv.planning.strips import Strips
 
@@ -57,7 +58,8 @@ def rounds(task: Task) -> Rounds:
     if task.options.max_error_px is not None and not strategy.approximate:
         approximate = " or ".join(name for name, each in _strategies.items() if each.approximate)
         raise ArgumentError(f"max_error_px: expected strategy {approximate}, got {strategy.name!r}")
-    return strategy.rounds(task)
+    found = strategy.rounds(task)
+    return found if task.options.truth_scale == 1 else with_finer_truth(found, task)
 
 
 for _strategy in (Auto, Cube, Faces, Strips, Reproject, Adaptive):

@@ -18,7 +18,7 @@ _MOST_VIEWS = 12
 _CENTERING_STEPS = 4
 _GRAZING = 0.05  # z of a unit ray: nearer to 0 it is as good as behind the view
 _ROUNDING = 1e-7
-_STEEPEST = np.tan(np.radians(62.0))  # farther off a view's axis pixels are stretched more than four times
+STEEPEST = np.tan(np.radians(62.0))  # farther off a view's axis pixels are stretched more than four times
 _SAMPLED_VIEWPOINTS = 24
 _SAMPLED_RAYS = 192
 _PIXELS_PER_REQUEST = 300_000.0
@@ -45,9 +45,9 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
     for count in range(1, _MOST_VIEWS + 1):
         strips = [strip for rays in sample for strip in _strips(rays, count)]
         half = np.max([half for _, half in strips], axis=0)
-        if half[0] > _STEEPEST:
+        if half[0] > STEEPEST:
             continue
-        size = _holding(half, focal_px, border_px, capabilities)
+        size = holding_size(half, focal_px, border_px, capabilities)
         cost = len(strips) * (1 + size[0] * size[1] / _PIXELS_PER_REQUEST)
         if cost < least:
             best, least = size, cost
@@ -73,8 +73,9 @@ def strip_views(
     return None
 
 
-def _holding(half: Array, focal_px: float, border_px: int, capabilities: Capabilities) -> Size:
-    # Even wide, odd high: a straight strip of rays runs through the middle of a row of pixels.
+def holding_size(half: Array, focal_px: float, border_px: int, capabilities: Capabilities) -> Size:
+    """Return the least width and height around extents in tangents: even wide, odd high, so that a straight
+    strip of rays runs through the middle of a row of pixels."""
     width = 2 * int(np.ceil(focal_px * half[0] + border_px - _ROUNDING))
     height = 2 * int(np.ceil(focal_px * half[1] + border_px - 0.5 - _ROUNDING)) + 1
     height = max(height, capabilities.min_size)
@@ -85,10 +86,10 @@ def _strips(rays: Array, count: int) -> list[tuple[Array, Array]]:
     """Up to ``count`` views around the circle that rays lie on: each R_w_c, and the tangents of its rays."""
     axis, azimuth = _circle(rays)
     if count == 1:
-        return [_looking(rays, rays.mean(axis=0), axis)]
+        return [looking(rays, rays.mean(axis=0), axis)]
     span = azimuth.max() * (1 + 1e-12) + 1e-12
     share = np.minimum((azimuth / span * count).astype(int), count - 1)
-    return [_looking(mine, mine.mean(axis=0), axis) for k in range(count) if len(mine := rays[share == k])]
+    return [looking(mine, mine.mean(axis=0), axis) for k in range(count) if len(mine := rays[share == k])]
 
 
 def _circle(rays: Array) -> tuple[Array, Array]:
@@ -108,8 +109,14 @@ def _circle(rays: Array) -> tuple[Array, Array]:
     return axis, (azimuth - start) % (2 * np.pi)
 
 
-def _looking(rays: Array, toward: Array, axis: Array) -> tuple[Array, Array]:
-    """A view along the circle with the rays in its middle, and the tangents that hold them: inf if none."""
+def looking(rays: Array, toward: Array, axis: Array) -> tuple[Array, Array]:
+    """Return R_w_c of a view with rays in its middle, and the tangents that hold them; infinite if none does.
+
+    Args:
+        rays: (N, 3) unit.
+        toward: (3,) about their middle.
+        axis: (3,) the view's y axis, as near as its middle allows.
+    """
     half = np.full(2, np.inf)
     R_w_c = np.eye(3)
     for _ in range(_CENTERING_STEPS):

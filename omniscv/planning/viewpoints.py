@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from omniscv.cameras import Camera, Rays
 from omniscv.geometry import Array
 from omniscv.parallel import blocks
 from omniscv.planning import densities
+from omniscv.planning.strip_views import looking
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,20 @@ class RayGroup:
 
 
 Groups = Sequence[RayGroup]
+
+
+class Frame(NamedTuple):
+    """The perspective view that holds rays with the least margin.
+
+    Attributes:
+        R_c_v: (3, 3) from the view's frame to the camera's.
+        half: (2,) tangents from its axis to its sides; infinite where no view holds the rays.
+        focal_px: of a view that is fine enough; see :func:`densities.focal_px`.
+    """
+
+    R_c_v: Array
+    half: Array
+    focal_px: float
 
 
 class CameraRays:
@@ -51,6 +67,22 @@ class CameraRays:
     def steps(self) -> Array:
         """(H, W) angle in radians from each ray to the next one's; see :func:`densities.steps`."""
         return densities.steps(self.directions)
+
+    @cached_property
+    def typical_step(self) -> float:
+        """The median of ``steps``, radians; 0 without any."""
+        steps = self.steps[np.isfinite(self.steps)]
+        return float(np.median(steps)) if steps.size else 0.0
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The view, upright in the image, that holds all rays of a central camera."""
+        rays = self.directions[self.valid]
+        R_c_v, half = looking(rays, rays.mean(axis=0), np.array([0.0, 1.0, 0.0]))
+        if not np.isfinite(half).all():
+            return Frame(R_c_v, half, np.inf)
+        # Off its axis a view samples more finely, by 1 / cos at least.
+        return Frame(R_c_v, half, densities.focal_px(self.steps[self.valid] / (rays @ R_c_v[:, 2])))
 
     @cached_property
     def face_size(self) -> int:

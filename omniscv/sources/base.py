@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -45,6 +45,10 @@ class View:
     def focal_px(self) -> float:
         """Focal length in px, the same across and down."""
         return pinhole.focal_px(self.width, self.fov_deg)
+
+    def scaled(self, factor: int) -> Self:
+        """Return the view with ``factor`` times as many pixels each way."""
+        return self if factor == 1 else replace(self, width=factor * self.width, height=factor * self.height)
 
     def project(self, points_w: ArrayLike) -> Array:
         """(..., 3) world points to (..., 3): u, v in px, z planar depth in m (z <= 0: behind)."""

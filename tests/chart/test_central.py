@@ -12,16 +12,16 @@ from omniscv.chart import central, pareto
 
 @pytest.fixture(scope="module")
 def rows():
-    return central.measure(width=48)
+    return central.measure(width=48, smallest_face=8)
 
 
 def test_every_way_is_measured(rows):
-    assert {(r.model, r.filter, r.scale) for r in rows} == {
-        (m, f, s) for m in central.models(48) for f in central.FILTERS for s in central.SCALES
+    assert {(r.model, r.scale, r.filter, r.truth_scale) for r in rows} == {
+        (model, *way) for model in central.models(48) for way in central.WAYS
     }
     assert [r.model for r in rows if r.default] == list(central.models(48))
     for row in rows:
-        assert 20 < row.psnr_db < 33
+        assert 20 < row.psnr_db < 34
         assert 0.02 < row.flip < 0.15
         assert 0.5 < row.seam < 1.6
         assert row.depth_median < 1e-6 < row.depth_q99
@@ -31,7 +31,7 @@ def test_filters_differ_in_colour_alone(rows):
     """Averaging is best where the image is coarser than the faces; labels are never blended."""
     for model in central.models(48):
         for scale in central.SCALES:
-            mine = {r.filter: r for r in rows if (r.model, r.scale) == (model, scale)}
+            mine = {r.way: r for r in rows if (r.model, r.scale, r.truth_scale) == (model, scale, 1)}
             assert mine["nearest"].psnr_db < mine["bilinear"].psnr_db < mine["area"].psnr_db
             assert mine["area"].flip <= mine["bilinear"].flip < mine["nearest"].flip
             assert len({(r.face_size, r.wrong_labels) for r in mine.values()}) == 1
@@ -40,9 +40,17 @@ def test_filters_differ_in_colour_alone(rows):
 def test_finer_faces_are_more_accurate_where_nothing_is_averaged(rows):
     """Labels and depth of the finest faces are better than those of the coarsest, for every model."""
     for model in central.models(48):
-        mine = [r for r in rows if r.model == model and r.filter == "bilinear"]
+        mine = [r for r in rows if r.model == model and r.way == "bilinear"]
         assert mine[-1].wrong_labels < mine[0].wrong_labels
         assert mine[-1].depth_q99 < mine[0].depth_q99
+
+
+def test_finer_truth_is_more_accurate_and_colours_stay(rows):
+    for model in central.models(48):
+        mine = {r.truth_scale: r for r in rows if (r.model, r.scale, r.filter) == (model, 1.0, "bilinear")}
+        assert mine[4].wrong_labels < mine[2].wrong_labels < mine[1].wrong_labels
+        assert mine[4].psnr_db == mine[2].psnr_db == mine[1].psnr_db
+        assert mine[2].megapixels == pytest.approx((1 + 4 + 4) / 3 * mine[1].megapixels)
 
 
 def test_it_writes_json_and_a_picture_of_a_line_a_model(rows, tmp_path):

@@ -12,7 +12,7 @@ from omniscv.chart import noncentral
 
 @pytest.fixture(scope="module")
 def rows():
-    return noncentral.measure(width=64)
+    return noncentral.measure(width=64, face_size=32)
 
 
 def test_every_way_is_measured(rows):

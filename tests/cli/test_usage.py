@@ -3,6 +3,7 @@
 import json
 import socket
 
+import numpy as np
 import pytest
 
 from omniscv.cli import run
@@ -216,10 +217,10 @@ def test_plan_lists_every_strategy(job, capsys):
     for measured in ([], ["--measure"]):
         assert run(["plan", str(job), *measured]) == 0
         heading, *rows = capsys.readouterr().out.splitlines()
-        columns = "strategy views requests at most megapixels megabytes seconds"
+        columns = "strategy views requests at most megapixels megabytes seconds shift m"
         assert heading.split() == columns.split()
         assert [row.split()[0] for row in rows] == list(planning.names())
-        assert all(len(row.split()) == 7 for row in rows)
+        assert all(len(row.split()) == 8 for row in rows)
 
 
 def test_plan_takes_the_options_of_render(capsys):
@@ -227,6 +228,41 @@ def test_plan_takes_the_options_of_render(capsys):
     rows = {row.split()[0]: row.split() for row in capsys.readouterr().out.splitlines()}
     assert rows["cube"][1:4] == ["390", "390", "390"]  # 64 columns, and one cube map around the camera
     assert float(rows["adaptive"][2]) < float(rows["adaptive"][3])
+
+
+def test_plan_shows_how_far_fewer_viewpoints_shift_the_optical_centre(capsys):
+    """Of a circle of 1 m in 4 parts: from the outermost column's centre to the mean of sixteen."""
+    ring = ["--camera", "noncentral-panorama", "--param", "radius=1", "--size", "64x32"]
+    shift = {}
+    for given in ([], ["--viewpoints", "4"]):
+        assert run(["plan", *ring, *given]) == 0
+        rows = [row.split() for row in capsys.readouterr().out.splitlines()[1:]]
+        shift[len(given)] = {row[0]: float(row[-1]) for row in rows}
+    assert set(shift[0].values()) == {0.0}
+    exact = {"auto", "cube", "faces", "strips"}
+    centers = np.exp(2j * np.pi * np.arange(16) / 64)
+    farthest = np.abs(centers - centers.mean()).max()
+    assert [shift[2][name] for name in exact] == pytest.approx([farthest] * 4, abs=1e-3)
+    assert {shift[2][name] for name in shift[2].keys() - exact} == {0.0}
+
+
+def test_finer_truth_is_an_option_of_jobs_and_of_commands(tmp_path, capsys):
+    small = ["--size", "32x16", "--face-size", "16", "--modes", "lit,depth", "--source", "scene://four-wall"]
+    megapixels = []
+    for given in ([], ["--truth-scale", "2"]):
+        assert run(["plan", *small, *given]) == 0
+        rows = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines()}
+        megapixels.append(float(rows["auto"][4]))
+        assert run(["render", *small, *given, "--stem", f"x{len(given)}", "--out", str(tmp_path)]) == 0
+    assert megapixels[1] == pytest.approx(2.5 * megapixels[0], rel=0.5)
+    written = [json.loads((tmp_path / f"x{n}.json").read_text())["options"] for n in (0, 2)]
+    assert [options["truth_scale"] for options in written] == [1, 2]
+    job = tmp_path / "job.yaml"
+    job.write_text(
+        "source: scene://four-wall\ncameras: {c: {model: pinhole, width: 16, height: 16, fov_deg: 60}}\n"
+        "poses: [{position: [0, 0, 1.5]}]\nmodes: [depth]\ntruth_scale: 9\n"
+    )
+    assert "truth_scale: expected 1 to 8, got 9" in failed(capsys, 2, ["render", str(job)])
 
 
 def test_an_unknown_command_is_one_line(capsys):

@@ -8,7 +8,7 @@ import omniscv
 from mock_server import load_scene
 from omniscv.chart.truth import traced_mean
 from omniscv.geometry import Pose
-from omniscv.planning import CameraRays
+from omniscv.planning import CameraRays, densities
 
 POSES = [
     Pose.from_angles(
@@ -24,15 +24,17 @@ CAMERAS = {name: camera for name, camera in cameras_at(192).items() if camera.ce
 def test_twice_the_size_gains_less_than_a_tenth(name):
     """On average over poses: in a single picture, how fine lines fall on the pixels decides as much.
 
-    Half the size loses, though: the automatic one is at the knee, not far beyond it.
+    A quarter loses, though: what a camera's density takes is at the knee, not far beyond it. Only colours
+    have a knee; the automatic size is no smaller than the edges in masks and depth take.
     """
     camera = CAMERAS[name]
+    knee = densities.face_size(CameraRays(camera).steps, smallest=8)
     square = dict.fromkeys((0.25, 1, 2), 0.0)
     for pose in POSES:
         truth = traced_mean(SCENE, camera, pose, across=3)
         for scale in square:
-            edge = round(CameraRays(camera).face_size * scale)
-            image = omniscv.render(camera, pose, float_source(SCENE), filter="bilinear", face_size=edge)
+            given = {"strategy": "faces", "filter": "bilinear", "face_size": round(knee * scale)}
+            image = omniscv.render(camera, pose, float_source(SCENE), **given)
             square[scale] += np.nanmean((image.lit - truth) ** 2)
     error = {scale: np.sqrt(total) for scale, total in square.items()}
     assert error[2] > 0.9 * error[1]
@@ -48,3 +50,8 @@ def test_the_density_of_a_pinhole_is_its_focal_length():
     """At the image's middle a step is 1 / f; the finest is towards the corners, by 1 / cos^2 at most."""
     camera = omniscv.cameras.create("pinhole", width=512, height=512, fov_deg=90)
     assert 1.2 * 512 <= CameraRays(camera).face_size <= 1.2 * 2 * 512
+
+
+def test_the_size_of_a_small_image_is_what_edges_take():
+    camera = omniscv.cameras.create("equirectangular", width=64, height=32)
+    assert CameraRays(camera).face_size == densities.SMALLEST

@@ -84,7 +84,7 @@ def test_a_gutter_continues_what_neighbours_see(bicubic, error):
     own = slice(FILTER_SUPPORT_PX, -FILTER_SUPPORT_PX)
     for k, rays in enumerate(wanted):
         atlas[own, k * size + FILTER_SUPPORT_PX : (k + 1) * size - FILTER_SUPPORT_PX] = rays[own, own]
-    Gutter(views, edge, edge, 1.0, 0.5, bicubic).fill(atlas, corners)
+    Gutter(views, 0, FILTER_SUPPORT_PX, bicubic).fill(atlas, corners)
     for k, rays in enumerate(wanted):
         found = atlas[:, k * size : (k + 1) * size]
         off = np.abs(found - rays).max(axis=-1)
@@ -98,5 +98,5 @@ def test_a_gutter_without_neighbours_continues_the_edge():
     view = View(Pose.from_angles((0, 0, 0)), 60.0, 8, 8)
     atlas = np.zeros((12, 12, 1), np.float32)
     atlas[2:-2, 2:-2, 0] = np.arange(8)
-    Gutter([view], 8, 8, 1.0, 0.5, bicubic=False).fill(atlas, np.array([[2, 2]]))
+    Gutter([view], 0, 2, bicubic=False).fill(atlas, np.array([[2, 2]]))
     np.testing.assert_array_equal(atlas[..., 0], np.broadcast_to([0, 0, *range(8), 7, 7], (12, 12)))

@@ -20,7 +20,7 @@ def views(edge, count=6):
 
 
 def test_six_large_faces_fit_and_do_not_overlap():
-    atlas = Atlas(views(LARGE), range(4), guttered=True, bicubic=False)
+    atlas = Atlas(views(LARGE), range(4), support=2)
     assert max(atlas.shape) < 32767
     slots = [
         (*corner, corner[0] + level.width, corner[1] + level.height)
@@ -39,8 +39,8 @@ def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
     faces = views(LARGE)
     rays = np.random.default_rng(0).normal(size=(2000, 3))
     lookup = look_up(rays, faces)
-    atlas = Atlas(faces, range(1), guttered=False, bicubic=False)
-    x, y = atlas.coordinates(lookup, None)
+    atlas = Atlas(faces, range(1), support=0)
+    x, y = atlas.coordinates(lookup)
     for k, view in enumerate(faces):
         mine = lookup.view == k
         exact = view.project(rays[mine])[:, :2] + atlas.levels[0].corners[k] - 0.5
@@ -49,7 +49,7 @@ def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
 
 def test_more_than_fit_are_refused():
     with pytest.raises(ArgumentError, match="fit into 32766"):
-        Atlas(views(LARGE, count=24), range(1), guttered=False, bicubic=False)
+        Atlas(views(LARGE, count=24), range(1), support=0)
 
 
 class Ramp(Source):

@@ -125,6 +125,7 @@ def test_strips_show_what_cubes_show(name):
             ("lit", "object_mask", "depth"),
             strategy=strategy,
             filter="bilinear",
+            face_size=128,
         )
         valid = image.valid
         relative = np.abs(image.depth - truth.distance)[valid] / truth.distance[valid]

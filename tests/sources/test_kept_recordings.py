@@ -18,7 +18,7 @@ from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store, view_from_json
 
 ROOMS = ("four-wall", "six-wall")
-FACE_PX = 192
+FACE_PX, STRIP_FACE_PX = 192, 56
 HERE = omniscv.Pose.from_angles((0.0, 0.0, 1.5))
 THERE = omniscv.Pose.from_angles((0.8, -0.6, 1.2))
 ALL_BYTES = 15e6
@@ -54,7 +54,9 @@ def test_images_of_kept_recordings_are_the_traced_rooms(room, recorded_source):
         assert np.median(np.abs(image.depth - hits.distance) / hits.distance) <= 1e-3
         assert (image.labels == hits.label).mean() >= 0.99
         assert mean_difference(image, hits) <= GREY_LEVELS
-    image = omniscv.render(circle, HERE, recorded_source, ("lit",), strategy="strips")
+    image = omniscv.render(
+        circle, HERE, recorded_source, ("lit",), strategy="strips", face_size=STRIP_FACE_PX
+    )
     assert mean_difference(image, traced(scene, image)) <= GREY_LEVELS
 
 

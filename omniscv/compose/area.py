@@ -1,0 +1,170 @@
+"""``area``: a pixel shows the mean of what it spans.
+
+A pixel's footprint in a view is a parallelogram, sampled by bilinear interpolation on a regular grid in it,
+at a mip level of which it spans a few pixels. Interpolation and mip level are filters of their own: the grid
+is narrower than the footprint by as much, so that together they have the second moments of a box of the
+footprint's size: sinusoids keep what the mean keeps, from a pixel that spans the square root of 2 px on.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from omniscv.compose import kernels
+from omniscv.compose.atlas import Atlas
+from omniscv.compose.footprints import Footprints
+from omniscv.compose.kernels import Floats, Ints, Pixels
+from omniscv.compose.ray_lookup import RayLookup, look_up
+from omniscv.geometry import Array
+from omniscv.sources.base import View
+
+_NARROW, _WIDE = 2.0, 16.0
+"""Level px that a footprint spans at least along its narrower side, where there are so many, and at most."""
+
+_SPACING = 1.5
+"""Level px between samples at most. With less, sinusoids of 1.2 px of the image gain less than half a grey
+level of 255; with 1.75, they lose one to two."""
+
+_SMALLEST_LEVEL = 8  # px: less of a view says nothing
+
+
+class AreaSampling:
+    """Samples an atlas in footprints.
+
+    Args:
+        footprints: of N rays, in a frame d.
+        lookup: of the rays.
+        views: all of one size.
+        R_w_d: (3, 3) from that frame to the world.
+    """
+
+    def __init__(
+        self, footprints: Footprints, lookup: RayLookup, views: Sequence[View], R_w_d: Array
+    ) -> None:
+        lookup = _moved(lookup, footprints, views, R_w_d)
+        count, first = len(lookup.view), views[0]
+        level = np.empty(count, np.uint8)
+        self._counts, self._spacing = np.empty((count, 2), np.uint8), np.empty((count, 2, 2), np.float32)
+        R_c_d = np.ascontiguousarray([view.pose.R_w_c.T @ R_w_d for view in views])
+        focal = np.array([view.focal_px for view in views])
+        coarsest = max(0, int(np.log2(min(first.width, first.height) / _SMALLEST_LEVEL)))
+        rows = lookup.view, lookup.x, lookup.y, footprints.edges, level, self._counts, self._spacing
+        support = kernels.run(_place, rows, R_c_d, focal, first.width, first.height, coarsest)
+        used = level[lookup.view >= 0]
+        levels = range(int(used.min()), int(used.max()) + 1) if len(used) else range(1)
+        self._atlas = Atlas(views, levels, max(support, default=0))
+        self._x, self._y = self._atlas.coordinates(lookup, level)
+
+    def sample(self, faces: Sequence[Pixels]) -> Pixels:
+        """Return (N, ...) means of the views' pixels, rounded where they are integers; 0 where no view sees
+        the ray."""
+        with self._atlas.picture(faces) as picture:
+            planes = picture if picture.ndim == 3 else picture[..., None]
+            last = planes.shape[2] - 1
+            out = np.empty((len(self._x), last + 1), picture.dtype)
+            half = np.float32(0.5 if picture.dtype.kind == "u" else 0)
+            rows = self._x, self._y, self._counts, self._spacing, out
+            for k in range(0, last + 1, 3):
+                kernels.run(_sample, rows, planes, k, min(k + 1, last), min(k + 2, last), half)
+        return out.reshape(-1, *picture.shape[2:])
+
+    @property
+    def nbytes(self) -> int:
+        """What is held in memory."""
+        return self._atlas.nbytes + sum(a.nbytes for a in (self._x, self._y, self._counts, self._spacing))
+
+
+def _moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View], R_w_d: Array) -> RayLookup:
+    """Return the lookup with pixels at the rim looked up in the middle of their part inside, where a view
+    sees that."""
+    if len(footprints.rim) == 0:
+        return lookup
+    inside = look_up(footprints.centers, views, R_w_d)
+    seen = inside.view >= 0
+    rim, view, x, y = footprints.rim[seen], lookup.view.copy(), lookup.x.copy(), lookup.y.copy()
+    view[rim], x[rim], y[rim] = inside.view[seen], inside.x[seen], inside.y[seen]
+    return RayLookup(view, x, y, min(lookup.margin, inside.margin))
+
+
+@njit(cache=True, nogil=True)
+def _place(
+    view: Ints, x: Floats, y: Floats, edges: Floats, level: Ints, counts: Ints, spacing: Floats,
+    R_c_d: Array, focal: Array, width: int, height: int, coarsest: int,
+) -> int:  # fmt: skip
+    """Write each ray's mip level, and the counts of its grid of samples and the steps between them, in px of
+    that level; return how far samples reach beyond their view, px."""
+    support = 0
+    spans = np.empty((2, 2))
+    for i in range(view.shape[0]):
+        k = view[i]
+        if k < 0:
+            level[i] = counts[i, 0] = counts[i, 1] = 0
+            continue
+        R, f = R_c_d[k], focal[k]
+        u, v = (x[i] - width / 2) / f, (y[i] - height / 2) / f
+        per_radian = f * np.sqrt(1.0 + u * u + v * v)
+        for a in range(2):
+            e = edges[i, a]
+            z = R[2, 0] * e[0] + R[2, 1] * e[1] + R[2, 2] * e[2]
+            spans[a, 0] = per_radian * (R[0, 0] * e[0] + R[0, 1] * e[1] + R[0, 2] * e[2] - u * z)
+            spans[a, 1] = per_radian * (R[1, 0] * e[0] + R[1, 1] * e[1] + R[1, 2] * e[2] - v * z)
+        one, other = np.hypot(spans[0, 0], spans[0, 1]), np.hypot(spans[1, 0], spans[1, 1])
+        coarse = max(1.0, min(one, other) / _NARROW, 2.0 * max(one, other) / _WIDE)
+        level[i] = min(int(np.log2(coarse)), coarsest)
+        px = 2.0 ** level[i]
+        reach_x, reach_y = 0.0, 0.0
+        for a in range(2):
+            full = max(one if a == 0 else other, 1e-9)
+            # variances, in twelfths of a level px squared: of the footprint, less those of bilinear
+            # interpolation, 2, and of the mip level's own pixels
+            rest = max(0.0, (min(full / px, _WIDE)) ** 2 - 3.0 + px**-2)
+            n = max(1, int(np.ceil(np.sqrt(rest / _SPACING**2 + 1.0) - 0.05)))
+            apart = np.sqrt(rest / (n * n - 1.0)) / full if n > 1 else 0.0
+            counts[i, a] = n
+            spacing[i, a, 0], spacing[i, a, 1] = apart * spans[a, 0], apart * spans[a, 1]
+            reach_x += 0.5 * (n - 1) * abs(spacing[i, a, 0])
+            reach_y += 0.5 * (n - 1) * abs(spacing[i, a, 1])
+        at_x, at_y = x[i] / px - 0.5, y[i] / px - 0.5
+        beyond_x = max(-np.floor(at_x - reach_x), np.floor(at_x + reach_x) + 2 - width // int(px))
+        beyond_y = max(-np.floor(at_y - reach_y), np.floor(at_y + reach_y) + 2 - height // int(px))
+        support = max(support, int(max(beyond_x, beyond_y)))
+    return support
+
+
+@njit(cache=True, nogil=True)
+def _sample(
+    x: Floats, y: Floats, counts: Ints, spacing: Floats, out: Pixels,
+    picture: Pixels, k0: int, k1: int, k2: int, half: np.float32,
+) -> None:  # fmt: skip
+    """Write means of three channels; indices are unsigned, because negative ones cost a test each."""
+    one = np.float32(1)
+    for i in range(x.shape[0]):
+        many, more = np.int32(counts[i, 0]), np.int32(counts[i, 1])
+        if many == 0:
+            out[i, k0] = out[i, k1] = out[i, k2] = 0
+            continue
+        right, down = spacing[i, 0, 0], spacing[i, 0, 1]
+        further_right, further_down = spacing[i, 1, 0], spacing[i, 1, 1]
+        a, b = np.float32(0.5) * np.float32(many - 1), np.float32(0.5) * np.float32(more - 1)
+        row_x, row_y = x[i] - a * right - b * further_right, y[i] - a * down - b * further_down
+        sum0 = sum1 = sum2 = np.float32(0)
+        for _ in range(more):
+            at_x, at_y = row_x, row_y
+            for _ in range(many):
+                c, r = np.uint32(at_x), np.uint32(at_y)
+                p, q = at_x - np.float32(c), at_y - np.float32(r)
+                w11 = p * q
+                w01, w10 = p - w11, q - w11
+                w00 = one - p - w10
+                n, m = c + np.uint32(1), r + np.uint32(1)
+                sum0 += w00 * np.float32(picture[r, c, k0]) + w01 * np.float32(picture[r, n, k0])
+                sum0 += w10 * np.float32(picture[m, c, k0]) + w11 * np.float32(picture[m, n, k0])
+                sum1 += w00 * np.float32(picture[r, c, k1]) + w01 * np.float32(picture[r, n, k1])
+                sum1 += w10 * np.float32(picture[m, c, k1]) + w11 * np.float32(picture[m, n, k1])
+                sum2 += w00 * np.float32(picture[r, c, k2]) + w01 * np.float32(picture[r, n, k2])
+                sum2 += w10 * np.float32(picture[m, c, k2]) + w11 * np.float32(picture[m, n, k2])
+                at_x, at_y = at_x + right, at_y + down
+            row_x, row_y = row_x + further_right, row_y + further_down
+        share = one / np.float32(many * more)
+        out[i, k0], out[i, k1], out[i, k2] = sum0 * share + half, sum1 * share + half, sum2 * share + half

@@ -1,0 +1,93 @@
+"""``truth_scale``: masks, depth and normals from finer captures than colours, with every strategy."""
+
+import numpy as np
+import pytest
+from support.exact import FIXED, distance_to_surfaces, float_source
+from support.plans import task_of, viewpoints_of, views_of
+
+import omniscv
+from mock_server import load_scene
+from omniscv import modalities, planning
+from omniscv.cameras import create
+from omniscv.chart.truth import traced
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.planning import RenderOptions
+
+POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
+ROOM = load_scene("four-wall")
+RING = create("noncentral-panorama", width=64, height=48, radius=0.3)
+WIDE = create("fisheye-equidistant", width=96, height=96, fov_deg=180)
+NARROW = create("pinhole", width=96, height=96, fov_deg=70)
+TRUTH = ("object_mask", "depth")
+MODES = ("lit", *TRUTH, "normals")
+
+
+def shown(camera, source, modes=MODES, **options):
+    return omniscv.render(camera, POSE, source, modes, face_size=64, **options)
+
+
+@pytest.mark.parametrize("strategy", planning.names())
+def test_wrong_labels_fall_in_proportion(strategy):
+    """And with them the rims of depth."""
+    camera = WIDE if strategy in ("cube", "faces") else RING
+    source, truth = float_source(ROOM), traced(ROOM, camera, POSE)
+    wrong, off = {}, {}
+    for scale in (1, 3):
+        image = shown(camera, source, TRUTH, strategy=strategy, truth_scale=scale)
+        differs = np.abs(image.depth - truth.distance) > 0.02 * truth.distance
+        wrong[scale] = (image.labels != truth.label)[image.valid].mean()
+        off[scale] = differs[image.valid].mean()
+    assert wrong[3] < wrong[1] / 1.8
+    assert off[3] < off[1] / 1.5
+
+
+@pytest.mark.parametrize("camera", [RING, NARROW], ids=["ring", "narrow"])
+def test_only_ground_truth_is_finer(camera):
+    coarse, fine = (task_of(camera, POSE, face_size=64, truth_scale=scale) for scale in (1, 2))
+    assert views_of(coarse) == views_of(fine)
+    for viewpoint in viewpoints_of(fine):
+        requests = viewpoint.requests(MODES)
+        assert len(requests) == len(MODES) * len(viewpoint.views)
+        for request in requests:
+            finer = 2 if modalities.get(request.mode).truth else 1
+            assert request.view in [view.scaled(finer) for view in viewpoint.views]
+    source = float_source(ROOM)
+    ones, twos = (shown(camera, source, truth_scale=scale) for scale in (1, 2))
+    np.testing.assert_array_equal(ones.lit, twos.lit)
+    assert not np.array_equal(ones.labels, twos.labels)
+
+
+@pytest.mark.parametrize("modes", [("lit", "object_mask"), TRUTH], ids=["all", "truth"])
+@pytest.mark.parametrize(
+    ("strategy", "camera", "size"), [("auto", RING, 64), ("faces", WIDE, "auto"), ("adaptive", RING, 64)]
+)
+def test_a_recording_replays_with_it(strategy, camera, size, modes, tmp_path):
+    """Faces also at the automatic size."""
+    path, given = tmp_path / "finer.sqlite", {"strategy": strategy, "truth_scale": 2}
+    with omniscv.open_source("scene://four-wall") as live, omniscv.record(live, path) as source:
+        recorded = omniscv.render(camera, POSE, source, modes, face_size=64, **given)
+    with omniscv.open_source(path) as replay:
+        replayed = omniscv.render(camera, POSE, replay, modes, face_size=size, **given)
+    for mode in modes:
+        np.testing.assert_array_equal(getattr(replayed, mode), getattr(recorded, mode))
+
+
+def test_points_lie_closer_to_surfaces():
+    source = float_source(ROOM)
+    images = [shown(WIDE, source, ("depth",), truth_scale=scale) for scale in (1, 4)]
+    once, finer = (np.quantile(distance_to_surfaces(ROOM, image.points()), 0.99) for image in images)
+    assert finer < once / 1.5
+
+
+@pytest.mark.parametrize("scale", [0, 9, 1.5, "2"])
+def test_values_outside_the_domain_are_refused(scale):
+    with pytest.raises(ArgumentError, match="truth_scale: expected 1 to 8"):
+        RenderOptions(truth_scale=scale)
+
+
+def test_what_no_source_delivers_is_refused():
+    with pytest.raises(ArgumentError, match="cannot set the size"):
+        views_of(task_of(RING, POSE, FIXED, truth_scale=2))
+    with pytest.raises(ArgumentError, match="at most 16384 px, got 8 x 4104"):
+        views_of(task_of(NARROW, POSE, truth_scale=8, face_size=4096, strategy="faces"))

@@ -1,0 +1,105 @@
+"""What one perspective view can hold is captured with one."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.cases import cases
+from support.exact import FIXED, float_source
+from support.plans import task_of, viewpoints_of, views_of
+
+import omniscv
+from mock_server import load_scene
+from omniscv.cameras import create
+from omniscv.chart.truth import traced
+from omniscv.compose.ray_lookup import look_up
+from omniscv.geometry import Pose
+from omniscv.planning import densities
+
+POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
+ROOM = load_scene("four-wall")
+NARROW = {
+    "pinhole": {"width": 64, "height": 64, "fov_deg": 25.0},
+    "fisheye-equidistant": {"width": 64, "height": 48, "fov_deg": 70.0},
+    "catadioptric-planar": {"width": 48, "height": 64, "fov_deg": 60.0},
+    "cylindrical": {"width": 80, "height": 40, "fov_h_deg": 90.0, "fov_v_deg": 50.0},
+}
+WIDE = create("fisheye-equidistant", width=64, height=64, fov_deg=185.0)
+
+angles = st.floats(-180, 180)
+
+
+@given(
+    st.floats(-6, np.log10(115)), st.integers(1, 300), st.integers(1, 300), angles, st.floats(-90, 90), angles
+)
+@cases(30)
+def test_a_pinhole_is_one_view_about_as_large_as_itself(log_fov, width, height, yaw_deg, pitch_deg, roll_deg):
+    """From a millionth of a degree on, wherever it looks; its axis is the view's."""
+    height = min(height, 2 * width)
+    fov_deg = 10**log_fov / max(1, height / width)
+    camera = create("pinhole", width=width, height=height, fov_deg=fov_deg)
+    pose = Pose.from_angles(POSE.position, yaw_deg, pitch_deg, roll_deg)
+    [view] = views_of(task_of(camera, pose))
+    focal_px = width / 2 / np.tan(np.radians(fov_deg) / 2)
+    finer = max(1.25, densities.SMALLEST / 2 / focal_px)
+    assert view.width <= finer * width + 12
+    assert view.height <= finer * height + 12
+    lookup = look_up(camera.unproject().directions.reshape(-1, 3), [view], pose.R_w_c)
+    assert (lookup.view == 0).all()
+    assert lookup.margin >= 2 - 1e-3
+    assert view.pose.R_w_c[:, 2] @ pose.R_w_c[:, 2] > 1 - 1e-9
+
+
+@pytest.mark.parametrize("name", NARROW)
+def test_one_view_shows_what_faces_show(name):
+    camera = create(name, **NARROW[name])
+    assert len(views_of(task_of(camera, POSE))) == 1
+    hits, source = traced(ROOM, camera, POSE), float_source(ROOM)
+    for strategy in ("auto", "faces"):
+        image = omniscv.render(
+            camera, POSE, source, ("object_mask", "depth"), strategy=strategy, face_size=512
+        )
+        assert (image.labels == hits.label)[image.valid].mean() >= 0.985
+        off = np.abs(image.depth - hits.distance)[image.valid] / hits.distance[image.valid]
+        assert np.median(off) <= 1e-5
+
+
+def test_the_middle_of_an_off_centre_image_is_the_axis():
+    camera = create("pinhole", width=64, height=64, focal=200.0, center=(-100.0, 150.0))
+    [view] = views_of(task_of(camera, POSE))
+    middle = camera.unproject(np.array([32.0, 32.0])).directions @ POSE.R_w_c.T
+    assert view.pose.R_w_c[:, 2] @ middle > np.cos(np.radians(2))
+    assert view.width < 1.5 * 64 * 192 / 200 + 100
+
+
+def test_what_no_view_holds_is_captured_with_faces():
+    faces = views_of(task_of(WIDE, POSE, strategy="faces"))
+    assert len(faces) > 1
+    assert views_of(task_of(WIDE, POSE)) == faces
+
+
+def test_a_source_that_sets_nothing_gets_faces():
+    camera = create("pinhole", width=64, height=64, fov_deg=1.0)
+    assert views_of(task_of(camera, POSE, FIXED)) == views_of(task_of(camera, POSE, FIXED, strategy="faces"))
+
+
+def test_an_explicit_size_sets_the_focal_length():
+    [view] = views_of(task_of(create("pinhole", width=64, height=64, fov_deg=60.0), POSE, face_size=512))
+    assert view.focal_px == pytest.approx(256)
+
+
+def test_a_recording_of_faces_serves_a_narrow_camera(tmp_path):
+    """And one of the view itself, the view."""
+    camera, modes = create("pinhole", width=64, height=64, fov_deg=60.0), ("object_mask", "depth")
+    for strategy in ("cube", "auto"):
+        path = tmp_path / f"{strategy}.sqlite"
+        with omniscv.open_source("scene://four-wall") as live, omniscv.record(live, path) as source:
+            captured = omniscv.render(camera, POSE, source, modes, strategy=strategy)
+        with omniscv.open_source(path) as replay:
+            image = omniscv.render(camera, POSE, replay, modes)
+        np.testing.assert_array_equal(image.depth, captured.depth)
+        np.testing.assert_array_equal(image.labels, captured.labels)
+
+
+def test_no_pixel_takes_no_view():
+    assert viewpoints_of(task_of(create("pinhole", width=1, height=1, fov_deg=1.0), POSE))

@@ -1,0 +1,76 @@
+"""Cameras and poses with drawn parameters: what an automatic size must hold for."""
+
+import numpy as np
+
+from omniscv import cameras
+from omniscv.geometry import Pose
+
+_LEAST_PX, _MOST_PX = 200, 256
+_MOST_DEG = {
+    "fisheye-equidistant": 360.0,
+    "fisheye-stereographic": 340.0,
+    "fisheye-orthographic": 180.0,
+    "fisheye-equisolid": 360.0,
+}
+
+
+def drawn_camera(name, rng):
+    """A camera of a model, 200 px or more on every side, its parameters drawn over what is built and sold."""
+    width, height = (int(size) for size in rng.integers(_LEAST_PX, _MOST_PX, 2, endpoint=True))
+    return cameras.create(name, width=width, height=height, **_parameters(name, rng, width))
+
+
+def drawn_pose(rng):
+    """A pose in the middle of a room, in which the scenes have nothing, turned any way."""
+    position = (*rng.uniform(-0.3, 0.3, 2), rng.uniform(1.2, 1.7))
+    return Pose.from_angles(position, rng.uniform(-180, 180), rng.uniform(-70, 70), rng.uniform(-90, 90))
+
+
+def _parameters(name, rng, width):
+    def between(low, high):
+        return float(rng.uniform(low, high))
+
+    match name:
+        case "equirectangular":
+            return {}
+        case "cylindrical":
+            return {"fov_h_deg": between(90, 360), "fov_v_deg": between(40, 170)}
+        case "pinhole":
+            return {"fov_deg": float(np.exp(between(np.log(1), np.log(150))))}
+        case "catadioptric-parabolic":
+            return {"semi_latus_rectum": between(0.02, 1), "fov_deg": between(150, 330)}
+        case "catadioptric-hyperbolic":
+            latus, distance = between(0.05, 0.6), between(0.1, 1.5)
+            return {"distance": distance, "semi_latus_rectum": latus, "focal": between(0.25, 0.6) * width}
+        case "catadioptric-planar":
+            return {"fov_deg": between(20, 150)}
+        case "scaramuzza":
+            scale = width / 384 * between(0.8, 1.3)
+            powers = scale ** (1.0 - np.arange(5))
+            return {
+                "coefficients": [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers,
+                "fov_deg": between(120, 190),
+            }
+        case "kannala-brandt":
+            fx = width * between(0.2, 0.5)
+            return {
+                "fx": fx,
+                "fy": fx * between(0.97, 1.03),
+                "k": (0.02, -0.008, 0.002, -0.0004),
+                "fov_deg": between(100, 185),
+            }
+        case "noncentral-panorama":
+            return {"radius": between(0, 1.5)}
+        case "noncentral-spherical-mirror":
+            return {
+                "mirror_radius": between(0.05, 0.4),
+                "distance": between(0.1, 0.5),
+                "focal": between(0.3, 1.0) * width,
+            }
+        case "noncentral-conical-mirror":
+            return {
+                "half_angle_deg": between(48, 65),
+                "distance": between(0.1, 0.4),
+                "focal": between(0.3, 0.8) * width,
+            }
+    return {"fov_deg": between(60, _MOST_DEG[name])}
