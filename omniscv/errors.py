@@ -1,8 +1,16 @@
 """The family of errors: arguments, sources, recordings."""
 
+from omniscv.texts import one_line
+
 
 class OmniscvError(Exception):
-    """Any error that omniscv raises on purpose. ``str(error)`` is one clear line."""
+    """Any error that omniscv raises on purpose.
+
+    ``str(error)`` is one clear line of at most 300 printable characters, whatever is quoted in it.
+    """
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
 
 
 class ArgumentError(OmniscvError, ValueError):

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.arguments import number, one_of, shown, text, whole_number
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import densities
@@ -20,6 +21,8 @@ from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
+MOST_VIEWPOINTS = 1_000_000
+"""As an image has columns, at most."""
 
 
 class RenderKeywords(TypedDict, total=False):
@@ -55,13 +58,16 @@ class RenderOptions:
     max_error_px: float | None = None
 
     def __post_init__(self) -> None:
-        if self.filter not in FILTERS:
-            raise ArgumentError(f"filter: expected one of {', '.join(FILTERS)}; got {self.filter!r}")
+        text("strategy", self.strategy)
+        one_of("filter", self.filter, FILTERS)
+        if self.viewpoints is not None:
+            whole_number("viewpoints", self.viewpoints, most=MOST_VIEWPOINTS)
         size = self.face_size
-        if size != "auto" and not (isinstance(size, int) and 1 <= size <= densities.LARGEST):
-            raise ArgumentError(f"face_size: expected 'auto' or 1 to {densities.LARGEST} px, got {size!r}")
-        if self.max_error_px is not None and not self.max_error_px > 0:
-            raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {self.max_error_px!r}")
+        if size != "auto" and not (type(size) is int and 1 <= size <= densities.LARGEST):
+            wanted = f"expected 'auto' or 1 to {densities.LARGEST} px"
+            raise ArgumentError(f"face_size: {wanted}, got {shown(size)}")
+        if self.max_error_px is not None:
+            number("max_error_px", self.max_error_px, above=0)
 
 
 @dataclass(frozen=True, eq=False)

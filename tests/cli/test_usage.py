@@ -99,12 +99,12 @@ def test_a_recording_without_the_asked_view(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("- not a job", "expected a job in YAML"),
+        ("- not a job", "expected a mapping with 'source', 'cameras', 'poses'"),
         ("source: mock://four-wall\ncameras: {}\nposes: []\n", "cameras: expected"),
         ("sources: x\n", "'sources'"),
         ("source: mock://four-wall\n", "'cameras'"),
-        ("{", "expected a job in YAML"),
-        ("!!python/object/apply:os.system [true]", "expected a job in YAML"),
+        ("{", "expected YAML"),
+        ("!!python/object/apply:os.system [true]", "expected no tags"),
         ("source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: []\n", "file names"),
     ],
 )
