@@ -32,6 +32,7 @@ HOSTILE = {
     "deep-by-alias": ("a: &a " + "[" * 20 + "]" * 20 + "\nb: " + "[" * 20 + "*a" + "]" * 20, "32 levels"),
     "itself": ("&a [*a]", "an alias of a value before it"),
     "digits": ("a: " + "9" * 1_000_000, "numbers of at most 64 characters"),
+    "nearly-digits": ("[" + "9" * 1_000_000 + "x", "expected YAML"),
     "many": ("[" + "1," * 300_000 + "]", "at most 100000 values"),
     "tag": ("a: !!timestamp x", "no tags"),
     "python": ("!!python/object/apply:os.system [exit]", "no tags"),

@@ -110,8 +110,10 @@ def size(text: str) -> tuple[int, int]:
 
 
 def edge(text: str) -> Any:
-    """``auto``, or px as a whole number, for ``--face-size``; what is neither is left for its check."""
-    return int(text) if re.fullmatch(r"[0-9]{1,9}", text) else text
+    """``--face-size``: ``auto``, or px as a whole number."""
+    if text != "auto" and not re.fullmatch(r"[0-9]{1,9}", text):
+        raise _wrong("--face-size", "auto or a number of px", text)
+    return text if text == "auto" else int(text)
 
 
 def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ...]:

@@ -47,7 +47,7 @@ def test_cameras_lists_every_model(capsys):
         (["--position", "nan,0,1"], "position: expected"),
         (["--position", "0,0"], "--position: expected numbers such as 0,0,1.5, got '0,0'"),
         (["--modes", "colour"], "mode: expected one of"),
-        (["--face-size", "-4"], "face_size: expected"),
+        (["--face-size", "-4"], "--face-size: expected"),
         (["--param", "radius"], "--param: expected NAME=VALUE"),
         (["--strategy", "guess"], "strategy: expected"),
         (["--filter", "sharp"], "filter: expected"),

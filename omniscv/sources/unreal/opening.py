@@ -78,10 +78,10 @@ def open_connection(address: str, timeout_s: float = 30.0) -> Iterator[Connectio
 
 
 def _endpoint(address: str) -> Endpoint:
-    parts = urlsplit(address)
-    if parts.scheme == "unreal+unix" and parts.path:
-        return parts.path
-    with suppress(ValueError):  # of a port that is no number
+    with suppress(ValueError):  # of a port that is no number, or a bracket that is not closed
+        parts = urlsplit(address)
+        if parts.scheme == "unreal+unix" and parts.path:
+            return parts.path
         if parts.scheme == "unreal" and parts.hostname:
             return parts.hostname, parts.port or 9000
     raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {address!r}")
