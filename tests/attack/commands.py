@@ -93,9 +93,8 @@ def refused(arguments):
 def clear(error, where=""):
     """Hold a refusal from Python to the same rules."""
     text = str(error)
-    require(
-        "\n" not in text and len(text) <= LONGEST_LINE, f"{where}: {len(text)} characters: {text[:400]!r}"
-    )
+    longest = getattr(error, "longest", LONGEST_LINE)
+    require("\n" not in text and len(text) <= longest, f"{where}: {len(text)} characters: {text[:400]!r}")
     require("expected" in text, f"{where}: expected what was expected, got {text!r}")
     wild = {each for each in text if not each.isprintable()}
     require(not wild, f"{where}: control characters in the message: {wild!r}")
