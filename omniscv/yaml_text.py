@@ -14,6 +14,7 @@ import yaml
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
+from omniscv.files import read_bytes
 
 MOST_BYTES, MOST_VALUES, MOST_LEVELS, LONGEST_NUMBER = 1 << 20, 100_000, 32, 64
 """Of a file; in it, aliases expanded; of nesting; characters of a number."""
@@ -34,13 +35,9 @@ def read_text(path: Path) -> str:
         ArgumentError: it cannot be read, is larger than ``MOST_BYTES``, or is no UTF-8.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
-            raise ArgumentError(f"expected a text file of at most {MOST_BYTES} bytes, got a larger one")
-        return data.decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as cause:
-        wrong = cause.strerror if isinstance(cause, OSError) else f"bytes that are no UTF-8: {cause.reason}"
+        return read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as cause:
+        wrong = f"bytes that are no UTF-8: {cause.reason}"
         raise ArgumentError(f"expected a readable text file, got {wrong}") from cause
 
 

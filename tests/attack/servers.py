@@ -220,12 +220,15 @@ def case(rng, folder):
     with nothing_left(folder) as work, Hostile(rng) as hostile:
         (work / "job.yaml").write_text(JOB.format(source=hostile.uri))
         started = time.monotonic()
-        if rng.random() < 0.7:
+        kind = rng.random()
+        if kind < 0.6:
             outcome = ran(["render", "job.yaml"])
             if outcome.code == 0 and hostile.honest:
                 require(pictures(work / "images") == true.images, "images differ from the honest server's")
             half = [each.name for each in work.rglob("*part*")]
             require(not half, f"half files are left: {half}")
+        elif kind < 0.7:
+            ran(["doctor", hostile.uri, "--timeout", "0.4", "--patience", "5"])
         else:
             outcome = ran(["record", "job.yaml", "--out", "room.sqlite"])
             if (work / "room.sqlite").exists():

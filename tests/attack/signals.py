@@ -54,7 +54,7 @@ def case(rng, folder):
             stderr=subprocess.PIPE,
             text=True,
         )
-        children = []
+        children, sent = [], [number]
         try:
             process.stdout.readline()
             time.sleep(rng.choice([rng.uniform(0, 0.1), rng.uniform(0, 1.5), rng.uniform(1, 4)]))
@@ -63,7 +63,8 @@ def case(rng, folder):
                 process.send_signal(number)
                 if rng.random() < 0.2 and number != signal.SIGKILL:
                     time.sleep(rng.uniform(0, 0.2))
-                    process.send_signal(rng.choice(SIGNALS[:3]))
+                    sent.append(rng.choice(SIGNALS[:3]))
+                    process.send_signal(sent[-1])
             _, err = process.communicate(timeout=SECONDS)
         finally:
             process.kill()
@@ -72,7 +73,7 @@ def case(rng, folder):
         require(not alive, f"{name}, {number.name}: processes are left: {alive}")
         if number != signal.SIGKILL:
             require(
-                process.returncode in (0, 1, 130, -number),
+                process.returncode in (0, 1, *(code for each in sent for code in (-each, 128 + each))),
                 f"{name}, {number.name}: exit code {process.returncode}: {err}",
             )
             require(len(err.splitlines()) <= 1, f"{name}, {number.name}: {err}")
