@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server import scene_file, textures
+from mock_server import scene_file, textures, yaml_text
 from mock_server.kernel import COLUMNS, CYLINDER, SPHERE, nearest_hits
 
 Array = NDArray[np.float64]
@@ -64,9 +64,11 @@ class Scene:
         self.name = name
         self.objects: tuple[str, ...] = tuple(sorted(set(parts.names)))
         self.solids = np.array(parts.rows).reshape(-1, COLUMNS)
-        self._labels = np.array([0] + [1 + self.objects.index(n) for n in parts.names], dtype=np.uint16)
-        self._textures = list(dict.fromkeys(parts.textures))
-        self._texture_of = np.array([self._textures.index(t) for t in parts.textures] + [-1], dtype=np.int64)
+        labels = {each: label for label, each in enumerate(self.objects, start=1)}
+        self._labels = np.array([0] + [labels[each] for each in parts.names], dtype=np.uint16)
+        textures_used = {each: index for index, each in enumerate(dict.fromkeys(parts.textures))}
+        self._textures = list(textures_used)
+        self._texture_of = np.array([textures_used[each] for each in parts.textures] + [-1], dtype=np.int64)
         self._owner = np.array(parts.names, dtype=object)
         self._sky, self._pattern = np.array(parts.sky), parts.pattern
 
@@ -166,8 +168,6 @@ def load_scene(name_or_path: str | Path) -> Scene:
     Raises:
         ValueError: no scene has that name, the file cannot be read, or a word or value in it is wrong.
     """
-    import yaml
-
     path = Path(name_or_path)
     if path.suffix not in (".yaml", ".yml"):
         path = _SCENES / f"{name_or_path}.yaml"
@@ -175,11 +175,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
             known = ", ".join(scene_names())
             raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
     try:
-        description = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
-        raise ValueError(
-            f"scene: expected a YAML file at {path}, got {' '.join(str(cause).split())}"
-        ) from cause
+        description = yaml_text.parse(yaml_text.read_text(path))
+    except ValueError as cause:
+        raise ValueError(f"scene: {path}: {cause}") from cause
     return Scene(path.stem, description)
 
 

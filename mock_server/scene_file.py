@@ -4,8 +4,6 @@ import functools
 import itertools
 import math
 import numbers as abstract
-import reprlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -15,17 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from mock_server.kernel import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE
 from mock_server.textures import KINDS, Texture, direction_pattern, waves
+from mock_server.yaml_text import shown
 
 Array = NDArray[np.float64]
 Pattern = Callable[[Array], Array]
-Range = Literal["finite", "above 0", "from 0 to 1"]
+Range = Literal["from -1e9 to 1e9", "from 1e-9 to 1e9", "from 0 to 1"]
 
-_SHORT = reprlib.Repr()
-_SHORT.maxlevel = 2
-_LARGEST = sys.float_info.max
+_MOST_SOLIDS, _MOST_CORNERS, _LONGEST_NAME = 10_000, 256, 100
 _RANGES: Mapping[Range, tuple[float, float]] = {
-    "finite": (-_LARGEST, _LARGEST),
-    "above 0": (math.ulp(0.0), _LARGEST),
+    "from -1e9 to 1e9": (-1e9, 1e9),
+    "from 1e-9 to 1e9": (1e-9, 1e9),
     "from 0 to 1": (0.0, 1.0),
 }
 _SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
@@ -50,6 +47,8 @@ class SceneFile:
 
     def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
         """Add a solid of a centre, axes as rows, and half sizes; see ``kernel.COLUMNS``."""
+        if len(self.rows) == _MOST_SOLIDS:
+            raise ValueError(f"{shown(name)}: expected at most {_MOST_SOLIDS} solids in a scene, got more")
         row = np.zeros(COLUMNS)
         row[0], row[2:17] = kind, np.concatenate([np.ravel(each) for each in columns])
         row[17] = _MARGIN * np.hypot(np.hypot(row[14], row[15] if kind != CYLINDER else 0.0), row[16])
@@ -70,9 +69,10 @@ def read(description: object, where: str) -> SceneFile:
     if "room" in data:
         _add_room(scene, data["room"], f"{where}: room")
     for name, value in _mapping(data.get("objects") or {}, f"{where}: objects").items():
-        if not isinstance(name, str) or not name or name.split() != [name]:
-            raise ValueError(f"{where}: objects: expected names without spaces, got {_SHORT.repr(name)}")
-        here = f"{where}: {name}"
+        if not isinstance(name, str) or name.split() != [name] or len(name) > _LONGEST_NAME:
+            wanted = f"expected names without spaces, of at most {_LONGEST_NAME} characters"
+            raise ValueError(f"{where}: objects: {wanted}, got {shown(name)}")
+        here = f"{where}: {name if name.isprintable() else ascii(name)}"
         item = _mapping(value, here, "solids", "texture")
         texture = _texture(item.get("texture", {}), f"{here}: texture")
         for solid in _list(item.get("solids"), 1, f"{here}: solids"):
@@ -80,30 +80,30 @@ def read(description: object, where: str) -> SceneFile:
     return scene
 
 
-def _numbers(value: object, count: int, where: str, what: Range = "finite") -> tuple[float, ...]:
+def _numbers(value: object, count: int, where: str, what: Range = "from -1e9 to 1e9") -> tuple[float, ...]:
     values = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] if count == 1 else []
     found = [float(x) for x in values if isinstance(x, abstract.Real) and not isinstance(x, bool)]
     least, most = _RANGES[what]
     if not len(found) == len(values) == count or not all(least <= x <= most for x in found):
         expected = f"{count} number{'s' if count > 1 else ''} ({what})"
-        raise ValueError(f"{where}: expected {expected}, got {_SHORT.repr(value)}")
+        raise ValueError(f"{where}: expected {expected}, got {shown(value)}")
     return tuple(found)
 
 
 def _mapping(value: object, where: str, *words: str) -> Mapping[str, object]:
     """Return a value that is a mapping, of these words only if there are any."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"{where}: expected a mapping, got {_SHORT.repr(value)}")
+        raise ValueError(f"{where}: expected a mapping, got {shown(value)}")
     unknown = [key for key in value if words and key not in words]
     if unknown:
-        raise ValueError(f"{where}: expected words among {', '.join(sorted(words))}; got {unknown[0]!r}")
+        raise ValueError(f"{where}: expected words among {', '.join(sorted(words))}; got {shown(unknown[0])}")
     return value
 
 
 def _list(value: object, least: int, where: str) -> list[object]:
     """Return a value that is a list of at least so many items."""
     if not isinstance(value, (list, tuple, np.ndarray)) or len(value) < least:
-        raise ValueError(f"{where}: expected a list of at least {least}, got {_SHORT.repr(value)}")
+        raise ValueError(f"{where}: expected a list of at least {least}, got {shown(value)}")
     return list(value)
 
 
@@ -111,12 +111,12 @@ def _texture(value: object, where: str) -> Texture:
     data = _mapping(value, where, "kind", "colors", "scale", "angle_deg")
     kind = data.get("kind", "plain")
     if kind not in KINDS:
-        raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}; got {_SHORT.repr(kind)}")
+        raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}; got {shown(kind)}")
     listed = _list(data.get("colors", [[0.7] * 3]), 1, f"{where}: colors")
     if len(listed) > 2:
         raise ValueError(f"{where}: colors: expected one or two, got {len(listed)}")
     colors = [_numbers(color, 3, f"{where}: colors", "from 0 to 1") for color in listed]
-    (scale,) = _numbers(data.get("scale", 1.0), 1, f"{where}: scale", "above 0")
+    (scale,) = _numbers(data.get("scale", 1.0), 1, f"{where}: scale", "from 1e-9 to 1e9")
     (angle,) = _numbers(data.get("angle_deg", 0.0), 1, f"{where}: angle_deg")
     return Texture(kind, colors[0], colors[-1], scale, math.radians(angle))
 
@@ -129,16 +129,19 @@ def _pattern(value: object, where: str) -> Pattern | None:
     if kind == "direction":
         return direction_pattern
     if kind == "waves":
-        (period,) = _numbers(data.get("period_rad"), 1, f"{where}: pattern: period_rad", "above 0")
+        (period,) = _numbers(data.get("period_rad"), 1, f"{where}: pattern: period_rad", "from 1e-9 to 1e9")
         return functools.partial(waves, period_rad=period)
-    raise ValueError(f"{where}: pattern: kind: expected direction or waves, got {_SHORT.repr(kind)}")
+    raise ValueError(f"{where}: pattern: kind: expected direction or waves, got {shown(kind)}")
 
 
 def _add_room(scene: SceneFile, value: object, where: str) -> None:
     """Add walls, floor and ceiling of a floor polygon."""
     data = _mapping(value, where, "floor", "height", "walls", "floor_texture", "ceiling_texture")
     floor = f"{where}: floor"
-    corners = np.array([_numbers(corner, 2, floor) for corner in _list(data.get("floor"), 4, floor)])
+    listed = _list(data.get("floor"), 4, floor)
+    if len(listed) > _MOST_CORNERS:
+        raise ValueError(f"{floor}: expected at most {_MOST_CORNERS} corners, got {len(listed)}")
+    corners = np.array([_numbers(corner, 2, floor) for corner in listed])
     steps = np.roll(corners, -1, axis=0) - corners
     if ((steps == 0).sum(axis=1) != 1).any():
         raise ValueError(f"{floor}: expected neighbouring corners that differ in either x or y")
@@ -147,7 +150,7 @@ def _add_room(scene: SceneFile, value: object, where: str) -> None:
     twice = (corners[:, 0] * steps[:, 1] - corners[:, 1] * steps[:, 0]).sum()
     if not math.isclose(twice, 2 * sum(np.prod(high - low) for low, high in rectangles)):
         raise ValueError(f"{floor}: expected corners counter-clockwise, of edges that do not cross")
-    (height,) = _numbers(data.get("height", 2.8), 1, f"{where}: height", "above 0")
+    (height,) = _numbers(data.get("height", 2.8), 1, f"{where}: height", "from 1e-9 to 1e9")
     walls = [_texture(t, f"{where}: walls") for t in _list(data.get("walls", [{}]), 1, f"{where}: walls")]
     for i, (corner, step) in enumerate(zip(corners, steps, strict=True)):
         length = float(np.linalg.norm(step))
@@ -182,7 +185,7 @@ def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, whe
     if "texture" in data:
         texture = _texture(data["texture"], f"{where}: texture")
     kind, count, half_of = _SHAPES[shapes[0]]
-    half = half_of(*_numbers(data[shapes[0]], count, f"{where}: {shapes[0]}", "above 0"))
+    half = half_of(*_numbers(data[shapes[0]], count, f"{where}: {shapes[0]}", "from 1e-9 to 1e9"))
     center = _numbers(data.get("at"), 3, f"{where}: at")
     turn = math.radians(*_numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg"))
     x, y = math.cos(turn), math.sin(turn)

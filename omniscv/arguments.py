@@ -2,7 +2,8 @@
 
 import math
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,33 @@ from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
 
+Reader = Callable[[str, Any], Any]
+"""``reader(name, value)`` returns a value checked, or raises ArgumentError with the name in it."""
+
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 80, 80
+_LONGEST_SHOWN = 120
+_LONGEST_NUMBER = 64  # characters: of any float64, 25 are enough
+
+
+@contextmanager
+def within(where: object) -> Iterator[None]:
+    """Start the messages of errors raised inside with ``where``."""
+    try:
+        yield
+    except ArgumentError as cause:
+        raise ArgumentError(f"{where}: {cause}") from cause
 
 
 def shown(value: object) -> str:
-    """Return ``repr(value)`` in one line, cut short: a few bytes of YAML can stand for gigabytes."""
+    """Return the beginning of ``repr(value)`` in one line: a few bytes of YAML can stand for gigabytes."""
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.size <= 100 else f"array of shape {value.shape}"
-    return " ".join(_SHORT.repr(value).split())
+    try:
+        text = " ".join(_SHORT.repr(value).split())
+    except ValueError:  # a whole number of more digits than Python writes
+        return f"a value of type {type(value).__name__}"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def number(
@@ -78,9 +97,57 @@ def one_of(name: str, value: object, words: Iterable[str]) -> Any:
     return value
 
 
+def flag(name: str, value: object) -> bool:
+    """Return ``value``, True or False, or raise ArgumentError."""
+    if not isinstance(value, bool):
+        raise ArgumentError(f"{name}: expected true or false, got {shown(value)}")
+    return value
+
+
+def text(name: str, value: object) -> str:
+    """Return ``value``, a text that can name a file: not empty, no NUL in it; else raise ArgumentError."""
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+    return value
+
+
+def texts(name: str, value: object) -> tuple[str, ...]:
+    """Return ``value``, a list of at least one text, or raise ArgumentError."""
+    if not isinstance(value, list | tuple) or not value:
+        raise ArgumentError(f"{name}: expected a list of texts, got {shown(value)}")
+    return tuple(text(f"{name}[{i}]", each) for i, each in enumerate(value))
+
+
+def fields(name: str, value: object, readers: Mapping[str, Reader], needed: Collection[str] = ()) -> Any:
+    """Return the values of a mapping as a dict, each read by the function of its key.
+
+    Args:
+        name: of the mapping, for messages; may be empty.
+        value: what should be a mapping.
+        readers: by key.
+        needed: keys that must be there.
+
+    Raises:
+        ArgumentError: no mapping, an unknown or missing key, or as a reader raises.
+    """
+    start = f"{name}: " if name else ""
+    if not isinstance(value, Mapping):
+        wanted = ", ".join(map(repr, needed or readers))
+        raise ArgumentError(f"{start}expected a mapping with {wanted}; got {shown(value)}")
+    for key in value:
+        if key not in readers:
+            raise ArgumentError(f"{start}expected fields among {', '.join(readers)}; got {shown(key)}")
+    for key in needed:
+        if key not in value:
+            raise ArgumentError(f"{start}expected a field {key!r}, which is missing")
+    return {key: readers[key](f"{name}.{key}" if name else key, each) for key, each in value.items()}
+
+
 def _as_float(value: Any) -> float:
     """The number that a scalar or a text is; NaN for all else."""
     if getattr(value, "ndim", 0) or isinstance(value, bool | np.bool_):
+        return math.nan
+    if isinstance(value, str | bytes) and len(value) > _LONGEST_NUMBER:
         return math.nan
     try:
         return float(value)

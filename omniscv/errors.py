@@ -1,8 +1,20 @@
 """The family of errors: arguments, sources, recordings."""
 
+from typing import ClassVar
+
+from omniscv.texts import LONGEST_LINE, one_line
+
 
 class OmniscvError(Exception):
-    """Any error that omniscv raises on purpose. ``str(error)`` is one clear line."""
+    """Any error that omniscv raises on purpose.
+
+    ``str(error)`` is one clear line of at most ``longest`` printable characters, whatever is quoted in it.
+    """
+
+    longest: ClassVar[int] = LONGEST_LINE
+
+    def __str__(self) -> str:
+        return one_line(super().__str__(), self.longest)
 
 
 class ArgumentError(OmniscvError, ValueError):
@@ -50,4 +62,6 @@ class RecordingNotWritableError(RecordingError):
 
 
 class MissingCaptureError(RecordingError):
-    """The recording does not hold the capture."""
+    """The recording does not hold the capture; the message describes it and the nearest one."""
+
+    longest = 2 * LONGEST_LINE

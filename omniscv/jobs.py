@@ -17,18 +17,21 @@
 ``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``.
 """
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
-import yaml
 
-from omniscv import modalities, planning
+from omniscv import modalities, planning, yaml_text
+from omniscv.arguments import Reader, flag, number, numbers, shown, text, texts, whole_number, within
+from omniscv.arguments import fields as fields_of
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import check_format
 from omniscv.compose.image import OmniImage
@@ -42,7 +45,6 @@ from omniscv.sources.base import Request, Source, View
 from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, known_capabilities, open_sources, scheme_of
 
-_POSE_KEYS = {"position", "yaw_deg", "pitch_deg", "roll_deg"}
 _TICK_S = 1 / 60
 """What a request takes of a live engine, at least; counted where nothing is opened to measure it."""
 _PROBES, _PROBE_PX = 3, 16
@@ -228,72 +230,112 @@ def load(path: Path) -> Job:
     Raises:
         ArgumentError: the file cannot be read, or a field is unknown, missing or wrong.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as cause:
-        raise ArgumentError(f"{path}: expected a job in YAML, got {type(cause).__name__}: {cause}") from cause
-    if not isinstance(data, dict):
-        raise ArgumentError(
-            f"{path}: expected a job in YAML with 'source', 'cameras' and 'poses'; got {data!r}"
+    with within(path):
+        data = yaml_text.parse(yaml_text.read_text(path))
+        given = fields_of("", data, _FIELDS, needed=("source", "cameras", "poses"))
+        folder, source = path.parent, given.pop("source")
+        for key in ("out", "record"):
+            if given.get(key) is not None:
+                given[key] = folder / given[key]
+        options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
+        if isinstance(poses := given.pop("poses"), str):
+            poses = read_trajectory(folder / poses)
+        return Job(
+            source=_addresses(source, folder),
+            poses=poses,
+            options=RenderOptions(**options),
+            **{"out": folder / "out", **given},
         )
-    options = {each.name for each in fields(RenderOptions)}
-    known = {each.name for each in fields(Job)} - {"options"} | options
-    if unknown := sorted(set(map(str, data)) - known):
-        raise ArgumentError(f"{path}: expected fields among {', '.join(sorted(known))}; got {unknown[0]!r}")
-    if missing := [key for key in ("source", "cameras", "poses") if key not in data]:
-        raise ArgumentError(f"{path}: expected a field {missing[0]!r}, which is missing")
-    folder, record_path = path.parent, data.get("record")
-    return Job(
-        source=_source(data["source"], folder),
-        cameras=_cameras(data["cameras"]),
-        poses=_poses(data["poses"], folder),
-        out=folder / data.get("out", "out"),
-        record=None if record_path is None else folder / record_path,
-        options=RenderOptions(**{key: data[key] for key in options & data.keys()}),
-        **{key: data[key] for key in ("modes", "image_format", "source_options") if key in data},
-    )
 
 
-def _source(value: Any, folder: Path) -> str | tuple[str, ...]:
-    given = value if isinstance(value, list) else [value]
-    if not given or not all(isinstance(each, str) for each in given):
-        raise ArgumentError(f"source: expected an address, a recording, or a list of them, got {value!r}")
-    found = tuple(_address(each, folder) for each in given)
-    return found if isinstance(value, list) else found[0]
+def _addresses(source: str | tuple[str, ...], folder: Path) -> str | tuple[str, ...]:
+    return _address(source, folder) if isinstance(source, str) else tuple(_address(s, folder) for s in source)
 
 
-def _address(text: str, folder: Path) -> str:
+def _address(address: str, folder: Path) -> str:
     """An address whose path, if it has one, is relative to a folder."""
-    scheme = scheme_of(text)
+    scheme = scheme_of(address)
     if scheme is None:
-        return str(folder / text)
-    place, question, options = text.removeprefix(f"{scheme}:").partition("?")
+        return str(folder / address)
+    place, question, options = address.removeprefix(f"{scheme}:").partition("?")
     slashes = "//" if place.startswith("//") else ""
     file = folder / place.removeprefix("//")
-    if scheme == "launch" or file.is_file():
+    if scheme == "launch" or os.path.isfile(file):
         return f"{scheme}:{slashes}{file}{question}{options}"
-    return text
+    return address
 
 
-def _cameras(value: Any) -> dict[str, Camera]:
+# -- the fields of a job's file: each is read by a function (name, value) ------------------------------
+
+
+def _source(name: str, value: object) -> str | tuple[str, ...]:
+    if not isinstance(value, str | list):
+        wanted = "expected an address, a recording, or a list of them"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    return text(name, value) if isinstance(value, str) else texts(name, value)
+
+
+def _cameras(name: str, value: object) -> dict[str, Camera]:
     if not isinstance(value, dict) or not value:
-        raise ArgumentError(
-            f"cameras: expected a mapping from file stem to model and parameters, got {value!r}"
-        )
-    for stem in value:
-        if not isinstance(stem, str) or stem != Path(stem).name or stem.startswith("."):
-            raise ArgumentError(f"cameras: expected names that can be file names, got {stem!r}")
-    return {stem: from_dict(description) for stem, description in value.items()}
+        wanted = "expected a mapping from file stem to model and parameters"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    found = {}
+    for stem, description in value.items():
+        if stem != Path(text(f"{name}: stem", stem)).name or stem.startswith("."):
+            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(stem)}")
+        with within(f"{name}.{stem}"):
+            found[stem] = from_dict(description)
+    return found
 
 
-def _poses(value: Any, folder: Path) -> tuple[Pose, ...]:
+def _poses(name: str, value: object) -> str | tuple[Pose, ...]:
+    """The poses, or the name of a trajectory's file."""
     if isinstance(value, str):
-        return read_trajectory(folder / value)
+        return text(name, value)
     if not isinstance(value, list) or not value:
-        raise ArgumentError(
-            f"poses: expected a list of poses or the name of a trajectory file, got {value!r}"
-        )
-    for pose in value:
-        if not isinstance(pose, dict) or "position" not in pose or not set(pose) <= _POSE_KEYS:
-            raise ArgumentError(f"poses: expected mappings of {', '.join(sorted(_POSE_KEYS))}; got {pose!r}")
-    return tuple(Pose.from_angles(**pose) for pose in value)
+        wanted = "expected a list of poses or the name of a trajectory file"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    given = [fields_of(f"{name}[{i}]", each, _POSE, needed=("position",)) for i, each in enumerate(value)]
+    return tuple(Pose.from_angles(**each) for each in given)
+
+
+def _source_options(name: str, value: object) -> dict[str, Any]:
+    """Options of any opener; those that are known are checked here, the opener checks all."""
+    if not isinstance(value, dict):
+        raise ArgumentError(f"{name}: expected a mapping from option to value, got {shown(value)}")
+    kinds = get_type_hints(SourceOptions)
+    return {
+        key: _OPTION_READERS[kinds[key]](f"{name}.{key}", each) if key in kinds else each
+        for key, each in value.items()
+    }
+
+
+def _record(name: str, value: object) -> str | None:
+    return None if value is None else text(name, value)
+
+
+def _as_given(name: str, value: Any) -> Any:
+    """A value that its constructor checks."""
+    return value
+
+
+_OPTIONS = {each.name for each in fields(RenderOptions)}
+_OPTION_READERS: dict[object, Reader] = {
+    float: partial(number, above=0),
+    int: partial(whole_number, least=0),
+    bool: flag,
+}
+_POSE: dict[str, Reader] = {"position": partial(numbers, shape=(3,))}
+_POSE |= dict.fromkeys(("yaw_deg", "pitch_deg", "roll_deg"), number)
+_FIELDS: dict[str, Reader] = {
+    **{
+        "source": _source,
+        "record": _record,
+        "cameras": _cameras,
+        "poses": _poses,
+        "modes": texts,
+        "out": text,
+    },
+    **{"image_format": text, "source_options": _source_options},
+    **dict.fromkeys(sorted(_OPTIONS), _as_given),
+}

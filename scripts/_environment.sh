@@ -13,7 +13,8 @@ if [ "$(cat .venv/omniscv-stamp 2>/dev/null)" != "$stamp" ]; then
   echo "Making .venv from requirements.lock (once, about a minute) ..."
   rm -rf .venv
   "$python" -m venv .venv
-  .venv/bin/pip install --quiet --disable-pip-version-check --requirement requirements.lock
+  .venv/bin/pip install --quiet --disable-pip-version-check --require-hashes \
+    --requirement requirements.lock
   echo "$stamp" > .venv/omniscv-stamp
 fi
 package=$(cksum < pyproject.toml)

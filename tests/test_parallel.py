@@ -6,7 +6,6 @@ import threading
 
 import numpy as np
 import pytest
-from support.faces import face_requests
 
 from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, side_by_side
 
@@ -29,10 +28,6 @@ def resample():
 
 def all_well():
     return squares() == [n * n for n in range(40)] and resample()
-
-
-def replay(source):
-    return sum(int(capture.pixels.sum()) for capture in source.capture(face_requests(modes=("lit",))))
 
 
 def test_results_come_in_order():
@@ -110,46 +105,8 @@ def test_it_works_in_child_processes_after_use_in_the_parent(method):
         busy.join()
 
 
-def test_a_recording_works_in_forked_children(recorded_room):
-    """Opened and read before the fork; closed by each process for itself."""
-    expected = replay(recorded_room)
-    assert run_in_children("fork", _send_replay, 4, recorded_room) == [expected] * 4
-    assert replay(recorded_room) == expected
-
-
-def test_a_scene_works_in_forked_children():
-    import omniscv
-
-    with omniscv.open_source("scene://four-wall") as scene:
-        expected = replay(scene)
-        assert run_in_children("fork", _send_elsewhere, 2, scene) == [True] * 2
-        assert replay(scene) == expected
-
-
-@pytest.fixture
-def recorded_room(tmp_path):
-    import omniscv
-
-    path = tmp_path / "room.sqlite"
-    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
-        list(source.capture(face_requests(modes=("lit",))))
-    with omniscv.open_source(path) as source:
-        yield source
-
-
 def _send_all_well(pipe):
     pipe.send(all_well() and os.getpid() > 0)
-
-
-def _send_replay(pipe, source):
-    total = replay(source)
-    source.close()
-    pipe.send(total)
-
-
-def _send_elsewhere(pipe, scene):
-    requests = face_requests(modes=("depth",), center=(0.5, 0.0, 1.5))  # not traced by the parent
-    pipe.send(all((capture.pixels > 0).all() for capture in scene.capture(requests)))
 
 
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")

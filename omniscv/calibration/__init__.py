@@ -10,9 +10,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from omniscv.arguments import one_of
+from omniscv import yaml_text
+from omniscv.arguments import one_of, within
 from omniscv.calibration.colmap import PARAMETER_COUNTS, read_colmap, write_colmap
-from omniscv.calibration.common import within
 from omniscv.calibration.kalibr import read_kalibr, write_kalibr
 from omniscv.calibration.ocamcalib import read_ocamcalib, write_ocamcalib
 from omniscv.calibration.opencv import (
@@ -73,11 +73,8 @@ def load(path: str | PathLike[str], format: FormatName | None = None) -> dict[st
         ArgumentError: the file cannot be read, its format is not recognised, or it does not follow the
             format; the message starts with the path.
     """
-    with within(str(path)):
-        try:
-            text = Path(path).read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError) as cause:
-            raise ArgumentError(f"expected a readable text file, got {cause}") from cause
+    with within(path):
+        text = yaml_text.read_text(Path(path))
         found = [name for name, (mark, *_) in _FORMATS.items() if re.search(mark, text, re.MULTILINE)]
         if format is None and len(found) != 1:
             raise ArgumentError(
@@ -104,7 +101,7 @@ def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: Forma
     _, _, write = _FORMATS[one_of("format", format, _FORMATS)]
     if not cameras:
         raise ArgumentError("cameras: expected at least one, got none")
-    with within(str(path)):
+    with within(path):
         text = write(cameras)
         try:
             Path(path).write_text(text, encoding="utf-8")

@@ -10,8 +10,8 @@ y down, z forward.
 
 from collections.abc import Mapping
 
-from omniscv.arguments import numbers, one_of, shown
-from omniscv.calibration.common import camera_of, intrinsics_of, whole_number, within
+from omniscv.arguments import numbers, one_of, shown, within
+from omniscv.calibration.common import camera_of, intrinsics_of, whole_number
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.errors import ArgumentError
 

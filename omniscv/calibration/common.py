@@ -1,12 +1,9 @@
-"""What the formats share: values out of untrusted text, errors that name the place, and intrinsics."""
+"""What the formats share: values out of untrusted text, and intrinsics."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-import yaml
-
-from omniscv import arguments
+from omniscv import arguments, yaml_text
 from omniscv.arguments import shown
 from omniscv.cameras import Camera, KannalaBrandt, Pinhole, Scaramuzza
 from omniscv.errors import ArgumentError
@@ -15,24 +12,9 @@ HALF_PIXEL = 0.5
 """Added to a principal point of a format that puts pixel centres at whole numbers; ours are at .5."""
 
 
-@contextmanager
-def within(where: str) -> Iterator[None]:
-    """Start the messages of errors raised inside with ``where``."""
-    try:
-        yield
-    except ArgumentError as cause:
-        raise ArgumentError(f"{where}: {cause}") from cause
-
-
-def mapping(text: str) -> dict[Any, Any]:
+def mapping(text: str) -> dict[str, Any]:
     """Return the mapping that a YAML (or JSON) document is; raise ArgumentError for all else."""
-    try:
-        data = yaml.safe_load(text)
-    # PyYAML lets through: ValueError for dates and whole numbers that Python cannot hold, AttributeError for
-    # !!timestamp on another text, RecursionError for deep nesting.
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as cause:
-        summary = " ".join(str(cause).split())
-        raise ArgumentError(f"expected YAML, got {type(cause).__name__}: {summary}") from cause
+    data = yaml_text.parse(text)
     if not isinstance(data, dict):
         raise ArgumentError(f"expected a YAML mapping, got {shown(data)}")
     return data
@@ -43,7 +25,7 @@ def field(data: object, key: str) -> Any:
     if not isinstance(data, dict):
         raise ArgumentError(f"expected a mapping with {key!r} in it, got {shown(data)}")
     if key not in data:
-        raise ArgumentError(f"expected the key {key!r}, got {shown(sorted(map(str, data)))}")
+        raise ArgumentError(f"expected the key {key!r}, got {shown(list(data))}")
     return data[key]
 
 

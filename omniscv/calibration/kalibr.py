@@ -29,7 +29,7 @@ from typing import Any
 
 import yaml
 
-from omniscv.arguments import numbers, shown
+from omniscv.arguments import numbers, shown, within
 from omniscv.calibration.common import (
     HALF_PIXEL,
     camera_of,
@@ -37,7 +37,6 @@ from omniscv.calibration.common import (
     intrinsics_of,
     mapping,
     whole_number,
-    within,
 )
 from omniscv.cameras import Camera, FisheyeStereographic, mirrors
 from omniscv.errors import ArgumentError

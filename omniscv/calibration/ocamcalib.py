@@ -24,8 +24,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
-from omniscv.arguments import numbers, shown
-from omniscv.calibration.common import HALF_PIXEL, only_camera, refuse_limit, whole_number, within
+from omniscv.arguments import numbers, shown, within
+from omniscv.calibration.common import HALF_PIXEL, only_camera, refuse_limit, whole_number
 from omniscv.cameras import Camera, Scaramuzza
 from omniscv.cameras.base import Array
 from omniscv.errors import ArgumentError

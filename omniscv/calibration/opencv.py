@@ -11,9 +11,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, shown
+from omniscv.arguments import numbers, shown, within
 from omniscv.calibration import common
-from omniscv.calibration.common import HALF_PIXEL, field, within
+from omniscv.calibration.common import HALF_PIXEL, field
 from omniscv.cameras import Camera, KannalaBrandt
 from omniscv.errors import ArgumentError
 

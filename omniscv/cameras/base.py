@@ -38,7 +38,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, whole_number
+from omniscv.arguments import numbers, shown, whole_number
 from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
@@ -50,6 +50,9 @@ _FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
 _NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
 _ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
 _LARGEST_PX = 10**6  # of larger images, rounding at the border would be more than 1e-6 px
+
+LARGEST_IMAGE = 1 << 27
+"""Pixels: 16384 x 8192. The rays of such an image take 7 GB."""
 
 _STEP_PX = 1e-6  # rounding of a pixel's coordinates is far below it
 _STEEPEST = 1e-3  # rad in such a step: the most that rays turn where pixels resolve them
@@ -94,7 +97,7 @@ class Camera(ABC):
     that follow from them); :meth:`parameters`, :meth:`to_dict`, equality and pickling use these.
 
     Args:
-        width, height: image size in pixels, each 1 to 1,000,000.
+        width, height: image size in pixels, each 1 to 1,000,000, together at most ``LARGEST_IMAGE``.
         center: (u, v) px, where the axis meets the image; the image's middle if not given.
 
     Raises:
@@ -109,6 +112,9 @@ class Camera(ABC):
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
         self.width = whole_number("width", width, "pixels", most=_LARGEST_PX)
         self.height = whole_number("height", height, "pixels", most=_LARGEST_PX)
+        if self.width * self.height > LARGEST_IMAGE:
+            got = f"{self.width} x {self.height}"
+            raise ArgumentError(f"size: expected at most {LARGEST_IMAGE} pixels (16384 x 8192), got {got}")
         middle = (self.width / 2, self.height / 2)
         self.center = numbers("center", middle if center is None else center, (2,))
 
@@ -319,7 +325,8 @@ def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:
 def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
     """Raise ArgumentError where both of two ways to give one number are used."""
     if focal is not None and fov_deg is not None:
-        raise ArgumentError(f"focal: expected focal or fov_deg, got both ({focal!r} px and {fov_deg!r} deg)")
+        got = f"both ({shown(focal)} px and {shown(fov_deg)} deg)"
+        raise ArgumentError(f"focal: expected focal or fov_deg, got {got}")
 
 
 def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from omniscv.cameras.radial import ROUNDING
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
 
+_MOST_COEFFICIENTS = 64  # finding the roots takes the cube of them
 _BLOCK = 1 << 14  # values solved together: their arrays stay in the processor's cache
 
 
@@ -44,6 +45,9 @@ class Scaramuzza(CentralCamera):
     ) -> None:
         super().__init__(width, height, center)
         self.coefficients = numbers("coefficients", coefficients, (None,))
+        if len(self.coefficients) > _MOST_COEFFICIENTS:
+            got = f"{len(self.coefficients)}"
+            raise ArgumentError(f"coefficients: expected at most {_MOST_COEFFICIENTS} numbers, got {got}")
         number("coefficients[0]", self.coefficients[0], below=0)
         self.affine = numbers("affine", affine, (3,))
         c, d, e = self.affine

@@ -50,10 +50,11 @@ def names() -> list[str]:
 
 def model(name: str) -> type[Camera]:
     """Return the class of a model; raise ArgumentError where no model has that name."""
-    return _MODELS[name] if name in _MODELS else _MODELS[one_of("camera", name, names())]
+    known = isinstance(name, str) and name in _MODELS
+    return _MODELS[name if known else one_of("camera", name, names())]
 
 
-def create(name: str, width: int, height: int, **parameters: Parameter) -> Camera:
+def create(name: str, /, width: int, height: int, **parameters: Parameter) -> Camera:
     """Return a camera by its model's name, image size in px, and the model's own parameters.
 
     Raises:

@@ -16,7 +16,7 @@ def cameras(name: Annotated[str | None, Argument(help="A model; all if not given
     from omniscv.cameras import model, names
 
     if name is not None:
-        console.line(f"{name}\n\n{inspect.getdoc(model(name))}")
+        console.document(f"{name}\n\n{inspect.getdoc(model(name))}")
         return
     models = {each: model(each) for each in names()}
     summaries = [(inspect.getdoc(each) or "").partition("\n")[0] for each in models.values()]

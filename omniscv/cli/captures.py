@@ -21,7 +21,7 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
 
     summary = inspection.info(file).to_dict()
     if as_json:
-        console.line(json.dumps(summary, indent=2))
+        console.document(json.dumps(summary, indent=2))
         return
     texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
     console.table(("", ""), [(key.replace("_", " "), text) for key, text in texts.items()])

@@ -1,21 +1,26 @@
 """What commands print: lines, tables, and a progress bar on a terminal."""
 
-import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")  # all but the line feed
+from omniscv.texts import one_line, printable
 
 
 def line(text: object) -> None:
-    """Print text on standard output, and a line feed."""
-    print(_printable(text), flush=True)
+    """Print text in one line on standard output, what is not printable in it as escapes."""
+    print(printable(text), flush=True)
+
+
+def document(text: str) -> None:
+    """Print text of several lines on standard output, each as :func:`line` does."""
+    for each in text.splitlines():
+        line(each)
 
 
 def error(text: object) -> None:
-    """Print text in one line on standard error, after the name of the program."""
-    print(f"omniscv: {_printable(' '.join(str(text).split()))}", file=sys.stderr, flush=True)
+    """Print text on standard error, after the name of the program: one line of at most 300 characters."""
+    print(one_line(f"omniscv: {text}"), file=sys.stderr, flush=True)
 
 
 def table(
@@ -28,7 +33,7 @@ def table(
 
     drawn = Table(*columns, box=None, show_header=any(columns), header_style="bold", padding=(0, 2, 0, 0))
     for row in rows:
-        drawn.add_row(*(Text(_printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
+        drawn.add_row(*(Text(printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
     Console(highlight=False, soft_wrap=True).print(drawn)
 
 
@@ -43,9 +48,3 @@ def progress_bar(what: str) -> Iterator[Callable[[float, int], None]]:
     with Progress(*columns, console=console, transient=True, disable=disable) as bar:
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _printable(text: object) -> str:
-    """Text with control characters as escapes: names in files and servers may hold any."""
-    shown = _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
-    return shown.encode(errors="backslashreplace").decode()

@@ -27,7 +27,7 @@ def doctor(
     where = None if position is None else np.array(options.numbers("--position", position))
     findings = examine_address(uri, where)
     if as_json:
-        console.line(json.dumps([asdict(finding) for finding in findings], indent=2))
+        console.document(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
         rows = [(each.verdict, each.name, each.value, each.remedy) for each in findings]
         console.table(("", "measured", "found", "remedy"), rows, _STYLES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import wraps
 from inspect import Parameter, Signature
@@ -91,7 +92,6 @@ class JobOptions(Options):
         position = numbers("--position", self.position)
         error = self.max_error
         bound = None if error is None else numbers("--max-error", error.removesuffix("px"), "0.5")[0]
-        edge: Any = int(self.face_size) if self.face_size.isdecimal() else self.face_size
         filter: Any = self.filter
         normals: Any = self.normals
         return Job(
@@ -100,7 +100,7 @@ class JobOptions(Options):
             poses=(Pose.from_angles(position, self.yaw, self.pitch, self.roll),),
             modes=modes(self.modes),
             options=RenderOptions(
-                self.strategy, self.viewpoints, edge, filter, bound, self.truth_scale, normals
+                self.strategy, self.viewpoints, edge(self.face_size), filter, bound, self.truth_scale, normals
             ),
             **others,
         )
@@ -108,10 +108,17 @@ class JobOptions(Options):
 
 def size(text: str) -> tuple[int, int]:
     """``1024x512`` as (width, height)."""
-    width, cross, height = text.lower().partition("x")
-    if not (cross and width.isdecimal() and height.isdecimal()):
-        raise ArgumentError(f"--size: expected WIDTHxHEIGHT such as 1024x512, got {text!r}")
+    if not re.fullmatch(r"[0-9]{1,9}[xX][0-9]{1,9}", text):
+        raise _wrong("--size", "WIDTHxHEIGHT such as 1024x512", text)
+    width, height = text.lower().split("x")
     return int(width), int(height)
+
+
+def edge(text: str) -> Any:
+    """``--face-size``: ``auto``, or px as a whole number."""
+    if text != "auto" and not re.fullmatch(r"[0-9]{1,9}", text):
+        raise _wrong("--face-size", "auto or a number of px", text)
+    return text if text == "auto" else int(text)
 
 
 def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ...]:
@@ -121,7 +128,7 @@ def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ..
     except ValueError:
         values = ()
     if len(values) != len(example.split(",")):
-        raise ArgumentError(f"{option}: expected numbers such as {example}, got {text!r}")
+        raise _wrong(option, f"numbers such as {example}", text)
     return values
 
 
@@ -132,14 +139,19 @@ def modes(text: str) -> tuple[str, ...]:
 
 def _parameter(text: str) -> tuple[str, Any]:
     """``NAME=VALUE``; the value is YAML, or a list separated by commas."""
-    import yaml
+    from omniscv import yaml_text
 
     name, equals, value = text.partition("=")
     try:
         if not (equals and name.isidentifier()):
-            raise ValueError
-        found = yaml.safe_load(value)
-        return name, yaml.safe_load(f"[{value}]") if isinstance(found, str) and "," in found else found
-    except (yaml.YAMLError, ValueError, RecursionError) as cause:
-        wanted = "NAME=VALUE such as radius=1.0 or k=0.1,0.2"
-        raise ArgumentError(f"--param: expected {wanted}, got {text!r}") from cause
+            raise ArgumentError("no name")
+        found = yaml_text.parse(value)
+        return name, yaml_text.parse(f"[{value}]") if isinstance(found, str) and "," in found else found
+    except ArgumentError as cause:
+        raise _wrong("--param", "NAME=VALUE such as radius=1.0 or k=0.1,0.2", text) from cause
+
+
+def _wrong(option: str, wanted: str, text: str) -> ArgumentError:
+    from omniscv.arguments import shown  # loads NumPy, which help does without
+
+    return ArgumentError(f"{option}: expected {wanted}, got {shown(text)}")

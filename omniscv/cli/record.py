@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from typer import Argument, Option, Typer
 
@@ -22,7 +21,7 @@ class RecordOptions(options.Options):
     face_size: str = Option("1024", help="px of a 90 degree face, or auto.")
     modes: str = Option("lit,object_mask,depth", help="As for render.")
     fix_exposure: bool = Option(False, "--fix-exposure", help="Switch off vignette and auto exposure.")
-    overscan: int | None = Option(None, min=0, help="px beyond a face on every side, cropped by composition.")
+    overscan: int | None = Option(None, min=0, max=8192, help="px beyond each side, cropped later.")
     out: Path | None = Option(None, help="The recording; else the job's, or capture.sqlite.")
 
 
@@ -38,7 +37,7 @@ def record(given: RecordOptions) -> None:
     from omniscv.jobs import Job, capture, load
     from omniscv.planning import RenderOptions
 
-    edge: Any = int(given.face_size) if given.face_size.isdecimal() else given.face_size
+    edge = options.edge(given.face_size)
     size = f"?size={edge}x{edge}" if isinstance(edge, int) else ""  # of a game that cannot set another
     sources = (*given.source, *(f"launch:{path}{size}" for path in given.launch))
     if given.job is not None:

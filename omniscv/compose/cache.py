@@ -1,5 +1,6 @@
 """Values kept for the next image, within a bound in bytes."""
 
+import os
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from threading import RLock
@@ -17,14 +18,14 @@ T = TypeVar("T", bound=Sized)
 
 
 class ByteCache:
-    """The values used last; safe to use from several threads.
+    """The values used last; safe to use from several threads, and in forked children.
 
     Args:
         limit: bytes, all values together, once :meth:`trim` has run.
     """
 
     def __init__(self, limit: int) -> None:
-        self._limit, self._lock = limit, RLock()
+        self.limit, self._lock_here = limit, (RLock(), os.getpid())
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
         self._seen_once: deque[int] = deque(maxlen=64)
         self._newest: Sized | None = None
@@ -55,12 +56,20 @@ class ByteCache:
             kept: T = self._values.setdefault(key, made)
             return kept
 
+    @property
+    def _lock(self) -> RLock:
+        """Its lock; a new one in a forked child, where a thread that is not there may hold the old one."""
+        lock, process = self._lock_here
+        if process != os.getpid():
+            lock, _ = self._lock_here = RLock(), os.getpid()
+        return lock
+
     def trim(self) -> None:
         """Drop the values that were not used for longest, until the rest is within the bound."""
         with self._lock:
-            if self.nbytes > self._limit:
+            if self.nbytes > self.limit:
                 self._newest = None
-            while self.nbytes > self._limit:
+            while self.nbytes > self.limit:
                 self._values.popitem(last=False)
 
     @property

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Unpack
+from functools import partial
+from typing import Any, Unpack
 
 from omniscv import modalities
 from omniscv.arguments import shown
@@ -26,7 +27,8 @@ DEFAULT_CACHE_BYTES = 2 << 30
 class Renderer:
     """Composes images from a source, and keeps rays and lookups from one to the next.
 
-    Safe to use from several threads, also for several cameras at once.
+    Safe to use from several threads, also for several cameras at once, and in forked children as far as its
+    source is; a pickled copy starts with nothing kept.
 
     Args:
         source: where captures come from; not closed with the renderer.
@@ -48,6 +50,10 @@ class Renderer:
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
         self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes)
         self._recorded: RecordedViews | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        cache_bytes, sampler = self._cache.limit, self._sampler
+        return partial(Renderer, self.source, cache_bytes=cache_bytes, sampler=sampler), ()
 
     @property
     def nbytes(self) -> int:

@@ -13,11 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers
+from omniscv.arguments import numbers, shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry import unreal_frame
 
 Array = NDArray[np.float64]
+
+FARTHEST = 1e9
+"""Metres from the origin, along each axis: Unreal's own numbers of centimetres lose a metre before that."""
 
 R_LEVEL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera to world of the level pose that looks along world +X."""
@@ -39,14 +42,15 @@ class Pose:
         rotation: (3, 3) camera to world, ``p_w = rotation @ p_c + position``.
 
     Raises:
-        ArgumentError: a shape is wrong, a number is not finite, or the matrix is no rotation.
+        ArgumentError: a shape is wrong, a number is not finite, a position is farther than ``FARTHEST``,
+            or the matrix is no rotation.
     """
 
     position: Array
     rotation: Array
 
     def __post_init__(self) -> None:
-        position = numbers("position", self.position, (3,))
+        position = _placed("position", self.position, FARTHEST)
         rotation = numbers("rotation", self.rotation, (3, 3))
         drift = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if drift > 1e-6 or np.linalg.det(rotation) < 0:
@@ -71,13 +75,13 @@ class Pose:
         cls, position: ArrayLike, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
     ) -> Pose:
         """A pose from world angles: yaw to the left +, nose up +, right side down +."""
-        location_cm = unreal_frame.position_to_unreal(numbers("position", position, (3,)))
+        location_cm = unreal_frame.position_to_unreal(_placed("position", position, FARTHEST))
         return cls.from_unreal(location_cm, (pitch_deg, -yaw_deg, roll_deg))
 
     @classmethod
     def from_unreal(cls, location_cm: ArrayLike, rotation_deg: ArrayLike) -> Pose:
         """A pose from Unreal's location (x, y, z) in cm and rotator (pitch, yaw, roll) in degrees."""
-        location = numbers("location_cm", location_cm, (3,))
+        location = _placed("location_cm", location_cm, 100 * FARTHEST)
         rotator = numbers("rotation_deg", rotation_deg, (3,))
         position = unreal_frame.position_from_unreal(location)
         return cls(position, unreal_frame.rotation_from_unreal(rotator) @ R_LEVEL)
@@ -117,6 +121,14 @@ class Pose:
     def from_dict(cls, data: dict[str, Any]) -> Pose:
         """The inverse of :meth:`to_dict`."""
         return cls(data["position"], data["rotation"])
+
+
+def _placed(name: str, value: ArrayLike, farthest: float) -> Array:
+    """Three numbers of a place that is not too far away, or an ArgumentError."""
+    place = numbers(name, value, (3,))
+    if np.abs(place).max() > farthest:
+        raise ArgumentError(f"{name}: expected numbers within {farthest:g} of the origin, got {shown(place)}")
+    return place
 
 
 def cube_rotations() -> tuple[tuple[str, Array], ...]:

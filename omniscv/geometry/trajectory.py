@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -32,7 +33,7 @@ def read_trajectory(path: Path) -> tuple[Pose, ...]:
                 poses.append(Pose(np.array([x, y, z]), Rotation.from_quat(quaternion).as_matrix()))
             except ValueError as cause:
                 wanted = "'time tx ty tz qx qy qz qw'"
-                raise ArgumentError(f"{path}, line {number}: expected {wanted}, got {text!r}") from cause
+                raise ArgumentError(f"{path}, line {number}: expected {wanted}, got {shown(text)}") from cause
     if not poses:
         raise ArgumentError(f"{path}: expected lines 'time tx ty tz qx qy qz qw', got none")
     return tuple(poses)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
+from omniscv.arguments import number, one_of, shown, text, whole_number
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import densities
@@ -25,6 +26,8 @@ Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
 Normals = Literal["captured", "from-depth"]
 FINEST_TRUTH = 8
+MOST_VIEWPOINTS = 1_000_000
+"""As an image has columns, at most."""
 
 
 class RenderKeywords(TypedDict, total=False):
@@ -66,17 +69,18 @@ class RenderOptions:
     normals: Normals = "captured"
 
     def __post_init__(self) -> None:
-        if self.filter not in FILTERS:
-            raise ArgumentError(f"filter: expected one of {', '.join(FILTERS)}; got {self.filter!r}")
-        if self.normals not in get_args(Normals):
-            raise ArgumentError(f"normals: expected {' or '.join(get_args(Normals))}; got {self.normals!r}")
+        text("strategy", self.strategy)
+        one_of("filter", self.filter, FILTERS)
+        one_of("normals", self.normals, get_args(Normals))
+        if self.viewpoints is not None:
+            whole_number("viewpoints", self.viewpoints, most=MOST_VIEWPOINTS)
         size = self.face_size
-        if size != "auto" and not (isinstance(size, int) and 1 <= size <= densities.LARGEST):
-            raise ArgumentError(f"face_size: expected 'auto' or 1 to {densities.LARGEST} px, got {size!r}")
-        if self.max_error_px is not None and not self.max_error_px > 0:
-            raise ArgumentError(f"max_error_px: expected a number of pixels > 0, got {self.max_error_px!r}")
-        if not (isinstance(self.truth_scale, int) and 1 <= self.truth_scale <= FINEST_TRUTH):
-            raise ArgumentError(f"truth_scale: expected 1 to {FINEST_TRUTH}, got {self.truth_scale!r}")
+        if size != "auto" and not (type(size) is int and 1 <= size <= densities.LARGEST):
+            wanted = f"expected 'auto' or 1 to {densities.LARGEST} px"
+            raise ArgumentError(f"face_size: {wanted}, got {shown(size)}")
+        if self.max_error_px is not None:
+            number("max_error_px", self.max_error_px, above=0)
+        whole_number("truth_scale", self.truth_scale, most=FINEST_TRUTH)
 
 
 def sampled(modes: Sequence[str], options: RenderOptions) -> tuple[str, ...]:

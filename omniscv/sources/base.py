@@ -249,3 +249,9 @@ class SourceWrapper(Source):
 def closed_error(what: str) -> SourceError:
     """The error to raise where a closed source is used."""
     return SourceError(f"{what}: expected an open source, got a closed one; open it again")
+
+
+def not_picklable(what: str) -> SourceError:
+    """The error to raise where a source that holds connections is pickled, as for a spawned process."""
+    wanted = "expected a source that can be pickled, got one that holds connections"
+    return SourceError(f"{what}: {wanted}; open it in each process by its address")

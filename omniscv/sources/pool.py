@@ -9,10 +9,19 @@ from contextlib import ExitStack
 from dataclasses import fields
 from itertools import islice
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View, closed_error
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    Source,
+    View,
+    closed_error,
+    not_picklable,
+)
 
 T = TypeVar("T", Capabilities, ObjectTable)
 
@@ -114,6 +123,9 @@ class SourcePool(Source):
             finally:
                 if replica in self._working or not self._working:  # the latter for threads that wait for one
                     idle.put(replica)
+
+    def __reduce__(self) -> NoReturn:
+        raise not_picklable("pool")
 
     def _check_working(self) -> None:
         if self._closed or not self._working:

@@ -58,6 +58,7 @@ class SceneSource(Source):
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._shown = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
         self._traced = lru_cache(cached_views)(self._trace)
+        self._made_of = scene, capabilities, lit, masks, cached_views
 
     @property
     def capabilities(self) -> Capabilities:
@@ -80,6 +81,9 @@ class SceneSource(Source):
     def close(self) -> None:
         self._closed = True
         self._traced.cache_clear()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SceneSource, self._made_of
 
     def _check_open(self) -> None:
         if self._closed:

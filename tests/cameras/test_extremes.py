@@ -75,6 +75,15 @@ def test_the_world_within_one_pixel_is_seen_only_where_the_pixel_looks():
     np.testing.assert_array_equal(pixels[1:], [[0.5, 2.0]] * 2)
 
 
+def test_images_and_polynomials_that_would_take_all_memory_are_refused():
+    for name in cameras.names():
+        described = cameras.model(name).example(64).to_dict()
+        with pytest.raises(ArgumentError, match=r"size: expected at most 134217728 pixels"):
+            cameras.from_dict({**described, "width": 10**6, "height": 10**6})
+    with pytest.raises(ArgumentError, match=r"coefficients: expected at most 64 numbers, got 100000"):
+        cameras.create("scaramuzza", 64, 64, coefficients=[-1.0] * 100_000)
+
+
 def test_numbers_that_no_formula_holds_are_refused():
     for name, arguments in (
         ("catadioptric-hyperbolic", {"distance": 1e200, "semi_latus_rectum": 1.0}),

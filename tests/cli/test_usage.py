@@ -48,7 +48,7 @@ def test_cameras_lists_every_model(capsys):
         (["--position", "nan,0,1"], "position: expected"),
         (["--position", "0,0"], "--position: expected numbers such as 0,0,1.5, got '0,0'"),
         (["--modes", "colour"], "mode: expected one of"),
-        (["--face-size", "-4"], "face_size: expected"),
+        (["--face-size", "-4"], "--face-size: expected"),
         (["--param", "radius"], "--param: expected NAME=VALUE"),
         (["--strategy", "guess"], "strategy: expected"),
         (["--filter", "sharp"], "filter: expected"),
@@ -100,12 +100,12 @@ def test_a_recording_without_the_asked_view(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("- not a job", "expected a job in YAML"),
+        ("- not a job", "expected a mapping with 'source', 'cameras', 'poses'"),
         ("source: mock://four-wall\ncameras: {}\nposes: []\n", "cameras: expected"),
         ("sources: x\n", "'sources'"),
         ("source: mock://four-wall\n", "'cameras'"),
-        ("{", "expected a job in YAML"),
-        ("!!python/object/apply:os.system [true]", "expected a job in YAML"),
+        ("{", "expected YAML"),
+        ("!!python/object/apply:os.system [true]", "expected no tags"),
         ("source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: []\n", "file names"),
     ],
 )

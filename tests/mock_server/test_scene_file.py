@@ -24,6 +24,8 @@ GOOD = {
         }
     },
 }
+SIZE, PLACE = "(from 1e-9 to 1e9)", "(from -1e9 to 1e9)"
+NAMES = "expected names without spaces, of at most 100 characters"
 DIRECTIONS = np.random.default_rng(3).normal(size=(20_000, 3))
 
 
@@ -55,35 +57,51 @@ TEXTURE = ("objects", "It", "texture")
         (("skye",), [0, 0, 0], "expected words among objects, pattern, room, sky; got 'skye'"),
         (("sky",), [0, 0, 2], "sky: expected 3 numbers (from 0 to 1), got [0, 0, 2]"),
         (("objects",), ["It"], "objects: expected a mapping, got ['It']"),
-        (("objects", "Red chair"), {}, "objects: expected names without spaces, got 'Red chair'"),
-        (("objects", 7), {}, "objects: expected names without spaces, got 7"),
+        (
+            ("objects", "Red chair"),
+            {},
+            f"objects: {NAMES}, got 'Red chair'",
+        ),
+        (("objects", 7), {}, f"objects: {NAMES}, got 7"),
         (("objects", "It", "solids"), None, "It: solids: expected a list of at least 1, got None"),
         (("objects", "It", "solids"), [], "It: solids: expected a list of at least 1, got []"),
-        ((*SOLID, "sphere"), -0.2, "It: sphere: expected 1 number (above 0), got -0.2"),
-        ((*SOLID, "sphere"), "0.2", "It: sphere: expected 1 number (above 0), got '0.2'"),
-        ((*SOLID, "sphere"), True, "It: sphere: expected 1 number (above 0), got True"),
+        ((*SOLID, "sphere"), -0.2, f"It: sphere: expected 1 number {SIZE}, got -0.2"),
+        ((*SOLID, "sphere"), "0.2", f"It: sphere: expected 1 number {SIZE}, got '0.2'"),
+        ((*SOLID, "sphere"), True, f"It: sphere: expected 1 number {SIZE}, got True"),
         ((*SOLID, "sphere"), None, "It: expected one of box, sphere, cylinder; got none"),
         ((*SOLID, "box"), [1, 1, 1], "It: expected one of box, sphere, cylinder; got box, sphere"),
         (
             (*SOLID,),
             {"box": [1, 1, 0], "at": [0, 0, 0]},
-            "It: box: expected 3 numbers (above 0), got [1, 1, 0]",
+            f"It: box: expected 3 numbers {SIZE}, got [1, 1, 0]",
         ),
-        ((*SOLID,), {"cylinder": 1, "at": [0, 0, 0]}, "It: cylinder: expected 2 numbers (above 0), got 1"),
-        ((*SOLID, "at"), None, "It: at: expected 3 numbers (finite), got None"),
-        ((*SOLID, "at"), [0, 0, float("inf")], "It: at: expected 3 numbers (finite), got [0, 0, inf]"),
-        ((*SOLID, "turn_deg"), [1, 2], "It: turn_deg: expected 1 number (finite), got [1, 2]"),
+        (
+            (*SOLID,),
+            {"cylinder": 1, "at": [0, 0, 0]},
+            f"It: cylinder: expected 2 numbers {SIZE}, got 1",
+        ),
+        ((*SOLID, "at"), None, f"It: at: expected 3 numbers {PLACE}, got None"),
+        (
+            (*SOLID, "at"),
+            [0, 0, float("inf")],
+            f"It: at: expected 3 numbers {PLACE}, got [0, 0, inf]",
+        ),
+        ((*SOLID, "turn_deg"), [1, 2], f"It: turn_deg: expected 1 number {PLACE}, got [1, 2]"),
         ((*TEXTURE, "kind"), "marble", "It: texture: kind: expected one of plain, checker"),
-        ((*TEXTURE, "scale"), 0, "It: texture: scale: expected 1 number (above 0), got 0"),
+        ((*TEXTURE, "scale"), 0, f"It: texture: scale: expected 1 number {SIZE}, got 0"),
         ((*TEXTURE, "colors"), [[0, 0, 0]] * 3, "It: texture: colors: expected one or two, got 3"),
         ((*TEXTURE, "colors"), [[0, 0, 300]], "It: texture: colors: expected 3 numbers (from 0 to 1)"),
-        (("room", "height"), 0, "room: height: expected 1 number (above 0), got 0"),
+        (("room", "height"), 0, f"room: height: expected 1 number {SIZE}, got 0"),
         (("room", "floor"), None, "room: floor: expected a list of at least 4, got None"),
         (("room", "floor"), SQUARE[::-1], "room: floor: expected corners counter-clockwise, of edges"),
         (("room", "floor"), [*SQUARE[:3], [-2, 2]], "room: floor: expected neighbouring corners that differ"),
         (("room", "walls"), [], "room: walls: expected a list of at least 1, got []"),
         (("pattern",), {"kind": "plaid"}, "pattern: kind: expected direction or waves, got 'plaid'"),
-        (("pattern",), {"kind": "waves"}, "pattern: period_rad: expected 1 number (above 0), got None"),
+        (
+            ("pattern",),
+            {"kind": "waves"},
+            f"pattern: period_rad: expected 1 number {SIZE}, got None",
+        ),
     ],
 )
 def test_nonsense_is_refused_with_its_word(path, value, message):

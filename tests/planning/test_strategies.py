@@ -162,7 +162,7 @@ def test_any_number_of_centres(count):
 
 @pytest.mark.parametrize("count", [0, -3])
 def test_no_number_of_centres(count):
-    with pytest.raises(ArgumentError, match="count"):
+    with pytest.raises(ArgumentError, match="viewpoints"):
         viewpoints_of(task(CAMERAS["noncentral-panorama"], viewpoints=count))
 
 

@@ -5,13 +5,22 @@ from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.parallel import side_by_side
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, SourceWrapper, View
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    Source,
+    SourceWrapper,
+    View,
+    not_picklable,
+)
 from omniscv.sources.recording.store import Store, view_from_json
 
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
@@ -64,6 +73,9 @@ class RecordedSource(Source):
 
     def close(self) -> None:
         self._store.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RecordedSource, (self._store.path.absolute(),)
 
     def _replayed(self, request: Request) -> Capture:
         if capture := self._store.get(request):
@@ -136,6 +148,9 @@ class Recording(SourceWrapper):
             self._store.close()
         finally:
             super().close()
+
+    def __reduce__(self) -> NoReturn:
+        raise not_picklable(str(self._store.path))
 
     def _missing(self, coming: Iterator[Request], waiting: deque[Request]) -> Iterator[Request]:
         """The requests that the file does not hold, each once; all that are read go to ``waiting``."""

@@ -15,6 +15,7 @@ from omniscv.sources.unreal.client import Endpoint
 from omniscv.sources.unreal.commands import MODERN
 from omniscv.sources.unreal.connection import Connection
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
+from omniscv.sources.unreal.process_bound import ProcessBound
 from omniscv.sources.unreal.source import connect
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
     """Return the opener for a function that opens an address, given how to connect to an endpoint."""
 
     def opened(address: str, timeout_s: float = 30.0, retries: int = 5, fix_exposure: bool = False) -> Source:
-        return serve(address, lambda where: connect(Connection(where, timeout_s, retries), fix_exposure))
+        source = serve(address, lambda where: connect(Connection(where, timeout_s, retries), fix_exposure))
+        return ProcessBound(source, address)
 
     return opened
 
@@ -78,10 +80,10 @@ def open_connection(address: str, timeout_s: float = 30.0) -> Iterator[Connectio
 
 
 def _endpoint(address: str) -> Endpoint:
-    parts = urlsplit(address)
-    if parts.scheme == "unreal+unix" and parts.path:
-        return parts.path
-    with suppress(ValueError):  # of a port that is no number
+    with suppress(ValueError):  # of a port that is no number, or a bracket that is not closed
+        parts = urlsplit(address)
+        if parts.scheme == "unreal+unix" and parts.path:
+            return parts.path
         if parts.scheme == "unreal" and parts.hostname:
             return parts.hostname, parts.port or 9000
     raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {address!r}")

@@ -1,0 +1,122 @@
+"""Runs command lines in this process, and holds what they print to the rules."""
+
+import contextlib
+import io
+import os
+import tempfile
+import time
+import warnings
+from dataclasses import dataclass
+
+from omniscv.cli import run
+
+LONGEST_LINE = 300
+SECONDS = 1.0
+"""Of the processor, for a refusal."""
+
+
+class FaultError(AssertionError):
+    """What an attack found."""
+
+
+@dataclass
+class Outcome:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+    cpu_s: float
+
+
+def ran(arguments):
+    """Run a command line; warnings are errors, and what the process printed may not control a terminal."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        warnings.catch_warnings(),
+        no_library_prints(),
+    ):
+        warnings.simplefilter("error")
+        started = time.process_time()
+        code = run(list(arguments))
+        spent = time.process_time() - started
+    outcome = Outcome(code, out.getvalue(), err.getvalue(), spent)
+    for text in (outcome.out, outcome.err):
+        wild = {each for each in text if not each.isprintable() and each != "\n"}
+        require(not wild, f"control characters reach the terminal: {wild!r}")
+    require(code in (0, 1, 2), f"exit code {code}")
+    if code:
+        refused_in_one_line(outcome)
+    return outcome
+
+
+@contextlib.contextmanager
+def no_library_prints():
+    """Raise where something is written past Python's own streams, as libraries in C do."""
+    saved = [os.dup(number) for number in (1, 2)]
+    with tempfile.TemporaryFile(dir="/tmp") as file:
+        try:
+            for number in (1, 2):
+                os.dup2(file.fileno(), number)
+            yield
+        finally:
+            for number, previous in zip((1, 2), saved, strict=True):
+                os.dup2(previous, number)
+                os.close(previous)
+        file.seek(0)
+        printed = file.read(1000)
+    require(not printed, f"a library prints: {printed!r}")
+
+
+def refused_in_one_line(outcome):
+    """One line of at most 300 characters; none where the command printed a report, as ``verify`` does."""
+    lines = outcome.err.splitlines()
+    if outcome.out and outcome.code == 1:
+        return
+    if not lines and outcome.out.lstrip().startswith("Usage:"):
+        return
+    require(len(lines) == 1, f"expected one line, got {outcome.err[:500]!r}")
+    require(lines[0].startswith("omniscv: "), f"expected 'omniscv: ...', got {lines[0]!r}")
+    require(len(lines[0]) <= LONGEST_LINE, f"{len(lines[0])} characters: {lines[0][:400]!r}")
+
+
+def refused(arguments):
+    """Run a command line that must be refused as wrong usage, within a second."""
+    outcome = ran(arguments)
+    require(outcome.code == 2, f"expected exit code 2, got {outcome.code}: {outcome.err[:300]!r}")
+    require(outcome.cpu_s < SECONDS, f"{outcome.cpu_s:.2f} s to refuse it")
+    return outcome.err
+
+
+def clear(error, where=""):
+    """Hold a refusal from Python to the same rules."""
+    text = str(error)
+    longest = getattr(error, "longest", LONGEST_LINE)
+    require("\n" not in text and len(text) <= longest, f"{where}: {len(text)} characters: {text[:400]!r}")
+    require("expected" in text, f"{where}: expected what was expected, got {text!r}")
+    wild = {each for each in text if not each.isprintable()}
+    require(not wild, f"{where}: control characters in the message: {wild!r}")
+
+
+def require(condition, message):
+    if not condition:
+        raise FaultError(message)
+
+
+@contextlib.contextmanager
+def nothing_left(folder, may_leave=False):
+    """A folder to work in; temporary files are made beside it, and none may be left, unless they may."""
+    work, temporary = folder / "work", folder / "tmp"
+    work.mkdir(), temporary.mkdir()
+    before, previous = tempfile.tempdir, os.getcwd()
+    tempfile.tempdir = str(temporary)
+    os.chdir(work)
+    try:
+        yield work
+        left = [each.name for each in temporary.iterdir()]
+        require(may_leave or not left, f"temporary files are left: {left}")
+    finally:
+        tempfile.tempdir = before
+        os.chdir(previous)

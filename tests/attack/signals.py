@@ -1,0 +1,85 @@
+"""Signals to commands at any moment: they end in time, and leave files that open and no process."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+
+from attack.commands import nothing_left, ran, require
+
+SECONDS = 20
+PROGRAM = "from omniscv.cli import main; print('started', flush=True); main()"
+POSITIONS = [f"--position={0.01 * step},0,1.5" for step in range(300)]
+COMMANDS = {
+    "record": [
+        "record",
+        "--face-size",
+        "32",
+        "--modes",
+        "lit,object_mask,depth",
+        "--out",
+        "room.sqlite",
+        *POSITIONS,
+    ],
+    "render": [
+        "render",
+        "--size",
+        "64x32",
+        "--camera",
+        "noncentral-panorama",
+        "--param",
+        "radius=0.5",
+        "--strategy",
+        "cube",
+        "--modes",
+        "lit,depth",
+    ],
+    "serve": ["serve", "--port", "0"],
+}
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
+
+
+def case(rng, folder):
+    """Start a command, send it one or two signals, and look at what is left."""
+    name, number = rng.choice(list(COMMANDS)), rng.choice(SIGNALS)
+    with nothing_left(folder, may_leave=number == signal.SIGKILL) as work:
+        process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, *COMMANDS[name]],
+            cwd=work,
+            env={**os.environ, "TMPDIR": str(folder / "tmp")},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        children, sent = [], [number]
+        try:
+            process.stdout.readline()
+            time.sleep(rng.choice([rng.uniform(0, 0.1), rng.uniform(0, 1.5), rng.uniform(1, 4)]))
+            if process.poll() is None:
+                children = psutil.Process(process.pid).children(recursive=True)
+                process.send_signal(number)
+                if rng.random() < 0.2 and number != signal.SIGKILL:
+                    time.sleep(rng.uniform(0, 0.2))
+                    sent.append(rng.choice(SIGNALS[:3]))
+                    process.send_signal(sent[-1])
+            _, err = process.communicate(timeout=SECONDS)
+        finally:
+            process.kill()
+            process.communicate()
+        _, alive = psutil.wait_procs(children, timeout=5)
+        require(not alive, f"{name}, {number.name}: processes are left: {alive}")
+        if number != signal.SIGKILL:
+            require(
+                process.returncode in (0, 1, *(code for each in sent for code in (-each, 128 + each))),
+                f"{name}, {number.name}: exit code {process.returncode}: {err}",
+            )
+            require(len(err.splitlines()) <= 1, f"{name}, {number.name}: {err}")
+        if (work / "room.sqlite").exists():
+            ran(["captures", "info", "room.sqlite"])
+            verified = ran(["captures", "verify", "room.sqlite"])
+            require(verified.code == 0, f"{name}, {number.name}: {verified.out}{verified.err}")
+        half = [each.name for each in work.rglob("*") if "part" in each.name and number != signal.SIGKILL]
+        require(not half, f"{name}, {number.name}: half files are left: {half}")

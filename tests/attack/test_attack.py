@@ -1,0 +1,24 @@
+"""Some attacks of each family, always the same ones; ``scripts/attack`` runs as many as there is time for."""
+
+import pytest
+
+from attack.runner import ROUND, Tally, Worker, run
+
+SHORT = {"texts": 250, "flips": 100, "recordings": 60, "servers": 8, "folders": 30, "signals": 2}
+"""By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``."""
+
+
+@pytest.fixture(scope="module")
+def worker():
+    with Worker() as started:
+        yield started
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("family", ROUND)
+def test_a_family_finds_nothing(family, worker, request):
+    count = 10 * ROUND[family] if request.config.getoption("--soak") else SHORT[family]
+    tally = Tally()
+    run([family], 0, {family: count}, tally, worker=worker)
+    assert tally.cases[family] == count
+    assert not tally.faults, "\n".join(tally.lines())

@@ -1,0 +1,269 @@
+"""Hostile texts: jobs, scenes, calibration files and command lines."""
+
+import json
+import time
+
+from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
+from attack.words import ARGUMENTS, SIGNS, YAML
+from omniscv import calibration, cameras, jobs
+from omniscv.errors import ArgumentError
+
+JOB = {
+    "source": "scene://four-wall",
+    "record": "room.sqlite",
+    "cameras": {
+        "fish": {"model": "fisheye-equidistant", "width": 16, "height": 16, "fov_deg": 185, "center": [8, 8]},
+        "ball": {
+            "model": "noncentral-spherical-mirror",
+            "width": 8,
+            "height": 8,
+            "mirror_radius": 0.3,
+            "distance": 0.3,
+        },
+        "lens": {"model": "kannala-brandt", "width": 8, "height": 8, "fx": 4, "fy": 4, "k": [0.1, 0, 0, 0]},
+        "poly": {
+            "model": "scaramuzza",
+            "width": 8,
+            "height": 8,
+            "coefficients": [-4, 0, 0.1],
+            "affine": [1, 0, 0],
+        },
+        "roll": {"model": "cylindrical", "width": 8, "height": 4, "fov_v_deg": 90, "profile": "angular"},
+        "bowl": {
+            "model": "catadioptric-hyperbolic",
+            "width": 8,
+            "height": 8,
+            "distance": 1,
+            "semi_latus_rectum": 0.4,
+        },
+        "cone": {
+            "model": "noncentral-conical-mirror",
+            "width": 8,
+            "height": 8,
+            "half_angle_deg": 55,
+            "distance": 0.3,
+        },
+    },
+    "poses": [
+        {"position": [0, 0, 1.5], "yaw_deg": 90},
+        {"position": [1, 0, 1.5], "pitch_deg": 5, "roll_deg": 1},
+    ],
+    "modes": ["lit", "depth"],
+    "out": "images",
+    "strategy": "cube",
+    "viewpoints": 2,
+    "face_size": 16,
+    "filter": "bilinear",
+    "max_error_px": 0.5,
+    "image_format": "png",
+    "source_options": {"timeout_s": 5, "retries": 0},
+}
+TEXTURE = {"kind": "checker", "colors": [[0.1, 0.2, 0.3], [1, 1, 1]], "scale": 0.2, "angle_deg": 10}
+SCENE = {
+    "sky": [0.1, 0.2, 0.3],
+    "pattern": {"kind": "waves", "period_rad": 0.1},
+    "room": {
+        "floor": [[-2, -2], [3, -2], [3, 2], [-2, 2]],
+        "height": 2.5,
+        "walls": [TEXTURE, {"kind": "plain"}],
+        "floor_texture": TEXTURE,
+        "ceiling_texture": {},
+    },
+    "objects": {
+        "Table": {"texture": TEXTURE, "solids": [{"box": [1, 1, 0.1], "at": [1, 0, 0.7], "turn_deg": 20}]},
+        "Ball": {"solids": [{"sphere": 0.2, "at": [1, 1, 1], "texture": TEXTURE}]},
+        "Post": {"solids": [{"cylinder": [0.1, 1], "at": [-1, 1, 0.5]}]},
+    },
+}
+
+
+class Raw(str):
+    """YAML to be written as it is."""
+
+
+def written(value):
+    """YAML of a description."""
+    if isinstance(value, Raw):
+        return str(value)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{written(key)}: {written(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(written, value)) + "]"
+    return value if isinstance(value, str) and value.isidentifier() else json.dumps(value)
+
+
+def spoiled(rng, value, chance=1.0):
+    """A description with something in it replaced, removed, renamed, doubled or wrapped."""
+    if not isinstance(value, dict | list) or not value or rng.random() < 0.15:
+        return rng.choice(
+            [Raw(rng.choice(YAML)), [value], {"a": value}, value, Raw(f"{written(value)}, {written(value)}")]
+        )
+    if isinstance(value, list):
+        index = rng.randrange(len(value))
+        return [
+            *value[:index],
+            *rng.choice([[], [spoiled(rng, value[index])], [value[index]] * 2]),
+            *value[index + 1 :],
+        ]
+    key = rng.choice(list(value))
+    action = rng.random()
+    rest = {each: value[each] for each in value if each != key}
+    if action < 0.1:
+        return rest
+    if action < 0.2:
+        return {**rest, Raw(rng.choice(YAML)): value[key]}
+    return {**rest, key: spoiled(rng, value[key])}
+
+
+def scrambled(rng, text):
+    """A text with some characters or pieces replaced, removed, repeated or cut."""
+    for _ in range(rng.randint(1, 4)):
+        start = rng.randrange(len(text) + 1)
+        end = min(len(text), start + rng.choice([0, 1, 1, 3, 20]))
+        piece = rng.choice([rng.choice(SIGNS), rng.choice(YAML), text[start:end] * 3, ""])
+        text = text[:start] + piece + text[end:]
+    return text[: rng.randrange(len(text) + 1)] if rng.random() < 0.1 else text
+
+
+def description(rng, valid):
+    """YAML of a description that is spoiled, scrambled or both."""
+    for _ in range(rng.randint(0, 3)):
+        valid = spoiled(rng, valid)
+    text = written(valid)
+    return scrambled(rng, text) if rng.random() < 0.4 else text
+
+
+def write(path, text):
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    return path
+
+
+def judged(read, path, command):
+    """Read a file; where it is refused, the command line must refuse it as well."""
+    started = time.process_time()
+    try:
+        read(path)
+    except ValueError as error:  # an ArgumentError is one
+        require(
+            time.process_time() - started < SECONDS, f"{time.process_time() - started:.2f} s to refuse it"
+        )
+        require(isinstance(error, ArgumentError) or read.__module__.startswith("mock_server"), repr(error))
+        require("\n" not in str(error), f"more than one line: {error}")
+        require(path.name in refused(command), f"{error}: the line does not name the file")
+    require(time.process_time() - started < 5 * SECONDS, f"{time.process_time() - started:.2f} s to read it")
+
+
+def job(rng, folder):
+    with nothing_left(folder) as work:
+        path = write(work / "job.yaml", description(rng, JOB))
+        judged(jobs.load, path, [rng.choice(["render", "plan", "record"]), path.name])
+        require([each.name for each in work.iterdir()] == ["job.yaml"], "a refused job left files")
+
+
+def scene(rng, folder):
+    import mock_server
+
+    with nothing_left(folder) as work:
+        path = write(work / "scene.yaml", description(rng, SCENE))
+        source = f"{rng.choice(['scene', 'mock'])}://{path.name}"
+        judged(mock_server.load_scene, path, ["render", "--size", "8x4", "--source", source])
+        require([each.name for each in work.iterdir()] == ["scene.yaml"], "a refused scene left files")
+
+
+def _calibrations():
+    lens = cameras.create(
+        "kannala-brandt", 40, 30, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=[0.1, -0.02, 0.0, 1e-5]
+    )
+    bent = cameras.create("scaramuzza", 40, 30, coefficients=[-15.0, 0.0, 0.01], affine=(1.01, 0.001, -0.002))
+    return {
+        "opencv-fisheye": calibration.write_opencv_fisheye({"cam0": lens}),
+        "kalibr": calibration.write_kalibr({"cam0": lens}),
+        "colmap": calibration.write_colmap({"1": lens}),
+        "ocamcalib": calibration.write_ocamcalib({"cam0": bent}),
+    }
+
+
+CALIBRATIONS = _calibrations()
+
+
+def calibration_file(rng, folder):
+    name = rng.choice(list(CALIBRATIONS))
+    path = write(folder / "camera.txt", scrambled(rng, CALIBRATIONS[name]))
+    started = time.process_time()
+    try:
+        found = calibration.load(path, rng.choice([name, None]))
+        require(found and all(isinstance(each, cameras.Camera) for each in found.values()), repr(found))
+    except ArgumentError as error:
+        clear(error, name)
+    require(time.process_time() - started < SECONDS, f"{name}: {time.process_time() - started:.2f} s")
+
+
+OPTIONS = {
+    "render": [
+        "--source",
+        "--camera",
+        "--size",
+        "--fov",
+        "--param",
+        "--position",
+        "--yaw",
+        "--pitch",
+        "--roll",
+        "--modes",
+        "--strategy",
+        "--viewpoints",
+        "--face-size",
+        "--filter",
+        "--max-error",
+        "--stem",
+        "--image-format",
+        "",
+    ],
+    "plan": [
+        "--source",
+        "--camera",
+        "--size",
+        "--fov",
+        "--param",
+        "--position",
+        "--modes",
+        "--strategy",
+        "--face-size",
+        "",
+    ],
+    "record": ["--source", "--position", "--face-size", "--modes", "--overscan", "--launch", ""],
+    "cameras": ["", "--x"],
+    "doctor": ["", "--position"],
+    "captures": ["", "--json"],
+    "serve": ["--size", "--fault", "--dialect", "--depth", "--latency-ms", "--seed", ""],
+    "chart": ["--width", ""],
+}
+RUNS = {
+    "render": ["--size", "8x4", "--source", "scene://direction", "--face-size", "16", "--strategy", "cube"],
+    "plan": ["--size", "8x4"],
+    "record": ["--face-size", "16", "--source", "scene://direction", "--modes", "lit"],
+    "serve": ["--port", "99999"],
+    "chart": ["nothing"],
+}
+"""What makes a command cheap, or sure to be refused, where it is not overridden."""
+
+
+def command_line(rng, folder):
+    command = rng.choice([*OPTIONS, "render", "render", "plan"])
+    arguments = list(RUNS.get(command, []))
+    for _ in range(rng.randint(1, 3)):
+        option, value = rng.choice(OPTIONS[command]), rng.choice(ARGUMENTS)
+        arguments += (
+            [f"{option}={value}"]
+            if option and rng.random() < 0.5
+            else [each for each in (option, value) if each]
+        )
+    if command == "captures":
+        arguments.insert(0, rng.choice(["info", "verify", "export", "import", "info"]))
+    with nothing_left(folder):
+        ran([command, *arguments])
+
+
+def case(rng, folder):
+    """Draw a hostile text of any kind."""
+    rng.choice([job, scene, calibration_file, command_line])(rng, folder)

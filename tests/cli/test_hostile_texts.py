@@ -1,0 +1,152 @@
+"""Texts of others on the command line: one short line, exit code 2, and nothing that controls a terminal."""
+
+import pytest
+from test_usage import failed
+
+from omniscv.cli import console
+from omniscv.errors import OmniscvError
+
+GOOD = {
+    "source": "scene://four-wall",
+    "cameras": "{a: {model: equirectangular, width: 8, height: 4}}",
+    "poses": "[{position: [0, 0, 1.5]}]",
+}
+LAUGHS = ", ".join(f"&{y} [{', '.join([f'*{x}'] * 9)}]" for x, y in zip("abcdefgh", "bcdefghi", strict=True))
+CAMERA = "{{a: {{model: equirectangular, width: {}, height: 4}}}}"
+POSE = "[{{position: [0, 0, 1.5], yaw_deg: {}}}]"
+WRONG = [
+    ("source", "!!timestamp x", "no tags"),
+    ("source", "!!python/object/apply:os.system [exit]", "no tags"),
+    ("source", "7", "source: expected an address"),
+    ("source", "[[mock://four-wall]]", "source[0]: expected a text, got ['mock://four-wall']"),
+    ("source", '"a\\0b"', "source: expected a text, got 'a\\x00b'"),
+    ("source", "[&a [x, x], " + LAUGHS + "]", "at most 100000 values"),
+    ("cameras", CAMERA.format("2001-01-01"), "cameras.a: width: expected a whole number of pixels"),
+    ("cameras", CAMERA.format(".nan"), "cameras.a: width: expected a whole number of pixels"),
+    ("cameras", CAMERA.format("9" * 1_000_000), "numbers of at most 64 characters"),
+    ("cameras", CAMERA.format("1000000, height: 1000000"), "every key once"),
+    ("cameras", "{a: {model: [x], width: 1, height: 1}}", "cameras.a: camera: expected one of"),
+    (
+        "cameras",
+        "{a: {model: equirectangular, width: 1000000, height: 1000000}}",
+        "cameras.a: size: expected at most",
+    ),
+    ("cameras", "{'': {model: equirectangular, width: 8, height: 4}}", "cameras: stem: expected a text"),
+    ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
+    ("poses", POSE.format("true"), "poses[0].yaw_deg: expected a finite number, got True"),
+    ("poses", "[{position: [0, 0, 1e300]}]", "position: expected numbers within 1e+09 of the origin"),
+    ("poses", "[{place: [0, 0, 1]}]", "poses[0]: expected fields among position"),
+    ("poses", "[" * 100_000, "at most 32 levels of nesting"),
+    ("poses", "[" + "{position: [0, 0, 1]}, " * 30_000 + "]", "at most 100000 values"),
+    ("modes", "[[lit]]", "modes[0]: expected a text"),
+    ("modes", "{lit: 1}", "modes: expected a list of texts"),
+    ("out", "[1]", "out: expected a text"),
+    ("record", "2", "record: expected a text"),
+    ("image_format", "[png]", "image_format: expected a text"),
+    ("strategy", "[cube]", "strategy: expected a text"),
+    ("filter", "{a: b}", "filter: expected one of"),
+    ("viewpoints", "many", "viewpoints: expected a whole number"),
+    ("viewpoints", "1000000000000", "viewpoints: expected a whole number <= 1000000"),
+    ("face_size", "true", "face_size: expected 'auto' or"),
+    ("max_error_px", ".inf", "max_error_px: expected a finite number"),
+    ("source_options", "7", "source_options: expected a mapping"),
+    ("source_options", "{timeout_s: soon}", "source_options.timeout_s: expected a finite number > 0"),
+    (
+        "source_options",
+        "{fix_exposure: yes}",
+        "source_options.fix_exposure: expected true or false, got 'yes'",
+    ),
+    ("more", "'\x85\u202e'", "got 'more'"),
+]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"), WRONG, ids=[f"{i}-{key}" for i, (key, *_) in enumerate(WRONG)]
+)
+def test_a_field_of_a_job(key, value, says, tmp_path, capsys):
+    path = tmp_path / "job.yaml"
+    path.write_text("\n".join(f"{name}: {text}" for name, text in {**GOOD, key: value}.items()))
+    line = failed(capsys, 2, ["render", path])
+    assert says in line
+    assert "job.yaml" in line
+    assert len(line) <= 300
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_of_10_mb_is_refused_before_it_is_read(tmp_path, capsys):
+    path = tmp_path / "big.yaml"
+    path.write_text("a: 1\n" * 2_000_000)
+    for arguments in (["render", path], ["render", "--source", f"scene://{path}"]):
+        assert "at most 1048576 bytes, got a larger one" in failed(capsys, 2, arguments)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("sky: !!timestamp 2001-01-01", "no tags"),
+        ("sky: 2001-01-01", "sky: expected 3 numbers (from 0 to 1), got '2001-01-01'"),
+        ("objects: [&a [x, x], " + LAUGHS + "]", "at most 100000 values"),
+        (
+            "objects: {A: {solids: [{sphere: 1e300, at: [0, 0, 0]}]}}",
+            "A: sphere: expected 1 number (from 1e-9",
+        ),
+        ("objects: {" + "x" * 1000 + ": 1}", "expected names without spaces, of at most 100 characters"),
+        ("room: {floor: [" + "[0, 0], " * 300 + "]}", "room: floor: expected at most 256 corners, got 300"),
+        ("objects: {A: {solids: [" + "{sphere: 1, at: [0, 0, 0]}, " * 10_001 + "]}}", "at most 10000 solids"),
+    ],
+)
+@pytest.mark.parametrize("scheme", ["scene", "mock"])
+def test_a_scene(scheme, text, says, tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    line = failed(
+        capsys, 2, ["render", "--source", f"{scheme}://{path}", "--size", "8x4", "--out", tmp_path / "out"]
+    )
+    assert says in line
+    assert len(line) <= 300
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--size", "1000000x1000000"], "size: expected at most 134217728 pixels"),
+        (["--size", "9" * 5000 + "x1"], "--size: expected WIDTHxHEIGHT"),
+        (["--face-size", "9" * 5000], "--face-size: expected auto or a number of px"),
+        (["--param", "radius=" + "9" * 5000], "--param: expected NAME=VALUE"),
+        (["--param", "fov_deg=!!timestamp x"], "--param: expected NAME=VALUE"),
+        (["--param", "name=x"], "camera equirectangular: expected width, height; got 'name'"),
+        (["--viewpoints", "9" * 5000], "Invalid value for '--viewpoints'"),
+        (["--position", "0,0,1e308"], "position: expected numbers within 1e+09"),
+        (["--source", "unreal://[::1"], "source: expected unreal://host:port"),
+        (["--camera", "\x1b[31m\u202e[/b]"], r"got '\x1b[31m\u202e[/b]'"),
+        (["--\x1b[31m"], r"\x1b[31m"),
+    ],
+    ids=str,
+)
+def test_a_value_on_the_command_line(options, says, tmp_path, capsys):
+    line = failed(capsys, 2, ["render", "--size", "8x4", "--out", tmp_path / "out", *options])
+    assert says in line
+    assert len(line) <= 300
+    assert not (tmp_path / "out").exists()
+
+
+WILD = "\x1b[31m\x07\u202e\u200b\x85\n[/b][bold]\udcff"
+TAME = r"\x1b[31m\x07\u202e\u200b\x85\n[/b][bold]\udcff"
+
+
+def test_what_is_printed_cannot_control_the_terminal(capsys):
+    console.line(WILD)
+    console.table(("name",), [(WILD,)])
+    console.error(f"name {WILD}")
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[0] == TAME
+    assert printed.out.splitlines()[2].strip() == TAME
+    assert printed.err == f"omniscv: name {TAME}\n".replace(r"\x85\n", " ")
+    assert str(OmniscvError(WILD)) == TAME.replace(r"\x85\n", " ")
+
+
+def test_a_long_error_keeps_its_beginning_and_its_end():
+    message = str(OmniscvError(f"job.yaml: a: expected b, got {'x' * 10_000}, in the end"))
+    assert len(message) == 300
+    assert message.startswith("job.yaml: a: expected b, got xxx")
+    assert message.endswith("xxx, in the end")
