@@ -1,28 +1,30 @@
 """Starts a packaged game, opens it as a source once it is reachable, and stops it with the source.
 
-The plugin reads its settings once, from ``unrealcv.ini`` beside the running executable (protocol reference,
-section 1.5). The file is written before the game starts, and restored once the game is reachable, so that the
-same package can be started again beside it.
+The plugin's settings are written before the game starts, and put back once it is reachable. The game is a
+child of a watching process, which stops it when this process ends, however it ends.
 """
 
 import os
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError
 from omniscv.sources.base import Source, SourceWrapper
 from omniscv.sources.unreal.client import Endpoint
+from omniscv.sources.unreal.settings_file import borrowed
 
 Connect = Callable[[Endpoint], Source]
-Game = subprocess.Popen[bytes]
+Watcher = subprocess.Popen[bytes]
 HOST = "127.0.0.1"
+_WATCHER = Path(__file__).with_name("watcher.py")
 _GRACE_S = 10.0  # how long a game may take to end after SIGTERM, before SIGKILL
 
 
@@ -58,6 +60,7 @@ def launch(
 
     Raises:
         ArgumentError: there is no such program, or it cannot be run.
+        SourceError: its settings cannot be written.
         ServerConnectionError: it ended, or was not reachable in time; the message has its last output.
     """
     path = path.absolute()
@@ -67,9 +70,9 @@ def launch(
     with ExitStack() as held:
         with ExitStack() as settings:
             for folder in settings_folders(path):
-                settings.enter_context(_settings(folder / "unrealcv.ini", port, size, fov_deg))
-            game, output = held.enter_context(_running(path))
-            source = _reachable(path, game, output, port, startup_timeout_s, connect)
+                settings.enter_context(borrowed(folder, _settings(port, size, fov_deg), startup_timeout_s))
+            watcher, output = held.enter_context(_running(path))
+            source = _reachable(path, watcher, output, port, startup_timeout_s, connect)
         return HostedSource(source, held.pop_all())
 
 
@@ -84,45 +87,50 @@ def settings_folders(path: Path) -> list[Path]:
     return sorted(inside) or [path.parent]
 
 
-@contextmanager
-def _settings(file: Path, port: int, size: tuple[int, int], fov_deg: float) -> Iterator[None]:
-    """Write the plugin's settings; restore what was there before at the end."""
-    before = file.read_bytes() if file.exists() else None
-    file.write_text(
+def _settings(port: int, size: tuple[int, int], fov_deg: float) -> str:
+    return (
         f"[UnrealCV.Core]\nPort={port}\nWidth={size[0]}\nHeight={size[1]}\nFOV={fov_deg:f}\n"
-        "EnableInput=False\nEnableRightEye=False\n",  # a click in the window would break the stream
-        encoding="ascii",
+        "EnableInput=False\nEnableRightEye=False\n"  # a click in the window would break the stream
     )
-    try:
-        yield
-    finally:
-        if before is None:
-            file.unlink(missing_ok=True)
-        else:
-            file.write_bytes(before)
 
 
 @contextmanager
-def _running(path: Path) -> Iterator[tuple[Game, IO[bytes]]]:
-    """A game and its output; stopped at the end, with all processes that it has started."""
+def _running(path: Path) -> Iterator[tuple[Watcher, IO[bytes]]]:
+    """A game's watcher and its output; stopped at the end, with all processes that it has started."""
     with tempfile.TemporaryFile() as output:
-        pipes: Any = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": subprocess.STDOUT}
-        try:  # In a session of its own, Ctrl-C does not reach it: it is stopped once its captures are safe.
-            game = subprocess.Popen([path], cwd=path.parent, start_new_session=True, **pipes)
-        except OSError as cause:
-            raise ArgumentError(f"{path}: expected a game that can be run, got: {cause}") from cause
-        try:
-            yield game, output
-        finally:
-            _signal(game, signal.SIGTERM)
-            with suppress(subprocess.TimeoutExpired):
-                game.wait(_GRACE_S)
-            _signal(game, signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
-            game.wait()
+        # In a session of its own, Ctrl-C does not reach it: it is stopped once its captures are safe.
+        watcher = subprocess.Popen(
+            [sys.executable, "-I", "-S", _WATCHER, str(_GRACE_S), path],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=output,
+            bufsize=0,
+            start_new_session=True,
+        )
+        assert watcher.stdin is not None
+        assert watcher.stdout is not None
+        with watcher.stdin, watcher.stdout:
+            first = watcher.stdout.readline().decode(errors="replace").strip()
+            if not first.isdecimal():
+                raise ArgumentError(f"{path}: expected a game that can be run, got: {first}")
+            try:
+                yield watcher, output
+            finally:
+                _stop(watcher, int(first))
+
+
+def _stop(watcher: Watcher, game: int) -> None:
+    """Stop a game by its watcher; or its processes by the group's id, where the watcher was killed."""
+    assert watcher.stdin is not None
+    with suppress(OSError):  # of a watcher that has ended; a forked process may hold the pipe open, so write
+        watcher.stdin.write(b"stop")
+    if watcher.wait() < 0 and os.name == "posix":
+        with suppress(ProcessLookupError):
+            os.killpg(game, signal.SIGKILL)
 
 
 def _reachable(
-    path: Path, game: Game, output: IO[bytes], port: int, timeout_s: float, connect: Connect
+    path: Path, watcher: Watcher, output: IO[bytes], port: int, timeout_s: float, connect: Connect
 ) -> Source:
     deadline = time.monotonic() + timeout_s
     while True:
@@ -130,22 +138,13 @@ def _reachable(
             return connect((HOST, port))
         except (ServerConnectionError, DeadlineError) as fault:
             why = f"got none within {timeout_s:g} s; has it the UnrealCV plugin?"
-            if (code := game.poll()) is not None:
+            if (code := watcher.poll()) is not None:
                 why = f"but it ended with code {code}."
             if code is not None or time.monotonic() > deadline:
                 wanted = f"{path}: expected a game that is reachable at port {port}"
                 last = f"Its last output: {_last_line(output)}"
                 raise ServerConnectionError(f"{wanted}, {why} {last}") from fault
             time.sleep(0.25)
-
-
-def _signal(game: Game, number: int) -> None:
-    """Signal a game and a launcher's children, even if the launcher itself has ended."""
-    if os.name == "posix":
-        with suppress(ProcessLookupError):
-            os.killpg(game.pid, number)
-    elif game.poll() is None:  # there are no process groups: end the tree
-        subprocess.run(["taskkill", "/T", "/F", "/PID", str(game.pid)], check=False)
 
 
 def _last_line(output: IO[bytes]) -> str:
