@@ -39,12 +39,14 @@ class SourceOptions(TypedDict, total=False):
     """Options of :func:`open_source`; an opener refuses those that it does not know.
 
     Attributes:
-        timeout_s: how long connecting, and each reply, may take.
-        retries: how often to retry, with exponential backoff.
+        timeout_s: how long connecting, and each reply, may take; 15 s if not given.
+        patience_s: for how long to connect and send again after a fault, until there is a reply; 12 s.
+        retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
     """
 
     timeout_s: float
+    patience_s: float
     retries: int
     fix_exposure: bool
 

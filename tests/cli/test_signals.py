@@ -44,7 +44,7 @@ def captures_in(path):
     [(signal.SIGINT, [signal.SIGINT, signal.SIGHUP]), (signal.SIGHUP, [])],
 )
 def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path):
-    """The signal may come several times, as from ``timeout`` and terminals. SIGHUP under nohup changes nothing."""
+    """It may come several times, as from ``timeout`` and terminals. SIGHUP under nohup changes nothing."""
     out = tmp_path / "room.sqlite"
     positions = [f"--position={0.001 * step},0,1.5" for step in range(1000)]
     options = ["--face-size", "32", "--modes", "lit", "--out", out]

@@ -164,7 +164,7 @@ def test_no_sources_are_refused():
 def test_different_sources_are_refused():
     same = {"Sofa": (1, 2, 3)}
     with pytest.raises(
-        ArgumentError, match=r"source 2 differs .* Sofa: \(9, 2, 3\) against Sofa: \(1, 2, 3\)"
+        ArgumentError, match=r"source 2 differs .* Sofa': \(9, 2, 3\) against 'Sofa': \(1, 2, 3\)"
     ):
         SourcePool([Game(table=same), Game(table={"Sofa": (9, 2, 3)})])
     other = Game()

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 from omniscv.sources.base import Capabilities, Source
 from omniscv.sources.registry import Opener, read_size, split_address
 from omniscv.sources.unreal.client import Endpoint
 from omniscv.sources.unreal.commands import MODERN
-from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.connection import PATIENCE_S, RETRIES, TIMEOUT_S, Connection
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
 from omniscv.sources.unreal.source import connect
 
@@ -31,8 +32,17 @@ _MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
 def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
     """Return the opener for a function that opens an address, given how to connect to an endpoint."""
 
-    def opened(address: str, timeout_s: float = 30.0, retries: int = 5, fix_exposure: bool = False) -> Source:
-        return serve(address, lambda where: connect(Connection(where, timeout_s, retries), fix_exposure))
+    def opened(
+        address: str,
+        timeout_s: float = TIMEOUT_S,
+        patience_s: float = PATIENCE_S,
+        retries: int = RETRIES,
+        fix_exposure: bool = False,
+    ) -> Source:
+        def connected(where: Endpoint) -> Source:
+            return connect(Connection(where, timeout_s, patience_s, retries), fix_exposure)
+
+        return serve(address, connected)
 
     return opened
 
@@ -69,12 +79,14 @@ open_mock.capabilities = _mock_capabilities  # type: ignore[attr-defined]  # for
 
 
 @contextmanager
-def open_connection(address: str, timeout_s: float = 30.0) -> Iterator[Connection]:
+def open_connection(
+    address: str, timeout_s: float = TIMEOUT_S, patience_s: float = PATIENCE_S
+) -> Iterator[Connection]:
     """Open a bare connection to a live or mock server; a server is reached when it is first used."""
     with ExitStack() as held:
         server = held.enter_context(_mock(address)) if address.startswith("mock://") else None
         endpoint = (server.host, server.port) if server else _endpoint(address)
-        yield held.enter_context(closing(Connection(endpoint, timeout_s)))
+        yield held.enter_context(closing(Connection(endpoint, timeout_s, patience_s)))
 
 
 def _endpoint(address: str) -> Endpoint:
@@ -84,7 +96,7 @@ def _endpoint(address: str) -> Endpoint:
     with suppress(ValueError):  # of a port that is no number
         if parts.scheme == "unreal" and parts.hostname:
             return parts.hostname, parts.port or 9000
-    raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {address!r}")
+    raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {shown(address)}")
 
 
 def _mock(address: str) -> Server:
@@ -95,4 +107,4 @@ def _mock(address: str) -> Server:
     try:
         return mock_server.serve(scene, faults=faults, **options)
     except ValueError as wrong:
-        raise ArgumentError(f"source: {address!r}: {wrong}") from wrong
+        raise ArgumentError(f"source: {shown(address)}: {wrong}") from wrong
