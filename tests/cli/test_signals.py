@@ -1,35 +1,13 @@
 """Signals that end a command, also where a shell started it with SIGINT ignored, as background jobs."""
 
 import signal
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 
 import pytest
+from support.processes import OMNISCV, started
 
 from omniscv.errors import NotARecordingError, RecordingError
 from omniscv.sources.recording.inspection import info, verify
-
-COMMAND = [sys.executable, "-c", "from omniscv.cli import main; main()"]
-
-
-@contextmanager
-def started(*arguments, ignored):
-    """A command in a process of its own, killed if the test fails."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
-    try:
-        process = subprocess.Popen(
-            [*COMMAND, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def captures_in(path):
@@ -48,7 +26,7 @@ def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path
     out = tmp_path / "room.sqlite"
     positions = [f"--position={0.001 * step},0,1.5" for step in range(1000)]
     options = ["--face-size", "32", "--modes", "lit", "--out", out]
-    with started("record", *options, *positions, ignored=ignored) as process:
+    with started(*OMNISCV, "record", *options, *positions, ignored=ignored) as process:
         if signal.SIGHUP in ignored:
             process.send_signal(signal.SIGHUP)
         while captures_in(out) == 0:

@@ -5,13 +5,11 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from support.processes import OMNISCV, started
 from support.wire import RawClient
 
 import mock_server
@@ -47,26 +45,8 @@ class Address:
 
 SERVERS = {
     "mock_server": ("-m", "mock_server"),
-    "omniscv serve": ("-c", "from omniscv.cli import main; main()", "serve"),
+    "omniscv serve": (*OMNISCV, "serve"),
 }
-
-
-@contextmanager
-def started(*arguments, ignored=()):
-    """A Python program that inherits ignored signals: of a job in the background SIGINT, of nohup SIGHUP."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
-    try:
-        process = subprocess.Popen(
-            [sys.executable, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @pytest.mark.parametrize(

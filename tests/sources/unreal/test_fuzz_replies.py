@@ -42,7 +42,7 @@ def received(data, piece):
     return lambda most: stream.read(min(most, piece))
 
 
-@cases(1500)
+@cases(600)
 @given(STREAMS, st.integers(1, 50))
 def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     receive, payloads = received(data, piece), []
@@ -132,7 +132,7 @@ STARTS = st.builds(
 )
 
 
-@cases(2500)
+@cases(1200)
 @given(
     spoiled() | ARRAYS | STARTS | st.binary(max_size=60), st.sampled_from(encodings()), st.sampled_from(MODES)
 )
