@@ -133,7 +133,7 @@ def size(text: str) -> tuple[int, int]:
     """``1024x512`` as (width, height)."""
     width, cross, height = text.lower().partition("x")
     if not (cross and width.isdecimal() and height.isdecimal()):
-        raise ArgumentError(f"--size: expected WIDTHxHEIGHT such as 1024x512, got {text!r}")
+        raise ArgumentError(f"--size: expected WIDTHxHEIGHT such as 1024x512, got {text[:80]!r}")
     return int(width), int(height)
 
 
@@ -144,7 +144,7 @@ def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ..
     except ValueError:
         values = ()
     if len(values) != len(example.split(",")):
-        raise ArgumentError(f"{option}: expected numbers such as {example}, got {text!r}")
+        raise ArgumentError(f"{option}: expected numbers such as {example}, got {text[:80]!r}")
     return values
 
 
@@ -165,4 +165,4 @@ def _parameter(text: str) -> tuple[str, Any]:
         return name, yaml.safe_load(f"[{value}]") if isinstance(found, str) and "," in found else found
     except (yaml.YAMLError, ValueError, RecursionError) as cause:
         wanted = "NAME=VALUE such as radius=1.0 or k=0.1,0.2"
-        raise ArgumentError(f"--param: expected {wanted}, got {text!r}") from cause
+        raise ArgumentError(f"--param: expected {wanted}, got {text[:80]!r}") from cause

@@ -151,6 +151,8 @@ def test_handlers_are_restored():
         (["--size", "big"], 2, "expected a size such as 640x480, got 'big'"),
         (["--size", "0x10"], 2, "size: expected"),
         (["--fov", "nan"], 2, "fov_deg: expected"),
+        (["--host", ""], 2, "host: expected an address, got ''"),
+        (["--fault", f"delay={'9' * 9999}"], 2, "fault delay: expected a number from 0 to 3600, got '9999"),
         (["--latency-ms", "inf"], 2, "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
     ],
 )  # fmt: skip

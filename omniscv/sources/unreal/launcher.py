@@ -16,6 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from omniscv.arguments import number, shown, whole_number
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError
 from omniscv.sources.base import Source, SourceWrapper
 from omniscv.sources.unreal.client import Endpoint
@@ -59,10 +60,14 @@ def launch(
         startup_timeout_s: deadline for the game to be reachable; a large one takes minutes to load.
 
     Raises:
-        ArgumentError: there is no such program, or it cannot be run.
+        ArgumentError: there is no such program, or it cannot be run; a number is out of its range.
         SourceError: its settings cannot be written.
         ServerConnectionError: it ended, or was not reachable in time; the message has its last output.
     """
+    port = None if port is None else whole_number("port", port, most=65_535)
+    size = (whole_number("size", size[0], "pixels"), whole_number("size", size[1], "pixels"))
+    fov_deg = number("fov_deg", fov_deg, above=0, below=180)
+    startup_timeout_s = number("startup_timeout_s", startup_timeout_s, above=0)
     path = path.absolute()
     if not path.is_file() or not os.access(path, os.X_OK):
         raise ArgumentError(f"{path}: expected a game that can be run, but there is none")
@@ -112,7 +117,7 @@ def _running(path: Path) -> Iterator[tuple[Watcher, IO[bytes]]]:
         with watcher.stdin, watcher.stdout:
             first = watcher.stdout.readline().decode(errors="replace").strip()
             if not first.isdecimal():
-                raise ArgumentError(f"{path}: expected a game that can be run, got: {first}")
+                raise ArgumentError(f"{path}: expected a game that can be run, got: {first[:100]}")
             try:
                 yield watcher, output
             finally:
@@ -148,9 +153,9 @@ def _reachable(
 
 
 def _last_line(output: IO[bytes]) -> str:
-    output.seek(0)
+    output.seek(max(0, output.seek(0, os.SEEK_END) - 10_000))
     lines = output.read().decode(errors="replace").split("\n")
-    return next((line.strip() for line in reversed(lines) if line.strip()), "nothing")
+    return next((shown(line.strip())[1:-1] for line in reversed(lines) if line.strip()), "nothing")
 
 
 def _free_port() -> int:

@@ -25,6 +25,7 @@ _Readers = dict[str, Callable[[str], Any]]
 _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
 _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault"), str)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, "latency_ms": float, "seed": int, "size": read_size}
+_MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 _MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
 """Those whose capabilities do not depend on settings; ``1.x`` is what the mock speaks by default."""
 
@@ -90,12 +91,16 @@ def open_connection(
 
 
 def _endpoint(address: str) -> Endpoint:
-    parts = urlsplit(address)
-    if parts.scheme == "unreal+unix" and parts.path:
-        return parts.path
-    with suppress(ValueError):  # of a port that is no number
-        if parts.scheme == "unreal" and parts.hostname:
-            return parts.hostname, parts.port or 9000
+    with suppress(ValueError):  # of brackets, a port that is no number, or a name with too long a part
+        parts = urlsplit(address if len(address) <= _MAX_ADDRESS else "")
+        if parts.scheme == "unreal+unix" and parts.path.isprintable() and parts.path:
+            return parts.path
+        if (
+            parts.scheme == "unreal"
+            and parts.hostname
+            and parts.hostname.encode("idna").decode().isprintable()
+        ):
+            return parts.hostname, 9000 if parts.port is None else parts.port
     raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {shown(address)}")
 
 

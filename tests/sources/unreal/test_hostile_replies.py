@@ -209,6 +209,18 @@ def test_deadlines_are_numbers(options, says):
         omniscv.open_source("unreal://127.0.0.1:1", **options)
 
 
+@pytest.mark.parametrize(
+    "address",
+    ["unreal://[", "unreal://a:99999", f"unreal://{'a' * 64}", f"unreal://{'a.' * 99_999}", "unreal://a\0b",
+     "unreal+unix:///tmp/a\0b", "unreal://a:b", f"mock://four-wall?seed={'x' * 99_999}",
+     f"mock://four-wall?latency_ms={MILLION}", f"launch:x?size={MILLION}x1"],
+)  # fmt: skip
+def test_an_address_that_is_none_is_one_short_line(address):
+    with pytest.raises(ArgumentError) as refused:
+        omniscv.open_source(address)
+    assert is_one_short_line(str(refused.value))
+
+
 def test_deadlines_on_the_command_line_are_named_as_there(capsys):
     assert run(["doctor", "mock://four-wall", "--timeout", "inf"]) == 2
     assert "--timeout: expected a finite number > 0, got inf" in capsys.readouterr().err

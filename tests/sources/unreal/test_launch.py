@@ -183,6 +183,10 @@ def test_settings_lie_beside_the_executable(game):
         (f"launch:{STAND_IN}", "expected a game that can be run"),  # it is no program by itself
         ("launch:Game?speed=2", "expected options among port, size, .* got 'speed'"),
         ("launch:Game?size=big", "expected a value of size, got 'big'"),
+        ("launch:Game?size=0x5", "size: expected a whole number of pixels >= 1, got 0"),
+        ("launch:Game?port=65536", "port: expected a whole number <= 65535, got 65536"),
+        ("launch:Game?fov_deg=nan", "fov_deg: expected a finite number > 0 and < 180, got nan"),
+        ("launch:Game?startup_timeout_s=inf", "startup_timeout_s: expected a finite number > 0, got inf"),
     ],
 )
 def test_what_cannot_be_started_is_one_clear_error(uri, says):
