@@ -102,26 +102,23 @@ def _settings(port: int, size: tuple[int, int], fov_deg: float) -> str:
 @contextmanager
 def _running(path: Path) -> Iterator[tuple[Watcher, IO[bytes]]]:
     """A game's watcher and its output; stopped at the end, with all processes that it has started."""
-    with tempfile.TemporaryFile() as output:
+    command = [sys.executable, "-I", "-S", _WATCHER, str(_GRACE_S), path]
+    pipe = subprocess.PIPE
+    with (
+        tempfile.TemporaryFile() as output,
         # In a session of its own, Ctrl-C does not reach it: it is stopped once its captures are safe.
-        watcher = subprocess.Popen(
-            [sys.executable, "-I", "-S", _WATCHER, str(_GRACE_S), path],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=output,
-            bufsize=0,
-            start_new_session=True,
-        )
-        assert watcher.stdin is not None
+        subprocess.Popen(
+            command, 0, stdin=pipe, stdout=pipe, stderr=output, start_new_session=True
+        ) as watcher,
+    ):
         assert watcher.stdout is not None
-        with watcher.stdin, watcher.stdout:
-            first = watcher.stdout.readline().decode(errors="replace").strip()
-            if not first.isdecimal():
-                raise ArgumentError(f"{path}: expected a game that can be run, got: {first[:100]}")
-            try:
-                yield watcher, output
-            finally:
-                _stop(watcher, int(first))
+        first = watcher.stdout.readline().decode(errors="replace").strip()
+        if not first.isdecimal():
+            raise ArgumentError(f"{path}: expected a game that can be run, got: {first[:100]}")
+        try:
+            yield watcher, output
+        finally:
+            _stop(watcher, int(first))
 
 
 def _stop(watcher: Watcher, game: int) -> None:

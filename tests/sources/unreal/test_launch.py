@@ -23,6 +23,15 @@ def test_a_game_that_ends_is_quoted(game):
         omniscv.open_source(f"launch:{game}")
 
 
+def test_a_game_that_is_no_program_is_one_clear_error(tmp_path):
+    game = tmp_path / "Game"
+    game.write_bytes(b"\x7fELF and no more")
+    game.chmod(0o755)
+    with pytest.raises(ArgumentError, match=r"expected a game that can be run, got: .*Exec format error"):
+        omniscv.open_source(f"launch:{game}")
+    assert list(tmp_path.iterdir()) == [game]
+
+
 def test_a_game_that_never_answers_is_stopped(game):
     behave(game, wait_s=600)
     with pytest.raises(ServerConnectionError, match=r"reachable at port \d+, got none within 2 s"):
