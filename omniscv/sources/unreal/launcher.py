@@ -102,7 +102,7 @@ def _settings(port: int, size: tuple[int, int], fov_deg: float) -> str:
 @contextmanager
 def _running(path: Path) -> Iterator[tuple[Watcher, IO[bytes]]]:
     """A game's watcher and its output; stopped at the end, with all processes that it has started."""
-    command = [sys.executable, "-I", "-S", _WATCHER, str(_GRACE_S), path]
+    command = [sys.executable, "-I", "-S", str(_WATCHER), str(_GRACE_S), str(path)]
     pipe = subprocess.PIPE
     with (
         tempfile.TemporaryFile() as output,
