@@ -1,7 +1,7 @@
 """``python -m mock_server``: a scene behind the UnrealCV protocol, for any client, until Ctrl-C.
 
-The first line on the standard output is the address, for scripts that take any free port. SIGINT and SIGTERM
-stop the server, SIGINT also where it was ignored at the start: see :func:`mock_server.stop_signal`.
+The first line on the standard output is the address, for scripts that take any free port. SIGINT, SIGTERM and
+SIGHUP stop the server, SIGINT also where it was ignored at the start: see :func:`mock_server.stop_signal`.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from mock_server.stop_signal import stop_signal
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM, and return the exit code."""
+    """Serve until a signal, and return the exit code: 1 where the server ended by itself."""
     options = vars(_parser().parse_args(arguments))
     with stop_signal() as wait:
         try:
@@ -31,8 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 1
         with server:
             print(f"{server.uri} {server.scene.name} dialect {server.settings.dialect}", flush=True)
-            wait()
-    return 0
+            stopped = wait(server)
+    if stopped is None:
+        print(f"mock_server: {server.fault or 'the server has ended'}", file=sys.stderr)
+    return 0 if stopped else 1
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -69,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"expected a size such as 640x480, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a size such as 640x480, got {text[:80]!r}")
     return int(width), int(height)
 
 

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import queue
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Iterator
 
@@ -12,15 +13,54 @@ from mock_server.dialects.common import Dialect, Later
 Request = tuple[float, bytes]
 """Time of arrival (seconds, monotonic) and payload."""
 
-Requests = queue.Queue[Request | None]
-"""None: the client has left."""
+MAX_WAITING = 1 << 25
+"""Bytes of one client's requests that wait for their replies, ``_OVERHEAD`` for each included."""
+
+_OVERHEAD = 256  # bytes of memory that a request takes beside its text
+_MAX_TEXTS, _MAX_TEXT = 100_000, 200
+
+
+class Requests:
+    """The requests of one client that are not answered yet."""
+
+    def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
+        self._lock, self._waiting = threading.Lock(), 0
+
+    def put(self, payload: bytes) -> bool:
+        """Add a request; return False where too many wait."""
+        with self._lock:
+            self._waiting += len(payload) + _OVERHEAD
+            if self._waiting > MAX_WAITING:
+                return False
+        self._queue.put((time.monotonic(), payload))
+        return True
+
+    def end(self) -> None:
+        """Add the end of the requests: the client has left."""
+        self._queue.put(None)
+
+    def get(self, timeout_s: float) -> Request | None:
+        """Return the next request, None at the end; raise queue.Empty if none comes in time."""
+        return self._queue.get(timeout=timeout_s) if timeout_s else self._queue.get_nowait()
+
+    def answered(self, payload: bytes) -> None:
+        """Forget a request."""
+        with self._lock:
+            self._waiting -= len(payload) + _OVERHEAD
 
 
 class Statistics:
-    """Counts the commands received, by their texts."""
+    """Counts the commands received, by the starts of their texts; very many different ones by their verbs."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
+
+    def add(self, text: str) -> None:
+        """Count a command."""
+        text = text[:_MAX_TEXT]
+        known = len(self.counts) < _MAX_TEXTS or text in self.counts
+        self.counts[text if known else text.partition(" ")[0][:5]] += 1
 
     def total(self, start: str) -> int:
         """Return how many commands began with ``start``."""
@@ -46,6 +86,7 @@ def replies(
                 continue
             dialect.held = 0
             for received, payload in held:
+                requests.answered(payload)
                 identity, reply = _reply(dialect, statistics, payload)
                 if isinstance(reply, Later):
                     pending.append((frame + reply.frames, received, identity, reply))
@@ -63,9 +104,9 @@ def _received(dialect: Dialect, requests: Requests) -> list[Request | None]:
     received: list[Request | None] = []
     most = dialect.requests_per_frame
     with contextlib.suppress(queue.Empty):
-        received.append(requests.get(timeout=1 / dialect.settings.frames_per_s))
+        received.append(requests.get(1 / dialect.settings.frames_per_s))
         while most is None or len(received) < most:
-            received.append(requests.get_nowait())
+            received.append(requests.get(0))
     return received
 
 
@@ -75,7 +116,7 @@ def _reply(dialect: Dialect, statistics: Statistics, payload: bytes) -> tuple[in
     if parsed is None:
         return 0, dialect.malformed(payload)
     identity, text = parsed
-    statistics.counts[text] += 1
+    statistics.add(text)
     dialect.world.on_command(text)
     reply = dialect.answer(text)
     return identity, reply if isinstance(reply, Later) else _payload(identity, reply)

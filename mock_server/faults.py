@@ -8,6 +8,7 @@ the ``PERMANENT`` ones.
 
 import math
 import random
+import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,13 +21,13 @@ class Kind(NamedTuple):
 
     text: str
     default: Value = None
-    most: float = math.inf
+    most: float = 1e9
 
 
 KINDS = {
     # The transport; drawn for each reply, or for each connection where it says so.
-    "delay": Kind("the reply comes VALUE seconds later, and all behind it too", 0.5),
-    "drip": Kind("the reply comes in small pieces, spread over VALUE seconds", 0.5),
+    "delay": Kind("the reply comes VALUE seconds later, and all behind it too", 0.5, 3600.0),
+    "drip": Kind("the reply comes in small pieces, spread over VALUE seconds", 0.5, 3600.0),
     "missing": Kind("the reply is never sent"),
     "wrong-id": Kind("the reply carries the next id"),
     "no-id": Kind("the reply comes without its id"),
@@ -37,7 +38,9 @@ KINDS = {
     "huge": Kind("the frame's header says 4 GB"),
     "reset": Kind("the connection is reset after half the reply"),
     "no-greeting": Kind("for each connection: no greeting; requests are answered"),
-    "second-client": Kind("for each connection: another client is served first, for VALUE seconds", 1.0),
+    "second-client": Kind(
+        "for each connection: another client is served first, for VALUE seconds", 1.0, 3600.0
+    ),
     # The world; drawn for each image, or for each command or frame where it says so.
     "stale": Kind("for each move: VALUE images still show what the camera saw before", 1.0),
     "exposure-drift": Kind(
@@ -87,15 +90,15 @@ def parse(text: str) -> Fault:
     head, at, chance = text.partition("@")
     name, equals, value = head.partition("=")
     if name not in KINDS:
-        raise ValueError(f"fault: expected one of {', '.join(KINDS)}; got {name!r}")
+        raise ValueError(f"fault: expected one of {', '.join(KINDS)}; got {reprlib.repr(name)}")
     kind = KINDS[name]
     if at and name in PERMANENT:
-        raise ValueError(f"fault {name}: expected no probability, it holds always; got {text!r}")
+        raise ValueError(f"fault {name}: expected no probability, it holds always; got {reprlib.repr(text)}")
     probability = _number(chance, 1.0, f"fault {name}: probability") if at else 1.0
     if not equals:
         return Fault(name, kind.default, probability)
     if kind.default is None:
-        raise ValueError(f"fault {name}: expected no value, got {text!r}")
+        raise ValueError(f"fault {name}: expected no value, got {reprlib.repr(text)}")
     given = value if isinstance(kind.default, str) else _number(value, kind.most, f"fault {name}")
     return Fault(name, given, probability)
 
@@ -105,8 +108,8 @@ def _number(text: str, most: float, where: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 <= value <= most or value == math.inf:
-        raise ValueError(f"{where}: expected a number from 0 to {most:g}, got {text!r}")
+    if not 0 <= value <= most:
+        raise ValueError(f"{where}: expected a number from 0 to {most:g}, got {reprlib.repr(text)}")
     return value
 
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import queue
 import socket
 import threading
 import time
@@ -20,8 +19,8 @@ from mock_server.settings import DialectName, Options, Settings
 from mock_server.transport import Transport
 from mock_server.world import World
 
-_GRACE_S = 0.5
-"""Seconds that a reply on its way has to leave when the server stops."""
+_GRACE_S, _STOP_S = 0.5, 1.0
+"""Seconds that a reply on its way has to leave when the server stops, and an image to be finished."""
 
 _BACKLOG = 1
 _POLL_S = 0.02
@@ -37,6 +36,9 @@ class Server:
         scene: a Scene, or the name or YAML path of one.
         settings: what the server is like.
 
+    A client that sends requests and does not read the replies is dropped when ``MAX_WAITING`` bytes of
+    requests wait. Where the server cannot listen any more, it ends.
+
     Attributes:
         scene: as given, or loaded.
         settings: as given.
@@ -44,6 +46,7 @@ class Server:
         world: cameras and objects.
         faults: the faults that are on; they can be turned on and off while the server runs.
         statistics: counts of the commands received.
+        fault: why it has ended by itself; empty if it has not.
 
     Raises:
         ValueError: an unknown scene or fault.
@@ -58,6 +61,7 @@ class Server:
             settings = dataclasses.replace(settings, depth="half")
         self.settings = settings
         self.world = World(self.scene, settings.size, settings.fov_deg, self.faults)
+        self.fault = ""
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
         self.host, self.port = self._tcp.getsockname()[:2]
         self._files = OutputFolder(settings.folder)
@@ -77,14 +81,23 @@ class Server:
         """The path of the Unix socket, once the server has left TCP (protocol reference, section 1.2)."""
         return Path(f"/tmp/unrealcv_{self.port}.socket")
 
+    @property
+    def running(self) -> bool:
+        """Whether it serves; ``fault`` says why if it ended by itself."""
+        return self._thread.is_alive()
+
     def stop(self) -> None:
-        """Disconnect the client and end; calling it twice is fine."""
+        """Disconnect the client and end; calling it twice is fine.
+
+        It takes two seconds at most: a large image that is being traced is finished in the background.
+        """
         self._stopping.set()
         self._thread.join(_GRACE_S)
         if self._connection is not None:  # the client may have stopped reading: do not wait for it
             with contextlib.suppress(OSError):
                 self._connection.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
+        self._tcp.close()
+        self._thread.join(_STOP_S)
         self._files.close()
 
     def __enter__(self) -> Self:
@@ -94,11 +107,15 @@ class Server:
         self.stop()
 
     def _listen(self) -> None:
-        for connection in self._clients():
-            self._dialect.on_unix = connection.family != socket.AF_INET
-            with connection:
-                self._connection = connection
-                self._serve(connection)
+        try:
+            for connection in self._clients():
+                self._dialect.on_unix = connection.family != socket.AF_INET
+                with connection:
+                    self._connection = connection
+                    self._serve(connection)
+        except OSError as cause:
+            if not self._stopping.is_set():
+                self.fault = f"expected to go on listening; {cause}"
 
     def _clients(self) -> Iterator[socket.socket]:
         """Yield one client after another; others wait in the system's queue, without a greeting."""
@@ -108,22 +125,31 @@ class Server:
                 listener.settimeout(_POLL_S)
                 try:
                     connection, _ = listener.accept()
-                except TimeoutError:
+                except (TimeoutError, ConnectionAbortedError):
                     continue
-                if listener is self._tcp:
+                with contextlib.suppress(OSError):  # of a Unix socket, or a client that has left
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 yield connection
                 # Plugin 1.0 on Linux leaves TCP for good: clients that connect by TCP later wait for ever.
                 if listener is self._tcp and self.settings.platform == "linux" and self._dialect.has_unix:
-                    self.unix_path.unlink(missing_ok=True)
-                    listener = opened.enter_context(socket.socket(socket.AF_UNIX))
-                    listener.bind(str(self.unix_path))
+                    listener = opened.enter_context(self._unix_listener())
                     opened.callback(self.unix_path.unlink, missing_ok=True)
-                    listener.listen(_BACKLOG)
+
+    def _unix_listener(self) -> socket.socket:
+        if self.unix_path.is_socket():
+            self.unix_path.unlink()
+        listener = socket.socket(socket.AF_UNIX)
+        try:
+            listener.bind(str(self.unix_path))
+            listener.listen(_BACKLOG)
+        except OSError as cause:
+            listener.close()
+            raise OSError(f"{self.unix_path}: {cause.strerror}") from cause
+        return listener
 
     def _serve(self, connection: socket.socket) -> None:
         """Answer one client until it leaves: this thread answers, another reads."""
-        requests: Requests = queue.Queue()
+        requests = Requests()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
         transport = Transport(connection, self.faults, self._stopping.wait)
         with contextlib.suppress(OSError):
@@ -141,8 +167,9 @@ class Server:
     def _read(connection: socket.socket, requests: Requests) -> None:
         with contextlib.suppress(OSError, FrameError):
             while (payload := read_frame(connection)) is not None:
-                requests.put((time.monotonic(), payload))
-        requests.put(None)
+                if not requests.put(payload):
+                    connection.shutdown(socket.SHUT_RDWR)
+        requests.end()
 
 
 def serve(

@@ -1,10 +1,12 @@
 """The settings of a server, checked once."""
 
+import reprlib
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Literal, TypedDict, get_args
+from typing import Any, Literal, TypedDict, get_args
 
 DialectName = Literal["1.x", "0.3.10", "L", "M", "N1", "N2"]
 """Dialects by name. ``1.x`` is any of the modern ones; the letters are those of the protocol reference."""
@@ -17,6 +19,8 @@ DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
 
 _RANGES = {"port": (0, 65535), "fov_deg": (1, 179), "latency_ms": (0, 3.6e6), "frames_per_s": (1e-3, 1e6)}
+_WHOLE = ("port", "seed")
+_MOST_PX = 1 << 15
 
 
 class Options(TypedDict, total=False):
@@ -76,20 +80,39 @@ class Settings:
 
     def __post_init__(self) -> None:
         for key, words in (("dialect", DIALECTS), ("depth", DEPTHS), ("platform", PLATFORMS)):
-            if (value := getattr(self, key)) not in words:
-                raise ValueError(f"{key}: expected one of {', '.join(words)}; got {value!r}")
+            self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
-            value = getattr(self, key)
-            if not (isinstance(value, Real) and least <= float(value) <= most):
-                raise ValueError(f"{key}: expected a number from {least:g} to {most:g}, got {value!r}")
+            self._expect(
+                key, _within(getattr(self, key), least, most), f"a number from {least:g} to {most:g},"
+            )
+        for key in _WHOLE:
+            self._expect(key, isinstance(getattr(self, key), Integral), "a whole number,")
         for key, size in (("size", self.size), ("window", self.window_size)):
-            whole = isinstance(size, tuple) and all(isinstance(n, Integral) and int(n) > 0 for n in size)
-            if not (whole and len(size) == 2):
-                raise ValueError(f"{key}: expected (width, height) of at least 1 px each, got {size!r}")
-        if isinstance(self.faults, str):
-            raise ValueError(f"faults: expected a list of texts, got {self.faults!r}")
+            whole = isinstance(size, tuple) and all(
+                isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size
+            )
+            self._expect(key, whole and len(size) == 2, f"(width, height) of 1 to {_MOST_PX} px each,")
+        self._expect("host", _is_host(self.host), "an address,")
+        self._expect("folder", isinstance(self.folder, Path | None), "a Path or None,")
+        self._expect("faults", not isinstance(self.faults, str), "a list of texts,")
+
+    def _expect(self, key: str, right: bool, wanted: str) -> None:
+        if not right:
+            raise ValueError(f"{key}: expected {wanted} got {reprlib.repr(getattr(self, key))}")
 
     @property
     def window_size(self) -> tuple[int, int]:
         """Width and height of the game's window, px."""
         return self.window or self.size
+
+
+def _within(value: Any, least: float, most: float) -> bool:
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    return number and bool(least <= value <= most)
+
+
+def _is_host(text: Any) -> bool:
+    """Whether a text can be an address; an empty one would be every address of this machine."""
+    with suppress(UnicodeError):  # of a name with too long a part
+        return isinstance(text, str) and bool(text.encode("idna")) and text.isprintable() and " " not in text
+    return False

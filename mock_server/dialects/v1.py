@@ -41,7 +41,7 @@ class Plugin1(Dialect):
     version = "1.0.1"
     no_object = "error Can not find object"
     no_camera = "error Invalid sensor id"
-    request = re.compile(rb"(\d+):(.*)")
+    request = re.compile(rb"(?<!\d)(\d+):(.*)")
     has_unix = True
     class_name = "Actor"
 

@@ -1,9 +1,8 @@
 """The command line: one module per command, imported when the command is used.
 
-Exit codes: 0 done; 1 failed; 2 wrong usage; 130 stopped by Ctrl-C.
+Exit codes: 0 done; 1 failed; 2 wrong usage; 128 + the number of the signal that stopped it, 130 by Ctrl-C.
 """
 
-import signal
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -14,7 +13,7 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 import omniscv
-from omniscv.cli import console
+from omniscv.cli import console, signals
 from omniscv.errors import ArgumentError, OmniscvError
 
 COMMANDS = ("demo", "render", "record", "plan", "serve", "cameras", "captures", "chart", "doctor")
@@ -68,8 +67,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the process's command line, and end the process with its exit code."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells have background jobs ignore it
-    sys.exit(run(sys.argv[1:]))
+    sys.exit(signals.unwound(lambda: run(sys.argv[1:])))
 
 
 def run(arguments: list[str]) -> int:
@@ -82,7 +80,7 @@ def run(arguments: list[str]) -> int:
         message = text and f"{text} (see omniscv --help)"  # no text where the help was printed
     except (OmniscvError, OSError) as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
-    if code == 130:
+    if code == signals.STOPPED:
         message = "stopped; recorded captures are kept, rerun to resume"
     if message:
         console.error(message)

@@ -18,6 +18,8 @@ def doctor(
     uri: Annotated[str, Argument(help="unreal://host:port or mock://scene.")],
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     as_json: options.AsJson = False,
+    timeout: Annotated[float | None, Option(help="As for record.")] = None,
+    patience: Annotated[float | None, Option(help="As for record.")] = None,
 ) -> None:
     """Measure what a server is, and what would spoil captures there. Exit code 1 if something would."""
     import numpy as np
@@ -25,7 +27,7 @@ def doctor(
     from omniscv.diagnostics import examine_address
 
     where = None if position is None else np.array(options.numbers("--position", position))
-    findings = examine_address(uri, where)
+    findings = examine_address(uri, where, **options.deadlines(timeout, patience))
     if as_json:
         console.document(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:

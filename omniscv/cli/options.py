@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from inspect import Parameter, Signature
 from pathlib import Path
@@ -15,6 +16,7 @@ from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
     from omniscv.jobs import Job
+    from omniscv.sources.registry import SourceOptions
 
 AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
 
@@ -55,7 +57,19 @@ class Options:
         return run
 
 
-class JobOptions(Options):
+class ConnectionOptions(Options):
+    """How long to wait for a live server."""
+
+    beside_job = frozenset(("job", "timeout", "patience"))
+    timeout: float | None = Option(None, help="Seconds for connecting, and for each reply of a server; 15.")
+    patience: float | None = Option(None, help="Seconds for connecting and sending again after a fault; 12.")
+
+    def deadlines(self) -> SourceOptions:
+        """Those that are given, as options of :func:`omniscv.open_source`."""
+        return deadlines(self.timeout, self.patience)
+
+
+class JobOptions(ConnectionOptions):
     """A job: from its file, or with one camera and one pose."""
 
     job: Path | None = Argument(None, metavar="JOB.yaml", help="A job, in place of options.")
@@ -85,7 +99,8 @@ class JobOptions(Options):
         from omniscv.planning import RenderOptions
 
         if self.job is not None:
-            return load(self.job)
+            job = load(self.job)
+            return replace(job, source_options={**job.source_options, **self.deadlines()})
         width, height = size(self.size)
         fov = {} if self.fov is None else {"fov_deg": self.fov}
         parameters = {"width": width, "height": height, **fov, **dict(map(_parameter, self.param))}
@@ -102,8 +117,21 @@ class JobOptions(Options):
             options=RenderOptions(
                 self.strategy, self.viewpoints, edge(self.face_size), filter, bound, self.truth_scale, normals
             ),
+            source_options=self.deadlines(),
             **others,
         )
+
+
+def deadlines(timeout: float | None, patience: float | None) -> SourceOptions:
+    """``--timeout`` and ``--patience`` as options of a source, where they are given."""
+    from omniscv.arguments import number
+
+    given: SourceOptions = {}
+    if timeout is not None:
+        given["timeout_s"] = number("--timeout", timeout, above=0)
+    if patience is not None:
+        given["patience_s"] = number("--patience", patience, above=0)
+    return given
 
 
 def size(text: str) -> tuple[int, int]:

@@ -10,10 +10,16 @@ from omniscv.cli import console, options
 app = Typer(add_completion=False)
 
 
-class RecordOptions(options.Options):
+class RecordOptions(options.ConnectionOptions):
     """What to capture, from where, into which file."""
 
-    beside_job = frozenset(("job", "source", "launch", "fix_exposure", "overscan", "out"))
+    beside_job = options.ConnectionOptions.beside_job | {
+        "source",
+        "launch",
+        "fix_exposure",
+        "overscan",
+        "out",
+    }
     job: Path | None = Argument(None, metavar="JOB.yaml", help="A job, in place of positions, size, modes.")
     source: list[str] = Option([], help="As for render; repeatable: replicas of a game share the captures.")
     launch: list[Path] = Option([], help="A packaged game to start, and to stop at the end; repeatable.")
@@ -52,7 +58,9 @@ def record(given: RecordOptions) -> None:
             modes=options.modes(given.modes),
             options=RenderOptions("cube", face_size=edge),
         )
-    job = replace(job, source=sources or job.source)
+    job = replace(
+        job, source=sources or job.source, source_options={**job.source_options, **given.deadlines()}
+    )
     if given.fix_exposure:
         job = replace(job, source_options={**job.source_options, "fix_exposure": True})
     path = given.out or job.record or Path("capture.sqlite")

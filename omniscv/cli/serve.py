@@ -39,4 +39,5 @@ def serve(given: ServeOptions) -> None:
             raise OmniscvError(f"serve: expected to listen on {given.host}:{given.port}; {cause}") from cause
         with server:
             console.line(f"{server.scene.name} at {server.uri}, dialect {given.dialect}; Ctrl-C stops it")
-            wait()
+            if wait(server) is None:
+                raise OmniscvError(f"serve: {server.fault or 'the server has ended'}")

@@ -9,6 +9,7 @@ from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, al
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
+from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.codecs import SKY
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.connection import Connection
@@ -30,27 +31,29 @@ Pairs = dict[str, list[tuple[Picture, Picture]]]
 """By mode, pictures before and after a turn, in several directions."""
 
 
-def examine_address(address: str, position: Array | None = None) -> list[Finding]:
+def examine_address(address: str, position: Array | None = None, **deadlines: float) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:
         address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``.
         position: (3,) where to measure, world frame, metres; None: the player's position.
+        deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
         ArgumentError: an address of another form.
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
-    with open_connection(address) as connection:
+    with open_connection(address, **deadlines) as connection:
         mode = view_mode(connection)
         with RawCamera(connection, position) as camera:
             settled = settle(camera)
             pairs = turned_pairs(camera)
             kind, meaning = depth_kind(pairs, camera)
             unit, scale = depth_unit(camera)
-            dialect, reported = camera.driver.capabilities.dialect, connection.texts([VERSION, SCENE])
+            version, scene = map(replies.name, connection.texts([VERSION, SCENE]))
+            dialect = camera.driver.capabilities.dialect
             return [
-                Finding("dialect", "{}; reports version {}, scene {}".format(dialect, *reported)),
+                Finding("dialect", f"{dialect}; reports version {version}, scene {scene}"),
                 mode,
                 settled,
                 capabilities(camera),
@@ -66,7 +69,7 @@ def examine_address(address: str, position: Array | None = None) -> list[Finding
 
 def view_mode(connection: Connection) -> Finding:
     """Report what the game's window shows: depth and normals there get into colour captures too."""
-    mode = connection.text("vget /viewmode")
+    mode = replies.name(connection.text("vget /viewmode"))
     return Finding.unless(mode == "lit", "view mode", mode, "bad", LIT_VIEW_MODE)
 
 

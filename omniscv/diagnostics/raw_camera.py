@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import View
 from omniscv.sources.codecs import decode, picture_size
 from omniscv.sources.unreal.client import Reply
 from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.replies import fov
 from omniscv.sources.unreal.source import open_driver
 from omniscv.sources.unreal.stale_frames import StaleFrames
 
@@ -46,7 +48,9 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         height, width = self.pixels("lit").shape[:2]
         self.size = width, height
         self._aim(0, 0)
-        (self.fov_deg,) = self.driver.read(self.driver.table.fov, 1)
+        self.fov_deg = fov(
+            self._connection.text(f"vget /camera/{self.driver.camera}/{self.driver.table.fov}")
+        )
 
     def go(self, yaw_deg: float, pitch_deg: float = 0.0, forward_m: float = 0.0) -> Pose:
         """Turn to world angles, move along the new axis, and wait until frames show it."""
@@ -75,7 +79,7 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         def decoded(command: str, reply: Reply) -> NDArray[Any]:
             if isinstance(reply, str):
                 kind = ServerRefusedError if reply.startswith("error") else BadReplyError
-                raise kind(f"{where}: expected a picture from {command!r}, got {reply[:200]!r}")
+                raise kind(f"{where}: expected a picture from {command!r}, got {shown(reply)}")
             width, height = picture_size(reply)
             if not 1 <= height <= width <= _LARGEST_PX:
                 wanted = f"expected a picture at most {_LARGEST_PX} px wide and no higher"

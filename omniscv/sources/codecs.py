@@ -10,7 +10,6 @@ A source with a wire registers encodings of its own; :mod:`omniscv.sources.unrea
 import io
 import math
 import re
-import struct
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
+from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry.surfaces import Precision
 from omniscv.sources.base import Capture, View
@@ -26,7 +26,12 @@ from omniscv.sources.base import Capture, View
 Decoder = Callable[[bytes, str, View], NDArray[Any]]
 """``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
 
+MAX_PIXELS = 1 << 27
+"""Of one picture, 16384 x 8192: none that claims more is decoded. A byte of PNG can stand for a thousand."""
+
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
+_NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
+_PNG_HEADER = 33  # bytes of the signature and the first chunk
 _NPY_HEADER = re.compile(
     rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': False, "
     rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
@@ -72,7 +77,8 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
         import_module(_MODULES[encoding])  # registers its encodings
     decoder, modes = _decoders.get(encoding, (None, ()))
     if decoder is None or not (modes is None or mode in modes):
-        raise BadReplyError(f"encoding of {mode}: expected one of {', '.join(encodings())}; got {encoding!r}")
+        known = ", ".join(encodings())
+        raise BadReplyError(f"encoding of {mode}: expected one of {known}; got {shown(encoding)}")
     pixels = decoder(payload, mode, view)
     pixels.flags.writeable = False
     return pixels
@@ -111,33 +117,34 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
 
 
 def picture_size(payload: bytes) -> tuple[int, int]:
-    """Width and height in the header of a PNG or NPY; BadReplyError for other bytes."""
-    if payload.startswith(_PNG) and len(payload) >= 33:
-        width, height = struct.unpack(">II", payload[16:24])
-        return width, height
-    if payload.startswith(_NPY):
+    """Width and height in the header of a PNG or NPY; BadReplyError for other bytes, or too many pixels."""
+    if payload.startswith(_PNG) and len(payload) >= _PNG_HEADER:
+        width, height = int.from_bytes(payload[16:20]), int.from_bytes(payload[20:24])
+    elif payload.startswith(_NPY):
         (height, width, *_), _, _ = _npy_layout(payload)
-        return width, height
-    raise BadReplyError(f"expected a PNG or NPY, got {_start(payload)}")
+    else:
+        raise BadReplyError(f"expected a PNG or NPY, got {_start(payload)}")
+    if not 0 < width * height <= MAX_PIXELS:
+        raise BadReplyError(f"expected a picture of 1 to {MAX_PIXELS} pixels, got {width} x {height}")
+    return width, height
 
 
 def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
     """(H, W, 3) RGB; the header is checked first, so that no picture larger than the view is decoded."""
     import cv2
 
-    if not payload.startswith(_PNG) or len(payload) < 33:
+    from omniscv.sources import png
+
+    if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
         raise BadReplyError(f"expected a PNG, got {_start(payload)}")
-    size, bits = picture_size(payload), payload[24]
-    if size != (view.width, view.height) or bits != 8:
-        wanted = f"expected an 8-bit PNG of {view.width} x {view.height}"
-        raise BadReplyError(f"{wanted}, got {bits}-bit {size[0]} x {size[1]}")
-    if not _chunks_fit(payload):
-        raise BadReplyError(f"expected a PNG, got one whose chunks do not add up to its {len(payload)} bytes")
-    image = cv2.imdecode(np.frombuffer(payload, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise BadReplyError(f"expected a PNG, got one that does not decode, {len(payload)} bytes")
-    to_rgb = {(): cv2.COLOR_GRAY2RGB, (3,): cv2.COLOR_BGR2RGB, (4,): cv2.COLOR_BGRA2RGB}
-    return np.asarray(cv2.cvtColor(image, to_rgb[image.shape[2:]]))
+    width, height = picture_size(payload)
+    if (width, height) != (view.width, view.height):
+        raise BadReplyError(f"expected a PNG of {view.width} x {view.height}, got {width} x {height}")
+    pixels = png.decode(payload)
+    to_rgb = {1: cv2.COLOR_GRAY2RGB, 2: cv2.COLOR_GRAY2RGB, 4: cv2.COLOR_RGBA2RGB}
+    if (channels := pixels.shape[2]) == 3:
+        return np.ascontiguousarray(pixels)
+    return np.asarray(cv2.cvtColor(pixels[..., :1] if channels == 2 else pixels, to_rgb[channels]))
 
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
@@ -183,28 +190,19 @@ def _npy_pixels(payload: bytes, mode: str, view: View) -> NDArray[Any]:
     return array.copy()
 
 
-def _chunks_fit(payload: bytes) -> bool:
-    """Whether the chunks end where the bytes do; OpenCV allocates what their headers claim, up to 4 GB."""
-    at, kind = len(_PNG), b""
-    while kind != b"IEND" and at + 12 <= len(payload):
-        length, kind = struct.unpack_from(">I4s", payload, at)
-        at += 12 + length
-    return at == len(payload)
-
-
 def _npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Shape, dtype, and the offset of the pixels."""
     start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
     end = start + int.from_bytes(payload[8:start], "little")
-    header = payload[start:end]
-    found = _NPY_HEADER.fullmatch(header)
+    header = payload[start : min(end, start + _NPY_HEADER_MOST + 1)]
+    found = _NPY_HEADER.fullmatch(header) if len(header) <= _NPY_HEADER_MOST else None
     if found is None:
-        raise BadReplyError(f"expected NPY of numbers in C order, got the header {header[:120]!r}")
+        raise BadReplyError(f"expected NPY of numbers in C order, got the header {shown(header[:120])}")
     return tuple(map(int, found[2].split(b", "))), np.dtype(found[1].decode()), end
 
 
 def _start(payload: bytes) -> str:
-    return f"{len(payload)} bytes that start with {payload[:24]!r}"
+    return f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
 
 
 _decoders: dict[str, tuple[Decoder, Sequence[str] | None]] = {}

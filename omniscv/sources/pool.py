@@ -11,6 +11,7 @@ from itertools import islice
 from queue import SimpleQueue
 from typing import Any, NoReturn, TypeVar
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.sources.base import (
     Capabilities,
@@ -147,6 +148,6 @@ def _the_same(values: Sequence[T]) -> T:
 def _excerpt(value: Any, other: Any) -> str:
     """A value; of a table, its first entry that another table does not have."""
     if not isinstance(value, dict):
-        return repr(value)
+        return shown(value)
     apart = sorted(set(value.items()) - set(other.items()))
-    return "{}: {}".format(*apart[0]) if apart else "nothing more"
+    return "{}: {}".format(*map(shown, apart[0])) if apart else "nothing more"

@@ -14,6 +14,7 @@ from pkgutil import resolve_name
 from typing import Any, TypedDict, Unpack
 from urllib.parse import parse_qsl
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.sources.base import Capabilities, Source
 
@@ -39,12 +40,14 @@ class SourceOptions(TypedDict, total=False):
     """Options of :func:`open_source`; an opener refuses those that it does not know.
 
     Attributes:
-        timeout_s: how long connecting, and each reply, may take.
-        retries: how often to retry, with exponential backoff.
+        timeout_s: how long connecting, and each reply, may take; 15 s if not given.
+        patience_s: for how long to connect and send again after a fault, until there is a reply; 12 s.
+        retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
     """
 
     timeout_s: float
+    patience_s: float
     retries: int
     fix_exposure: bool
 
@@ -60,9 +63,9 @@ def register(scheme: str, opener: Opener) -> None:
         ArgumentError: a text that is no scheme, or an opener that cannot be called.
     """
     if not isinstance(scheme, str) or not _SCHEME.fullmatch(f"{scheme}:"):
-        raise ArgumentError(f"scheme: expected a name such as 'blender', got {scheme!r}")
+        raise ArgumentError(f"scheme: expected a name such as 'blender', got {shown(scheme)}")
     if not callable(opener):
-        raise ArgumentError(f"opener: expected a function opener(address, **options), got {opener!r}")
+        raise ArgumentError(f"opener: expected a function opener(address, **options), got {shown(opener)}")
     _openers[scheme] = opener
 
 
@@ -97,12 +100,12 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         RecordingError: the file is not there, or is no recording.
     """
     if not isinstance(uri, str | Path) or not str(uri):
-        raise ArgumentError(f"source: expected an address or the path of a recording, got {uri!r}")
+        raise ArgumentError(f"source: expected an address or the path of a recording, got {shown(uri)}")
     text = str(uri)
     scheme = scheme_of(text)
     if scheme is None:
         if _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
-            wanted = f"expected an address or a recording, got {text!r}"
+            wanted = f"expected an address or a recording, got {shown(text)}"
             raise ArgumentError(f"source: {wanted}; write unreal://{text}")
         opener: Opener = resolve_name("omniscv.sources.recording.replay:open_recording")
     else:
@@ -113,10 +116,12 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         known = list(inspect.signature(opener).parameters)[1:]
         wanted = f"options among {', '.join(known)}" if known else "no options"
         given = ", ".join(sorted(options))
-        raise ArgumentError(f"options: expected {wanted} for {text!r}, got {given}") from None
+        raise ArgumentError(f"options: expected {wanted} for {shown(text)}, got {given}") from None
     source = opener(text, **options)
     if not isinstance(source, Source):
-        raise ArgumentError(f"{scheme}: expected it to return a Source for {text!r}, got {source!r}")
+        raise ArgumentError(
+            f"{scheme}: expected it to return a Source for {shown(text)}, got {shown(source)}"
+        )
     return source
 
 
@@ -166,12 +171,14 @@ def split_address(
     for key, text in parse_qsl(query, keep_blank_values=True):
         if key not in readers:
             known = ", ".join(readers)
-            raise ArgumentError(f"source: expected options among {known} in {address!r}, got {key!r}")
+            raise ArgumentError(
+                f"source: expected options among {known} in {shown(address)}, got {shown(key)}"
+            )
         try:
             value = readers[key](text)
         except ValueError as wrong:
-            got = f"{text!r}: {wrong}"
-            raise ArgumentError(f"source: {address!r}: expected a value of {key}, got {got}") from wrong
+            wanted = f"expected a value of {key}, got {shown(text)}"
+            raise ArgumentError(f"source: {shown(address)}: {wanted}") from wrong
         if key in repeatable:
             options.setdefault(key, []).append(value)
         else:
@@ -196,5 +203,5 @@ def _opener(scheme: str, address: str) -> Opener:
                 raise SourceError(f"{address}: {wanted}, got: {cause}") from cause
     if found is None:
         forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in schemes())
-        raise ArgumentError(f"source: expected {forms} or the path of a recording; got {address!r}")
+        raise ArgumentError(f"source: expected {forms} or the path of a recording; got {shown(address)}")
     return resolve_name(found) if isinstance(found, str) else found

@@ -64,7 +64,7 @@ def test_the_help_lists_every_fault(capsys):
     ("text", "message"),
     [
         ("wrong", "expected one of delay, drip"),
-        ("delay=soon", "fault delay: expected a number from 0 to inf, got 'soon'"),
+        ("delay=soon", "fault delay: expected a number from 0 to 3600, got 'soon'"),
         ("delay=-1", "expected a number from 0"),
         ("delay=nan", "expected a number from 0"),
         ("delay=inf", "expected a number from 0"),

@@ -36,7 +36,7 @@ class Wire:
         return block
 
 
-@cases(1500)
+@cases(500)
 @given(STREAMS, st.integers(1, 50))
 def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     wire = Wire(data, piece)

@@ -1,12 +1,15 @@
 """``python -m mock_server`` as a program of its own, and the signals that stop it."""
 
+import contextlib
+import os
 import re
 import signal
 import socket
-import subprocess
-import sys
+import time
+from pathlib import Path
 
 import pytest
+from support.processes import OMNISCV, started
 from support.wire import RawClient
 
 import mock_server
@@ -36,47 +39,96 @@ for stop in range({STOPS}):
 
 class Address:
     def __init__(self, line):
-        self.host, port = re.match(r"unreal://([\d.]+):(\d+) ", line).groups()
+        self.host, port = re.search(r"unreal://([\d.]+):(\d+)", line).groups()
         self.port = int(port)
 
 
-def run(*arguments, interrupt):
-    """Start Python as a shell does: a job in the background (SIG_IGN) inherits an ignored SIGINT."""
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        return subprocess.Popen(
-            [sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-    finally:
-        signal.signal(signal.SIGINT, before)
+SERVERS = {
+    "mock_server": ("-m", "mock_server"),
+    "omniscv serve": (*OMNISCV, "serve"),
+}
 
 
-@pytest.mark.parametrize("interrupt", [signal.default_int_handler, signal.SIG_IGN])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_first_signal_stops_it_quietly_with_a_client_connected(number, interrupt):
+@pytest.mark.parametrize(
+    ("name", "number", "ignored"),
+    [
+        ("mock_server", signal.SIGINT, [signal.SIGINT, signal.SIGHUP]),
+        ("mock_server", signal.SIGTERM, []),
+        ("mock_server", signal.SIGHUP, []),
+        ("omniscv serve", signal.SIGINT, [signal.SIGINT]),
+        ("omniscv serve", signal.SIGTERM, [signal.SIGHUP]),
+        ("omniscv serve", signal.SIGHUP, [signal.SIGINT]),
+    ],
+)
+def test_the_first_signal_stops_it_quietly_with_a_client_connected(name, number, ignored, tmp_path):
+    """A SIGHUP that nohup ignores does not. The folder for files, which the client has used, is removed."""
     arguments = ("six-wall", "--port", "0", "--dialect", "M", "--size", "20x10")
-    process = run("-m", "mock_server", *arguments, interrupt=interrupt)
-    try:
+    with started(*SERVERS[name], *arguments, ignored=ignored) as process:
         line = process.stdout.readline()
-        assert line.endswith(" six-wall dialect M\n")
+        assert "six-wall" in line
         client = RawClient(Address(line))
         assert client.greeting == b"connected to six-wall"
-        assert client.text("vget /unrealcv/version") == "0.3.10"
+        folder = Path(re.search("Config file: (.*)", client.text("vget /unrealcv/status"))[1]).parent
+        assert folder.is_dir()
+        if signal.SIGHUP in ignored:
+            process.send_signal(signal.SIGHUP)
+            assert client.text("vget /unrealcv/version") == "0.3.10"
         process.send_signal(number)
         assert process.communicate(timeout=60) == ("", "")
         assert process.returncode == 0
+        assert not folder.exists()
         client.socket.close()
-    finally:
-        process.kill()
 
 
-@pytest.mark.parametrize("interrupt", [signal.default_int_handler, signal.SIG_IGN])
-def test_a_signal_to_any_thread_is_noticed_every_time(interrupt):
-    process = run("-c", STOPPED_BY_ANOTHER_THREAD, interrupt=interrupt)
-    try:
+def test_a_server_that_cannot_listen_any_more_ends_with_one_line():
+    arguments = ("direction", "--port", "0", "--platform", "linux")
+    with started(*SERVERS["mock_server"], *arguments) as process:
+        address = Address(process.stdout.readline())
+        path = Path(f"/tmp/unrealcv_{address.port}.socket")
+        path.mkdir()
+        try:
+            RawClient(address).socket.close()
+            out, err = process.communicate(timeout=60)
+        finally:
+            path.rmdir()
+    assert process.returncode == 1
+    assert out == ""
+    assert err.startswith(f"mock_server: expected to go on listening; {path}: ")
+    assert err.count("\n") == 1
+
+
+BUSY = "while True: sum(range(10_000))"
+STOP_S = 2.0
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("name", SERVERS)
+def test_under_load_a_hundred_of_a_hundred_first_signals_stop_it_within_two_seconds(name):
+    """Load: a busy process for each processor and one more, and a client that asks for images."""
+    seconds = []
+    with contextlib.ExitStack() as load:
+        for _ in range(1 + os.cpu_count()):
+            load.enter_context(started("-c", BUSY))
+        for count in range(100):
+            with started(*SERVERS[name], "four-wall", "--port", "0", "--size", "1024x1024") as process:
+                client = RawClient(Address(process.stdout.readline()))
+                client.send(*[b"1:vget /camera/0/lit png", b"2:vset /camera/0/rotation 0 5 0"] * 50)
+                client.frame()
+                time.sleep(0.01 * (count % 20))
+                before = time.monotonic()
+                process.send_signal((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)[count % 3])
+                process.communicate(timeout=60)
+                seconds.append(time.monotonic() - before)
+                assert process.returncode == 0
+                client.socket.close()
+    print(f"\n{name}: {len(seconds)} stops, at most {max(seconds):.2f} s")
+    assert max(seconds) < STOP_S
+
+
+def test_a_signal_to_any_thread_is_noticed_every_time():
+    with started("-c", STOPPED_BY_ANOTHER_THREAD, ignored=[signal.SIGINT]) as process:
         out, err = process.communicate(timeout=120)
-    finally:
-        process.kill()
     assert (out.split(), err) == ([str(stop) for stop in range(STOPS)], "")
 
 
@@ -99,6 +151,8 @@ def test_handlers_are_restored():
         (["--size", "big"], 2, "expected a size such as 640x480, got 'big'"),
         (["--size", "0x10"], 2, "size: expected"),
         (["--fov", "nan"], 2, "fov_deg: expected"),
+        (["--host", ""], 2, "host: expected an address, got ''"),
+        (["--fault", f"delay={'9' * 9999}"], 2, "fault delay: expected a number from 0 to 3600, got '9999"),
         (["--latency-ms", "inf"], 2, "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
     ],
 )  # fmt: skip

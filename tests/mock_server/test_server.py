@@ -1,10 +1,15 @@
 """What ``serve`` accepts, and how a server ends."""
 
+import contextlib
 import re
+import struct
+import time
 
 import pytest
 
 import mock_server
+from mock_server.engine import MAX_WAITING, Statistics
+from mock_server.protocol import MAGIC, MAX_PAYLOAD
 
 
 @pytest.mark.parametrize(
@@ -17,15 +22,32 @@ import mock_server
         ({"port": "9000"}, "port: expected a number from 0 to 65535, got '9000'"),
         ({"fov_deg": 180.0}, "fov_deg: expected a number from 1 to 179, got 180.0"),
         ({"latency_ms": float("inf")}, "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
-        ({"size": 64}, "size: expected (width, height) of at least 1 px each, got 64"),
-        ({"size": (64, 0)}, "size: expected (width, height) of at least 1 px each, got (64, 0)"),
-        ({"window": (0.5, 64)}, "window: expected (width, height) of at least 1 px each, got (0.5, 64)"),
+        ({"size": 64}, "size: expected (width, height) of 1 to 32768 px each, got 64"),
+        ({"size": (64, 0)}, "size: expected (width, height) of 1 to 32768 px each, got (64, 0)"),
+        ({"window": (0.5, 64)}, "window: expected (width, height) of 1 to 32768 px each, got (0.5, 64)"),
+        ({"latency_ms": float("nan")}, "latency_ms: expected a number from 0 to 3.6e+06, got nan"),
+        ({"latency_ms": -1}, "latency_ms: expected a number from 0 to 3.6e+06, got -1"),
+        ({"latency_ms": True}, "latency_ms: expected a number from 0 to 3.6e+06, got True"),
+        ({"port": 0.5}, "port: expected a whole number, got 0.5"),
+        ({"frames_per_s": 0}, "frames_per_s: expected a number from 0.001 to 1e+06, got 0"),
+        ({"host": ""}, "host: expected an address, got ''"),
+        ({"host": " "}, "host: expected an address, got ' '"),
+        ({"host": "a\0b"}, r"host: expected an address, got 'a\x00b'"),
+        ({"host": "é" * 64}, f"host: expected an address, got '{'é' * 12}...{'é' * 13}'"),
+        ({"seed": "x"}, "seed: expected a whole number, got 'x'"),
+        ({"folder": "x"}, "folder: expected a Path or None, got 'x'"),
         ({"faults": "reset"}, "faults: expected a list of texts, got 'reset'"),
     ],
 )
 def test_a_wrong_option_is_named(options, message):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         mock_server.serve("direction", **options)
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400)])
+def test_a_number_beyond_all_floats_is_named(value):
+    with pytest.raises(ValueError, match=r"^fov_deg: expected a number from 1 to 179, got -?10+"):
+        mock_server.serve("direction", fov_deg=value)
 
 
 def test_an_unknown_option_is_named():
@@ -40,6 +62,86 @@ def test_stopping_waits_for_no_client_that_has_stopped_reading(start, open_raw):
     client.bytes(100)  # the first of 80 MB is on its way
     server.stop()  # a server that waits exceeds the suite's time limit
     server.stop()
+
+
+def test_stopping_waits_for_no_frame_of_a_slow_engine(start, open_raw):
+    server = start(frames_per_s=0.01)
+    open_raw(server).text("vget /scene/name")
+    server.stop()  # a hundred seconds later the suite's time limit is over
+    assert not server.running
+
+
+def test_a_client_that_sends_and_does_not_read_is_dropped_within_a_bound(start, open_raw):
+    """The bound is stated: MAX_WAITING. The next client is served."""
+    server = start(size=(512, 512))
+    rude = open_raw(server)
+    rude.send(*[b"1:vget /camera/0/lit bmp"] * 40)  # replies of 40 MB: the server waits until they are read
+    request, sent = b"2:vget /unrealcv/echo " + b"x" * (1 << 20), 0
+    with contextlib.suppress(ConnectionError):
+        while sent < 1 << 30:
+            rude.send(request)
+            sent += len(request)
+    assert sent < 2 * MAX_WAITING  # the system's own buffers hold some
+    assert open_raw(server).text("vget /scene/name") == "four-wall"
+
+
+def test_a_request_larger_than_the_bound_is_refused_before_it_is_kept(start, open_raw):
+    server = start()
+    rude = open_raw(server)
+    rude.socket.sendall(struct.pack("<II", MAGIC, MAX_PAYLOAD + 1))
+    assert rude.socket.recv(1) == b""
+    assert open_raw(server).text("vget /scene/name") == "four-wall"
+
+
+def test_very_many_different_commands_are_counted_in_little_memory():
+    statistics = Statistics()
+    for number in range(100_050):
+        statistics.add(f"vget /object/{number}/color")
+    statistics.add("vget " + "x" * 1000)
+    assert len(statistics.counts) == 100_001
+    assert statistics.counts["vget"] == 51
+    assert statistics.total("vget") == 100_051
+
+
+DIGITS = "1" * 200_000
+LONG = [
+    "vset /camera/0/fov {}x",
+    "vset /camera/0/location {0} {0} {0}x",
+    "vset /object/Table/color {0} {0} {0}x",
+    "vget /object/{}/color",
+    "vget /object//color{}",
+    "vrun {0} {0} {0} {0} x\t",
+    "vrun " * 50_000 + "\t",
+    "vget /viewmode" + " " * 200_000 + "x",
+    "{}",
+    "0:" + "vget /camera/" * 20_000,
+]
+
+
+@pytest.mark.parametrize("dialect", ["L", "M", "N1", "N2"])
+def test_long_commands_take_a_time_in_proportion_to_their_length(dialect, start, open_raw):
+    """A pattern that tries every split of 200,000 digits takes minutes; this takes milliseconds."""
+    client = open_raw(start(dialect=dialect, size=(8, 8)))
+    started = time.process_time()
+    for text in LONG:
+        assert client.ask(text.format(DIGITS))
+    client.send(DIGITS.encode())  # without a colon it has no id
+    if dialect == "L":
+        assert client.frame().startswith(b"error: Malformat raw message '111")
+    assert client.text("vget /scene/name") == "four-wall"
+    assert time.process_time() - started < 10
+
+
+def test_where_the_unix_socket_cannot_be_the_server_ends_with_a_message(start, open_raw):
+    server = start(platform="linux", dialect="N1")
+    server.unix_path.mkdir()
+    try:
+        open_raw(server).socket.close()
+        while server.running:  # else the suite's time limit is over
+            time.sleep(0.01)
+    finally:
+        server.unix_path.rmdir()
+    assert re.fullmatch(r"expected to go on listening; /tmp/\S+.socket: Address already in use", server.fault)
 
 
 def test_the_cameras_of_a_server_can_be_counted(start, open_raw):

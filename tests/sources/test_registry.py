@@ -57,7 +57,8 @@ def test_options_that_an_opener_does_not_take_are_named(recorded):
     with pytest.raises(ArgumentError, match=r"options: expected no options for .*, got timeout_s"):
         omniscv.open_source(recorded, timeout_s=3)
     with pytest.raises(
-        ArgumentError, match=r"expected options among timeout_s, retries, fix_exposure .* got patience"
+        ArgumentError,
+        match=r"expected options among timeout_s, patience_s, retries, fix_exposure .* got patience",
     ):
         omniscv.open_source("unreal://localhost", patience=3)
 

@@ -7,6 +7,7 @@ frames, and passes every fault of its receiving thread to the caller. Framing, i
 
 import contextlib
 import logging
+import math
 import secrets
 import socket
 import struct
@@ -16,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import unrealcv
 
+from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, DeadlineError, ServerConnectionError, SourceError
 
 Endpoint = tuple[str, int] | str  # (host, port), or the path of a Unix socket
@@ -41,13 +43,17 @@ class Client(unrealcv.Client):  # type: ignore[misc]
 
     After any fault the replies of a connection may belong to other requests, so the first fault breaks the
     client for good. Ids start at random: no reply to an earlier client, which servers send to the next, fits.
-    The deadline is for connecting with the greeting, for sending a request, and for each reply. Raise
-    ServerConnectionError if no UnrealCV server is reachable, from ConnectionRefusedError if none listens.
+    The deadline is for connecting with the greeting, for sending a request, and for each reply; it is never
+    later than ``until()``, of the monotonic clock. Raise ServerConnectionError if no UnrealCV server is
+    reachable, from ConnectionRefusedError if none listens.
     """
 
-    def __init__(self, endpoint: Endpoint, timeout_s: float) -> None:
+    def __init__(
+        self, endpoint: Endpoint, timeout_s: float, until: Callable[[], float] = lambda: math.inf
+    ) -> None:
         super().__init__(endpoint, "unix" if isinstance(endpoint, str) else "inet")
-        self.timeout_s, self.broken = timeout_s, False
+        self._timeout_s, self._until, self.broken = timeout_s, until, False
+        self._allowed_s = timeout_s
         self.send_message_id = self.recv_message_id = secrets.randbelow(_FIRST_IDS)
         try:
             self._greet()
@@ -55,7 +61,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
             self.close()
             why = f"{cause}; is the game running?"
             if isinstance(cause, TimeoutError):
-                why = f"no greeting within {timeout_s:g} s; is another client connected?"
+                why = f"no greeting within {self._allowed_s:.3g} s; is another client connected?"
             where = address_of(endpoint)
             raise ServerConnectionError(f"No UnrealCV server reachable at {where}: {why}") from cause
 
@@ -70,8 +76,8 @@ class Client(unrealcv.Client):  # type: ignore[misc]
             raise ServerConnectionError(f"{address_of(self.endpoint)}: {broken}")
         received = 0
         try:
-            self.sock.settimeout(self.timeout_s)
             for command in commands:
+                self.sock.settimeout(self._deadline() - time.monotonic())
                 if not self.send(b"%d:%b" % (self.send_message_id, command.encode())):
                     raise ConnectionError("a request could not be sent")
                 self.send_message_id += 1
@@ -100,22 +106,23 @@ class Client(unrealcv.Client):  # type: ignore[misc]
 
     def receive(self) -> bytes:
         """Return the next reply's frame; called by the receiving thread."""
-        deadline = time.monotonic() + self.timeout_s
+        deadline = self._deadline()
         while (payload := self._frame(deadline)) == _CLICK:
             pass
         return payload
 
     def _greet(self) -> None:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = self._deadline()
         if isinstance(self.endpoint, str):
             self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            self.sock.settimeout(self.timeout_s)
+            self.sock.settimeout(self._allowed_s)
             self.sock.connect(self.endpoint)
         else:
-            self.sock = socket.create_connection(self.endpoint, timeout=self.timeout_s)
+            host, port = self.endpoint
+            self.sock = _connected(host, port, deadline)
             self.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if not (greeting := self._frame(deadline)).startswith(b"connected"):
-            raise BadReplyError(f"expected 'connected to ...', got {greeting[:80]!r}")
+            raise BadReplyError(f"expected 'connected to ...', got {shown(greeting[:80])}")
         self.t = threading.Thread(target=self._receive_until_broken, name="unrealcv", daemon=True)
         self.t.start()
 
@@ -138,13 +145,30 @@ class Client(unrealcv.Client):  # type: ignore[misc]
 
         return read_frame(receive)
 
+    def _deadline(self) -> float:
+        now = time.monotonic()
+        self._allowed_s = max(1e-3, min(self._timeout_s, self._until() - now))
+        return now + self._allowed_s
+
     def _fault(self, command: str, cause: Exception) -> SourceError:
-        expected = f"{address_of(self.endpoint)}: expected an answer to {command!r}"
+        expected = f"{address_of(self.endpoint)}: expected an answer to {shown(command)}"
         if isinstance(cause, TimeoutError):
-            return DeadlineError(f"{expected} within {self.timeout_s:g} s, got none, or not all of it")
+            return DeadlineError(f"{expected} within {self._allowed_s:.3g} s, got none, or not all of it")
         if isinstance(cause, OSError):
             return ServerConnectionError(f"{expected}, but the connection broke: {cause}")
-        return BadReplyError(f"{expected}, got a reply that does not belong to it: {cause}")
+        return BadReplyError(f"{expected}, got a reply that does not belong to it: {str(cause)[:100]}")
+
+
+def _connected(host: str, port: int, deadline: float) -> socket.socket:
+    """Return a connection to the first address of a host that accepts one; the deadline is for all."""
+    fault: OSError = ConnectionRefusedError(f"no address of {host}")
+    for *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        try:
+            remaining = max(1e-3, deadline - time.monotonic())
+            return socket.create_connection((str(address[0]), int(address[1])), timeout=remaining)
+        except OSError as cause:
+            fault = cause
+    raise fault
 
 
 def read_frame(receive: Callable[[int], bytes]) -> bytes:

@@ -1,12 +1,12 @@
 """The interface of camera drivers: what a live source and the doctor do with a camera of a game."""
 
 import contextlib
-import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
 from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.codecs import decode
@@ -14,6 +14,7 @@ from omniscv.sources.unreal.client import Client, Reply
 from omniscv.sources.unreal.commands import FIX_EXPOSURE, SCENE, VERSION, CommandTable
 from omniscv.sources.unreal.connection import Connection
 from omniscv.sources.unreal.mask_colors import paint
+from omniscv.sources.unreal.replies import name, numbers
 from omniscv.sources.unreal.stale_frames import StaleFrames
 
 Requests = Sequence[Request]
@@ -82,7 +83,7 @@ class CameraDriver(ABC):
 
     def _prepare(self) -> None:
         """Read what the game is, fix its exposure if that was requested, and make mask colours distinct."""
-        self._version, self._scene = self._connection.text(VERSION), self._connection.text(SCENE)
+        self._version, self._scene = (name(self._connection.text(command)) for command in (VERSION, SCENE))
         if self._fix_exposure:
             self._connection.texts(FIX_EXPOSURE)
         paint(self._connection, self.table.vertex_colors)
@@ -91,7 +92,7 @@ class CameraDriver(ABC):
         """Return the capture that a reply is; BadReplyError if it is no picture of the view."""
         command, (_, encoding) = self.table.image(self.camera, request.mode), self.table.images[request.mode]
         if isinstance(reply, str):
-            raise self._bad_reply(f"a picture from {command!r}, got {reply[:200]!r}")
+            raise self._bad_reply(f"a picture from {command!r}, got {shown(reply[:100])}")
         provenance = {
             "server": self._connection.address,
             "scene": self._scene,
@@ -105,21 +106,10 @@ class CameraDriver(ABC):
 
     def _expect(self, expected: str, command: str, reply: Reply) -> None:
         if reply != expected:
-            raise self._bad_reply(f"{expected} from {command!r}, got {reply[:200]!r}")
+            raise self._bad_reply(f"{expected} from {command!r}, got {shown(reply[:100])}")
 
     def _bad_reply(self, expected: str) -> BadReplyError:
         return BadReplyError(f"{self._connection.address}: expected {expected}")
 
     def _refused(self, expected: str) -> ServerRefusedError:
         return ServerRefusedError(f"{self._connection.address}: expected {expected}")
-
-
-def numbers(reply: Reply, count: int) -> list[float]:
-    """Return the numbers, separated by spaces, of a reply; BadReplyError if not ``count`` finite ones."""
-    try:
-        values = [float(word) for word in reply.split()]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise BadReplyError(f"expected {count} numbers, got {reply[:200]!r}")
-    return values

@@ -1,28 +1,31 @@
 """Starts a packaged game, opens it as a source once it is reachable, and stops it with the source.
 
-The plugin reads its settings once, from ``unrealcv.ini`` beside the running executable (protocol reference,
-section 1.5). The file is written before the game starts, and restored once the game is reachable, so that the
-same package can be started again beside it.
+The plugin's settings are written before the game starts, and put back once it is reachable. The game is a
+child of a watching process, which stops it when this process ends, however it ends.
 """
 
 import os
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
+from omniscv.arguments import number, shown, whole_number
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError
 from omniscv.sources.base import Source, SourceWrapper
 from omniscv.sources.unreal.client import Endpoint
+from omniscv.sources.unreal.settings_file import borrowed
 
 Connect = Callable[[Endpoint], Source]
-Game = subprocess.Popen[bytes]
+Watcher = subprocess.Popen[bytes]
 HOST = "127.0.0.1"
+_WATCHER = Path(__file__).with_name("watcher.py")
 _GRACE_S = 10.0  # how long a game may take to end after SIGTERM, before SIGKILL
 
 
@@ -57,9 +60,14 @@ def launch(
         startup_timeout_s: deadline for the game to be reachable; a large one takes minutes to load.
 
     Raises:
-        ArgumentError: there is no such program, or it cannot be run.
+        ArgumentError: there is no such program, or it cannot be run; a number is out of its range.
+        SourceError: its settings cannot be written.
         ServerConnectionError: it ended, or was not reachable in time; the message has its last output.
     """
+    port = None if port is None else whole_number("port", port, most=65_535)
+    size = (whole_number("size", size[0], "pixels"), whole_number("size", size[1], "pixels"))
+    fov_deg = number("fov_deg", fov_deg, above=0, below=180)
+    startup_timeout_s = number("startup_timeout_s", startup_timeout_s, above=0)
     path = path.absolute()
     if not path.is_file() or not os.access(path, os.X_OK):
         raise ArgumentError(f"{path}: expected a game that can be run, but there is none")
@@ -67,9 +75,9 @@ def launch(
     with ExitStack() as held:
         with ExitStack() as settings:
             for folder in settings_folders(path):
-                settings.enter_context(_settings(folder / "unrealcv.ini", port, size, fov_deg))
-            game, output = held.enter_context(_running(path))
-            source = _reachable(path, game, output, port, startup_timeout_s, connect)
+                settings.enter_context(borrowed(folder, _settings(port, size, fov_deg), startup_timeout_s))
+            watcher, output = held.enter_context(_running(path))
+            source = _reachable(path, watcher, output, port, startup_timeout_s, connect)
         return HostedSource(source, held.pop_all())
 
 
@@ -84,45 +92,47 @@ def settings_folders(path: Path) -> list[Path]:
     return sorted(inside) or [path.parent]
 
 
-@contextmanager
-def _settings(file: Path, port: int, size: tuple[int, int], fov_deg: float) -> Iterator[None]:
-    """Write the plugin's settings; restore what was there before at the end."""
-    before = file.read_bytes() if file.exists() else None
-    file.write_text(
+def _settings(port: int, size: tuple[int, int], fov_deg: float) -> str:
+    return (
         f"[UnrealCV.Core]\nPort={port}\nWidth={size[0]}\nHeight={size[1]}\nFOV={fov_deg:f}\n"
-        "EnableInput=False\nEnableRightEye=False\n",  # a click in the window would break the stream
-        encoding="ascii",
+        "EnableInput=False\nEnableRightEye=False\n"  # a click in the window would break the stream
     )
-    try:
-        yield
-    finally:
-        if before is None:
-            file.unlink(missing_ok=True)
-        else:
-            file.write_bytes(before)
 
 
 @contextmanager
-def _running(path: Path) -> Iterator[tuple[Game, IO[bytes]]]:
-    """A game and its output; stopped at the end, with all processes that it has started."""
-    with tempfile.TemporaryFile() as output:
-        pipes: Any = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": subprocess.STDOUT}
-        try:  # In a session of its own, Ctrl-C does not reach it: it is stopped once its captures are safe.
-            game = subprocess.Popen([path], cwd=path.parent, start_new_session=True, **pipes)
-        except OSError as cause:
-            raise ArgumentError(f"{path}: expected a game that can be run, got: {cause}") from cause
+def _running(path: Path) -> Iterator[tuple[Watcher, IO[bytes]]]:
+    """A game's watcher and its output; stopped at the end, with all processes that it has started."""
+    command = [sys.executable, "-I", "-S", str(_WATCHER), str(_GRACE_S), str(path)]
+    pipe = subprocess.PIPE
+    with (
+        tempfile.TemporaryFile() as output,
+        # In a session of its own, Ctrl-C does not reach it: it is stopped once its captures are safe.
+        subprocess.Popen(
+            command, 0, stdin=pipe, stdout=pipe, stderr=output, start_new_session=True
+        ) as watcher,
+    ):
+        assert watcher.stdout is not None
+        first = watcher.stdout.readline().decode(errors="replace").strip()
+        if not first.isdecimal():
+            raise ArgumentError(f"{path}: expected a game that can be run, got: {first[:100]}")
         try:
-            yield game, output
+            yield watcher, output
         finally:
-            _signal(game, signal.SIGTERM)
-            with suppress(subprocess.TimeoutExpired):
-                game.wait(_GRACE_S)
-            _signal(game, signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
-            game.wait()
+            _stop(watcher, int(first))
+
+
+def _stop(watcher: Watcher, game: int) -> None:
+    """Stop a game by its watcher; or its processes by the group's id, where the watcher was killed."""
+    assert watcher.stdin is not None
+    with suppress(OSError):  # of a watcher that has ended; a forked process may hold the pipe open, so write
+        watcher.stdin.write(b"stop")
+    if watcher.wait() < 0 and os.name == "posix":
+        with suppress(ProcessLookupError):
+            os.killpg(game, signal.SIGKILL)
 
 
 def _reachable(
-    path: Path, game: Game, output: IO[bytes], port: int, timeout_s: float, connect: Connect
+    path: Path, watcher: Watcher, output: IO[bytes], port: int, timeout_s: float, connect: Connect
 ) -> Source:
     deadline = time.monotonic() + timeout_s
     while True:
@@ -130,7 +140,7 @@ def _reachable(
             return connect((HOST, port))
         except (ServerConnectionError, DeadlineError) as fault:
             why = f"got none within {timeout_s:g} s; has it the UnrealCV plugin?"
-            if (code := game.poll()) is not None:
+            if (code := watcher.poll()) is not None:
                 why = f"but it ended with code {code}."
             if code is not None or time.monotonic() > deadline:
                 wanted = f"{path}: expected a game that is reachable at port {port}"
@@ -139,19 +149,10 @@ def _reachable(
             time.sleep(0.25)
 
 
-def _signal(game: Game, number: int) -> None:
-    """Signal a game and a launcher's children, even if the launcher itself has ended."""
-    if os.name == "posix":
-        with suppress(ProcessLookupError):
-            os.killpg(game.pid, number)
-    elif game.poll() is None:  # there are no process groups: end the tree
-        subprocess.run(["taskkill", "/T", "/F", "/PID", str(game.pid)], check=False)
-
-
 def _last_line(output: IO[bytes]) -> str:
-    output.seek(0)
+    output.seek(max(0, output.seek(0, os.SEEK_END) - 10_000))
     lines = output.read().decode(errors="replace").split("\n")
-    return next((line.strip() for line in reversed(lines) if line.strip()), "nothing")
+    return next((shown(line.strip())[1:-1] for line in reversed(lines) if line.strip()), "nothing")
 
 
 def _free_port() -> int:

@@ -8,12 +8,14 @@ from itertools import groupby
 
 import numpy as np
 
+from omniscv.arguments import shown
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, View
 from omniscv.sources.codecs import picture_size
+from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.client import Client, Reply
 from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
-from omniscv.sources.unreal.driver import CameraDriver, Requests, numbers
+from omniscv.sources.unreal.driver import CameraDriver, Requests
 from omniscv.sources.unreal.stale_frames import StaleFrames
 
 _POSE = "vget /camera/0/pose"
@@ -45,16 +47,17 @@ class LegacyDriver(CameraDriver):
         # A click in the window would send a message that belongs to no request.
         self._connection.texts(["vset /action/input/disable", LIT_VIEW_MODE])
         status = self._connection.text("vget /unrealcv/status")
-        settings = re.search(r"^FOV: (\d+(?:\.\d*)?)$", status, re.MULTILINE | re.ASCII)
+        settings = re.search(r"^FOV: (\d{1,3}(?:\.\d*)?)$", status, re.MULTILINE | re.ASCII)
         if settings is None:
-            raise self._refused(f"a status with a line such as 'FOV: 90.000000', got {status[:400]!r}")
-        self.mask_fov_deg = float(settings[1])
+            raise self._refused(f"a status with a line such as 'FOV: 90.000000', got {shown(status)}")
+        self.mask_fov_deg = replies.fov(settings[1])
         *_, pose = [self._connection.text(_POSE) for _ in range(_SETTLED)]
         fov = self._connection.text(_FOV)
+        here, fov_deg = replies.numbers(pose, 6), replies.fov(fov)
         if not self._restore:
             self._restore = [
-                f"vset /camera/0/{LEGACY.fov} {fov}",
-                f"vset /camera/0/pose {pose}",
+                f"vset /camera/0/{LEGACY.fov} {fov_deg:.3f}",
+                f"vset /camera/0/pose {' '.join(f'{number:.3f}' for number in here)}",
                 LIT_VIEW_MODE,
             ]
         first = {mode: payload for mode in self.table.images if (payload := self._first_picture(mode))}
@@ -112,7 +115,8 @@ class LegacyDriver(CameraDriver):
                 return reading
             before = reading
         raise self._bad_reply(
-            f"a camera that comes to rest, but it still moves: {before!r}; use a flying pawn (UE4CVGameMode)"
+            f"a camera that comes to rest, but it still moves: {_excerpt(before)}; "
+            "use a flying pawn (UE4CVGameMode)"
         )
 
     def _pictures(self, client: Client, view: View, requests: Requests) -> tuple[Hashable, list[Capture]]:
@@ -122,24 +126,26 @@ class LegacyDriver(CameraDriver):
         """
         reading = self._resting_pose(client)
         pose = self._actual_pose(view, reading)
-        replies: dict[str, Reply] = {}
+        pictures: dict[str, Reply] = {}
         others = list(dict.fromkeys(request.mode for request in requests if request.mode != "object_mask"))
         if any(request.mode == "object_mask" for request in requests):
-            (replies["object_mask"],) = client.stream([LEGACY.image(0, "object_mask")])
+            (pictures["object_mask"],) = client.stream([LEGACY.image(0, "object_mask")])
         commands = [LIT_VIEW_MODE, *(LEGACY.image(0, mode) for mode in others), _FOV, _POSE]
-        restored, *pictures, fov, afterwards = client.stream(commands)
-        replies.update(zip(others, pictures, strict=True))
+        restored, *found, fov, afterwards = client.stream(commands)
+        pictures.update(zip(others, found, strict=True))
         self._expect("ok", LIT_VIEW_MODE, restored)
         if afterwards != reading:
             raise self._bad_reply(
-                f"a camera that stays at {reading!r} while it captures, got {afterwards!r}; is a player "
-                "controlling the pawn?"
+                f"a camera that stays at {_excerpt(reading)} while it captures, got "
+                f"{_excerpt(afterwards)}; is a player controlling the pawn?"
             )
         window = View(pose, self.mask_fov_deg or view.fov_deg, *self._window)
-        (fov_deg,) = numbers(fov, 1)
+        fov_deg = replies.fov(fov)
         actual = View(pose, view.fov_deg if abs(fov_deg - view.fov_deg) <= _PRINTED else fov_deg, *self._size)
         return (reading, fov), [
-            self._capture(request, window if request.mode == "object_mask" else actual, replies[request.mode])
+            self._capture(
+                request, window if request.mode == "object_mask" else actual, pictures[request.mode]
+            )
             for request in requests
         ]
 
@@ -155,13 +161,17 @@ class LegacyDriver(CameraDriver):
     def _actual_pose(self, view: View, reading: Reply) -> Pose:
         """Return the camera's pose: as given where that reads back, else as it reads; not if far away."""
         location_cm, rotation_deg = view.pose.to_unreal()
-        given, read = np.array([*location_cm, *rotation_deg]), np.array(numbers(reading, 6))
+        given, read = np.array([*location_cm, *rotation_deg]), np.array(replies.numbers(reading, 6))
         read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(given[3:], read[3:], strict=True)]
         off = np.abs(given - read)
         if off[:3].max() > _STRAY_CM:
             raise self._refused(
-                f"a camera at {location_cm} cm, got {reading!r}; a pawn that falls or collides cannot be "
-                "used, nor a level with a CineCameraActor"
+                f"a camera at {location_cm} cm, got {_excerpt(reading)}; a pawn that falls or collides "
+                "cannot be used, nor a level with a CineCameraActor"
             )
         actual = np.where(off <= _PRINTED, given, read)
         return Pose.from_unreal(actual[:3], actual[3:])
+
+
+def _excerpt(reply: Reply | None) -> str:
+    return shown(reply[:100] if reply else reply)

@@ -3,10 +3,13 @@
 import itertools
 import math
 import re
+from collections.abc import Iterable
 
+from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.sources.base import Color, ObjectTable
 from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.replies import names
 
 _TOLERANCE = 3  # how far a channel of a mask may be off; the official client allows as much
 _EXACT = (0, *(value for value in range(122, 256) if value != 145))
@@ -20,7 +23,7 @@ def paint(connection: Connection, vertex_colors: bool) -> None:
     Every server gives one object black (protocol reference, section 5.1). Objects that were spawned late
     are in no mask and no depth until their colour is set (section 2.5). With ``vertex_colors``, colours that
     plugin 0.3.10 would not show as they are set are replaced too. Raise ServerRefusedError if the server
-    refuses a colour that must change.
+    refuses a colour that must change, or if an object does not have the colour that was set.
     """
     used = {(0, 0, 0)}  # the background's
     free = itertools.chain(*(itertools.product(values, values, values) for values in (_FAR_APART, _EXACT)))
@@ -35,7 +38,11 @@ def paint(connection: Connection, vertex_colors: bool) -> None:
     commands = [paint_command(name, color) for name, color in wanted.items()]
     for name, command, reply in zip(wanted, commands, connection.texts(commands), strict=True):
         if reply != "ok" and name in changed:
-            raise ServerRefusedError(f"{connection.address}: {command!r} was refused: {reply!r}")
+            raise ServerRefusedError(f"{connection.address}: {shown(command)} was refused: {shown(reply)}")
+    for (name, color), found in zip(wanted.items(), _read(connection, wanted), strict=True):
+        if found != color:
+            expected = f"mask colour {color} of {shown(name)}, which was set"
+            raise ServerRefusedError(f"{connection.address}: expected {expected}, got {found}")
 
 
 def object_table(connection: Connection, vertex_colors: bool) -> ObjectTable:
@@ -52,10 +59,8 @@ def paint_command(name: str, color: Color) -> str:
 
 def colors(connection: Connection) -> dict[str, Color]:
     """Return every object's mask colour, as set."""
-    reply = connection.text("vget /objects")
-    names = [] if reply == "ok" else reply.split()  # ok is what an empty text becomes
-    replies = connection.texts([f"vget /object/{name}/color" for name in names])
-    return {name: parse_color(reply) for name, reply in zip(names, replies, strict=True)}
+    found = names(connection.text("vget /objects"))
+    return dict(zip(found, _read(connection, found), strict=True))
 
 
 def parse_color(reply: str) -> Color:
@@ -63,8 +68,13 @@ def parse_color(reply: str) -> Color:
     found = re.fullmatch(r"\(R=(\d{1,3}),G=(\d{1,3}),B=(\d{1,3}),A=\d{1,3}\)", reply, re.ASCII)
     r, g, b = (256, 256, 256) if found is None else (int(value) for value in found.groups())
     if max(r, g, b) > 255:
-        raise BadReplyError(f"expected a colour such as (R=127,G=63,B=255,A=255), got {reply[:200]!r}")
+        raise BadReplyError(f"expected a colour such as (R=127,G=63,B=255,A=255), got {shown(reply)}")
     return r, g, b
+
+
+def _read(connection: Connection, objects: Iterable[str]) -> list[Color]:
+    """Return the mask colours of objects, as set."""
+    return [parse_color(reply) for reply in connection.texts([f"vget /object/{o}/color" for o in objects])]
 
 
 def vertex_color_roundtrip(color: Color) -> Color:

@@ -9,6 +9,7 @@ from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.commands import MODERN, VERSION
 from omniscv.sources.unreal.driver import CameraDriver, Requests
+from omniscv.sources.unreal.replies import name, names
 from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
 
 _CAMERAS = "vget /cameras"
@@ -35,13 +36,15 @@ class ModernDriver(CameraDriver):
     def attach(self, stale_frames: StaleFrames) -> None:
         self._aimed = None
         try:
-            count = len(self._connection.text(_CAMERAS).split())
+            count = len(names(self._connection.text(_CAMERAS)))
         except ServerRefusedError as no:
             raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {_CAMERAS!r}, got: {no}") from no
+        if count == 0:  # numbers of cameras would start at one that is not there
+            raise self._refused(f"the player's camera from {_CAMERAS!r}, got no camera; start the game")
         if not self._restore or self.camera >= count:
             self._prepare()
             self.camera = count
-            self._restore = [f"vset /object/{self._connection.text('vset /cameras/spawn')}/destroy"]
+            self._restore = [f"vset /object/{name(self._connection.text('vset /cameras/spawn'))}/destroy"]
 
     def aim(self, before: View | None, view: View) -> list[str]:
         had = {} if before is None else _settings(before)

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 from omniscv.sources.base import Capabilities, Source
 from omniscv.sources.registry import Opener, read_size, split_address
 from omniscv.sources.unreal.client import Endpoint
 from omniscv.sources.unreal.commands import MODERN
-from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.connection import PATIENCE_S, RETRIES, TIMEOUT_S, Connection
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
 from omniscv.sources.unreal.process_bound import ProcessBound
 from omniscv.sources.unreal.source import connect
@@ -25,6 +26,7 @@ _Readers = dict[str, Callable[[str], Any]]
 _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
 _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault"), str)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, "latency_ms": float, "seed": int, "size": read_size}
+_MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 _MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
 """Those whose capabilities do not depend on settings; ``1.x`` is what the mock speaks by default."""
 
@@ -32,9 +34,17 @@ _MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
 def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
     """Return the opener for a function that opens an address, given how to connect to an endpoint."""
 
-    def opened(address: str, timeout_s: float = 30.0, retries: int = 5, fix_exposure: bool = False) -> Source:
-        source = serve(address, lambda where: connect(Connection(where, timeout_s, retries), fix_exposure))
-        return ProcessBound(source, address)
+    def opened(
+        address: str,
+        timeout_s: float = TIMEOUT_S,
+        patience_s: float = PATIENCE_S,
+        retries: int = RETRIES,
+        fix_exposure: bool = False,
+    ) -> Source:
+        def connected(where: Endpoint) -> Source:
+            return connect(Connection(where, timeout_s, patience_s, retries), fix_exposure)
+
+        return ProcessBound(serve(address, connected), address)
 
     return opened
 
@@ -71,22 +81,28 @@ open_mock.capabilities = _mock_capabilities  # type: ignore[attr-defined]  # for
 
 
 @contextmanager
-def open_connection(address: str, timeout_s: float = 30.0) -> Iterator[Connection]:
+def open_connection(
+    address: str, timeout_s: float = TIMEOUT_S, patience_s: float = PATIENCE_S
+) -> Iterator[Connection]:
     """Open a bare connection to a live or mock server; a server is reached when it is first used."""
     with ExitStack() as held:
         server = held.enter_context(_mock(address)) if address.startswith("mock://") else None
         endpoint = (server.host, server.port) if server else _endpoint(address)
-        yield held.enter_context(closing(Connection(endpoint, timeout_s)))
+        yield held.enter_context(closing(Connection(endpoint, timeout_s, patience_s)))
 
 
 def _endpoint(address: str) -> Endpoint:
-    with suppress(ValueError):  # of a port that is no number, or a bracket that is not closed
-        parts = urlsplit(address)
-        if parts.scheme == "unreal+unix" and parts.path:
+    with suppress(ValueError):  # of brackets, a port that is no number, or a name with too long a part
+        parts = urlsplit(address if len(address) <= _MAX_ADDRESS else "")
+        if parts.scheme == "unreal+unix" and parts.path.isprintable() and parts.path:
             return parts.path
-        if parts.scheme == "unreal" and parts.hostname:
-            return parts.hostname, parts.port or 9000
-    raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {address!r}")
+        if (
+            parts.scheme == "unreal"
+            and parts.hostname
+            and parts.hostname.encode("idna").decode().isprintable()
+        ):
+            return parts.hostname, 9000 if parts.port is None else parts.port
+    raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {shown(address)}")
 
 
 def _mock(address: str) -> Server:
@@ -97,4 +113,4 @@ def _mock(address: str) -> Server:
     try:
         return mock_server.serve(scene, faults=faults, **options)
     except ValueError as wrong:
-        raise ArgumentError(f"source: {address!r}: {wrong}") from wrong
+        raise ArgumentError(f"source: {shown(address)}: {wrong}") from wrong

@@ -7,6 +7,7 @@ import re
 import threading
 from collections.abc import Iterable, Iterator
 
+from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, SourceError
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View, closed_error
 from omniscv.sources.unreal.client import Client, Reply
@@ -84,25 +85,34 @@ class UnrealSource(Source):
 
     def _delivered(self, batch: list[Request]) -> Iterator[Capture]:
         """Yield a batch's captures; those from before a fault are kept, and progress resets the retries."""
-        failures = 0
+        fault: SourceError | None = None
         while batch:
-            done: list[Capture] = []
-            fault: SourceError | None = None
             with self._lock:
                 self._check_open()
-                client = self._client()
+                captures, fault = self._some(batch, fault)
+            yield from captures
+            batch = batch[len(captures) :]
+
+    def _some(
+        self, batch: list[Request], fault: SourceError | None
+    ) -> tuple[list[Capture], SourceError | None]:
+        """Return captures of the first requests, one at least, and the fault that came after them.
+
+        A fault from before is recovered from first.
+        """
+        with self._connection.attempts() as attempted:
+            while True:
+                if fault is not None:
+                    attempted(fault)
+                captures: list[Capture] = []
+                client, fault = self._client(), None
                 try:
                     for capture in self._driver.collect(client, batch, self._stale_frames):
-                        done.append(capture)
+                        captures.append(capture)
                 except RETRIED as cause:
                     fault = cause
-            yield from done
-            batch = batch[len(done) :]
-            failures = 0 if done else failures
-            if fault is not None:
-                failures += 1
-                with self._lock:
-                    self._connection.recover(fault, failures)
+                if captures or fault is None:
+                    return captures, fault
 
 
 def connect(connection: Connection, fix_exposure: bool = False) -> UnrealSource:
@@ -142,7 +152,7 @@ def _form(connection: Connection, command: str, *forms: str) -> str:
             if isinstance(reply, str) and re.match(form, reply, re.ASCII):
                 return form
         expected = f"expected plugin 0.3.10 or 1.x to answer {command!r}"
-        raise BadReplyError(f"{connection.address}: {expected}, got {reply[:200]!r}")
+        raise BadReplyError(f"{connection.address}: {expected}, got {shown(reply[:100])}")
 
     (found,) = connection.read([command], match)
     return found

@@ -107,7 +107,7 @@ def test_a_launched_game_is_recorded_and_stopped(game, tmp_path):
     assert not list(game.parent.rglob("unrealcv.ini"))
 
 
-def test_ctrl_c_stops_the_game_and_keeps_the_captures(game, tmp_path):
+def test_sigterm_stops_the_game_and_keeps_the_captures(game, tmp_path):
     out = tmp_path / "room.sqlite"
     places = [f"--position={0.01 * step},0,1.5" for step in range(400)]
     command = [sys.executable, "-c", "from omniscv.cli import main; main()"]
@@ -116,9 +116,9 @@ def test_ctrl_c_stops_the_game_and_keeps_the_captures(game, tmp_path):
     ) as recorder:
         assert waited_for(lambda: out.exists() and verify(out).captures > 0)
         assert is_running(game)
-        recorder.send_signal(signal.SIGINT)
+        recorder.send_signal(signal.SIGTERM)
         _, printed = recorder.communicate(timeout=60)
-    assert recorder.returncode == 130
+    assert recorder.returncode == 143
     assert "rerun to resume" in printed
     assert waited_for(lambda: not is_running(game))
     assert verify(out).ok

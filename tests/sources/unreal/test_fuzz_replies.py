@@ -42,7 +42,7 @@ def received(data, piece):
     return lambda most: stream.read(min(most, piece))
 
 
-@cases(1500)
+@cases(600)
 @given(STREAMS, st.integers(1, 50))
 def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     receive, payloads = received(data, piece), []
@@ -132,7 +132,7 @@ STARTS = st.builds(
 )
 
 
-@cases(2500)
+@cases(1200)
 @given(
     spoiled() | ARRAYS | STARTS | st.binary(max_size=60), st.sampled_from(encodings()), st.sampled_from(MODES)
 )
@@ -158,12 +158,11 @@ def test_no_picture_survives_a_changed_byte_unseen():
 
 @pytest.mark.parametrize("claimed", [1 << 28, (1 << 32) - 1])
 @pytest.mark.parametrize("chunk", [b"IDAT", b"IHDR", b"IEND"])
-def test_a_chunk_that_claims_4_gb_is_refused_before_it_is_decoded(chunk, claimed, monkeypatch):
+def test_a_chunk_that_claims_4_gb_is_refused_before_it_is_decoded(chunk, claimed):
     """Regression: OpenCV allocated and cleared all of it, for 12 s, before it found bytes missing."""
     payload = bytearray(TRUE[2])
     at = payload.index(chunk)
     payload[at - 4 : at] = struct.pack(">I", claimed)
-    monkeypatch.setattr(cv2, "imdecode", None)
     with pytest.raises(BadReplyError, match="chunks do not add up"):
         decode(bytes(payload), "png", "lit", VIEW)
 

@@ -1,13 +1,20 @@
 """Packaged games, started and stopped."""
 
 import json
+import signal
+import subprocess
+import sys
+import threading
 
+import psutil
 import pytest
 from support.games import STAND_IN, behave, beside, is_running, waited_for
 
 import omniscv
-from omniscv.errors import ArgumentError, ServerConnectionError
+from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError, SourceError
+from omniscv.sources.unreal import watcher
 from omniscv.sources.unreal.launcher import settings_folders
+from omniscv.sources.unreal.settings_file import BACKUP, borrowed
 
 
 def test_a_game_that_ends_is_quoted(game):
@@ -16,10 +23,19 @@ def test_a_game_that_ends_is_quoted(game):
         omniscv.open_source(f"launch:{game}")
 
 
+def test_a_game_that_is_no_program_is_one_clear_error(tmp_path):
+    game = tmp_path / "Game"
+    game.write_bytes(b"\x7fELF and no more")
+    game.chmod(0o755)
+    with pytest.raises(ArgumentError, match=r"expected a game that can be run, got: .*Exec format error"):
+        omniscv.open_source(f"launch:{game}")
+    assert list(tmp_path.iterdir()) == [game]
+
+
 def test_a_game_that_never_answers_is_stopped(game):
     behave(game, wait_s=600)
-    with pytest.raises(ServerConnectionError, match=r"reachable at port \d+, got none within 4 s"):
-        omniscv.open_source(f"launch:{game}?startup_timeout_s=4")
+    with pytest.raises(ServerConnectionError, match=r"reachable at port \d+, got none within 2 s"):
+        omniscv.open_source(f"launch:{game}?startup_timeout_s=2")
     assert waited_for(lambda: not is_running(game))
 
 
@@ -32,6 +48,135 @@ def test_settings_that_were_there_come_back(game):
         assert file.read_text() == "[UnrealCV.Core]\nPort=9000\n"
     settings = json.loads((beside(game) / "settings.json").read_text())
     assert (settings["width"], settings["height"], float(settings["fov"])) == ("64", "48", 70.5)
+
+
+OPENED_AND_KEPT = """
+import sys, threading, omniscv
+source = omniscv.open_source(sys.argv[1])
+print("open", flush=True)
+threading.Event().wait()
+"""
+
+
+def test_a_game_ends_with_its_recorder_even_on_sigkill_and_its_settings_come_back(game):
+    """Killed while the game loads, and while it serves; the next launch puts the user's settings back."""
+    file = beside(game) / "unrealcv.ini"
+    file.write_text("[UnrealCV.Core]\nPort=9000\n")
+    file.chmod(0o640)
+    for wait_s in (600, 0):
+        behave(game, wait_s=wait_s)
+        command = [sys.executable, "-c", OPENED_AND_KEPT, f"launch:{game}"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
+            assert (
+                waited_for((beside(game) / "settings.json").exists) if wait_s else recorder.stdout.readline()
+            )
+            assert is_running(game)
+            assert (beside(game) / BACKUP).exists() == bool(wait_s)
+            recorder.kill()
+        assert waited_for(lambda: not is_running(game))
+        for name in ("pid", "settings.json"):
+            (beside(game) / name).unlink()
+    assert not (beside(game) / BACKUP).exists()
+    assert file.read_text() == "[UnrealCV.Core]\nPort=9000\n"
+    assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_game_is_stopped_whose_watcher_is_gone(game):
+    with omniscv.open_source(f"launch:{game}"):
+        script = psutil.Process(int((beside(game) / "pid").read_text())).parent()
+        script.parent().kill()
+    assert waited_for(lambda: not is_running(game))
+
+
+STUBBORN = """#!/bin/sh
+trap '' TERM
+sleep 600 &
+echo $! > child
+wait
+"""
+
+
+def test_a_game_that_will_not_stop_is_killed_with_its_children(tmp_path):
+    script, child = tmp_path / "Game.sh", tmp_path / "child"
+    script.write_text(STUBBORN)
+    script.chmod(0o755)
+    with subprocess.Popen([sys.executable, watcher.__file__, "0.3", script], stdin=-1, stdout=-1) as watching:
+        process = psutil.Process(int(watching.stdout.readline()))
+        assert waited_for(lambda: child.exists() and child.read_text().strip())
+        sleeper = psutil.Process(int(child.read_text()))
+        assert process.is_running()
+        assert sleeper.is_running()
+    assert watching.returncode == 128 + signal.SIGKILL
+    assert waited_for(lambda: not (process.is_running() or sleeper.is_running()))
+
+
+OURS = "; written by omniscv for one launch"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path
+
+
+def killed_while_borrowing(folder):
+    """What a launch leaves that is killed while its game starts."""
+    borrowing = borrowed(folder, "Port=1\n", 1)
+    borrowing.__enter__()
+    left = {path.name: path.read_bytes() for path in folder.iterdir()}
+    borrowing.__exit__(None, None, None)
+    for path in folder.iterdir():
+        path.unlink()
+    for name, data in left.items():
+        (folder / name).write_bytes(data)
+
+
+@pytest.mark.parametrize("before", [None, b"", b"Port=7\n"])
+def test_settings_come_back_after_a_launch_and_after_a_killed_one(before, folder):
+    file = folder / "unrealcv.ini"
+    if before is not None:
+        file.write_bytes(before)
+    killed_while_borrowing(folder)
+    assert file.read_text().startswith(OURS)
+    for _ in range(2):  # the second launch finds nothing to repair
+        with borrowed(folder, "Port=2\n", 1):
+            assert file.read_text().startswith(OURS)
+            assert file.read_text().endswith("Port=2\n")
+            assert (folder / BACKUP).exists() == (before is not None)
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == (
+            {} if before is None else {"unrealcv.ini": before}
+        )
+
+
+def test_settings_that_were_changed_after_a_kill_are_not_touched(folder):
+    (folder / "unrealcv.ini").write_text("Port=7\n")
+    killed_while_borrowing(folder)
+    (folder / "unrealcv.ini").write_text("Port=8\n")
+    with pytest.raises(
+        SourceError, match=r"expected either .*-backup, .* or unrealcv.ini, changed since; keep"
+    ):
+        borrowed(folder, "", 1).__enter__()
+    assert (folder / "unrealcv.ini").read_text() == "Port=8\n"
+    assert (folder / BACKUP).read_text() == "Port=7\n"
+
+
+def test_launches_of_one_package_wait_for_one_another(folder):
+    file = folder / "unrealcv.ini"
+    file.write_text("Port=7\n")
+    seen = []
+
+    def launch_another():
+        with borrowed(folder, "Port=2\n", 60):
+            seen.append(file.read_text())
+
+    with borrowed(folder, "Port=1\n", 1):
+        other = threading.Thread(target=launch_another)
+        other.start()
+        with pytest.raises(DeadlineError, match="another launch has not started yet"):
+            borrowed(folder, "", 0.2).__enter__()
+        assert file.read_text().endswith("Port=1\n")
+    other.join(60)
+    assert [text[-7:] for text in seen] == ["Port=2\n"]
+    assert file.read_text() == "Port=7\n"
 
 
 def test_settings_lie_beside_the_executable(game):
@@ -47,6 +192,10 @@ def test_settings_lie_beside_the_executable(game):
         (f"launch:{STAND_IN}", "expected a game that can be run"),  # it is no program by itself
         ("launch:Game?speed=2", "expected options among port, size, .* got 'speed'"),
         ("launch:Game?size=big", "expected a value of size, got 'big'"),
+        ("launch:Game?size=0x5", "size: expected a whole number of pixels >= 1, got 0"),
+        ("launch:Game?port=65536", "port: expected a whole number <= 65535, got 65536"),
+        ("launch:Game?fov_deg=nan", "fov_deg: expected a finite number > 0 and < 180, got nan"),
+        ("launch:Game?startup_timeout_s=inf", "startup_timeout_s: expected a finite number > 0, got inf"),
     ],
 )
 def test_what_cannot_be_started_is_one_clear_error(uri, says):

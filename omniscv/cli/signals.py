@@ -1,0 +1,43 @@
+"""SIGINT, SIGTERM and SIGHUP unwind a command, so that its files are whole and its games stop."""
+
+import signal
+import time
+from collections.abc import Callable
+from types import FrameType
+
+STOPPED = 128 + signal.SIGINT
+"""The exit code of a command that was stopped; of its signal where that is known."""
+
+_ONE_STOP_S = 1.0
+"""Signals within this time are one: terminals and ``timeout`` send several."""
+
+
+def unwound(command: Callable[[], int]) -> int:
+    """Run a command and return its exit code: 128 + the signal's number where a signal stopped it.
+
+    Each signal raises KeyboardInterrupt in the main thread. SIGINT counts also where it is ignored, as by
+    background jobs of a shell; SIGHUP does not, as under ``nohup``.
+    """
+    received: list[int] = []
+    latest = -_ONE_STOP_S
+
+    def stop(number: int, _: FrameType | None) -> None:
+        nonlocal latest
+        if time.monotonic() - latest > _ONE_STOP_S:
+            latest = time.monotonic()
+            received.append(number)
+            raise KeyboardInterrupt
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
+        signal.signal(number, stop)
+    try:
+        code = command()
+    except KeyboardInterrupt:
+        code = STOPPED
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)  # what is left of the process ends at once
+    return 128 + received[0] if code == STOPPED and received else code

@@ -1,0 +1,52 @@
+"""What texts from a server must be: numbers and names. Errors are one short line of printable characters."""
+
+import math
+
+from omniscv.arguments import shown
+from omniscv.errors import BadReplyError
+from omniscv.sources.unreal.client import Reply
+
+MAX_NAMES = 65_535
+"""Of objects, or cameras: labels are uint16, and 0 is none of them."""
+
+_MAX_NAME = 1024  # characters, as in the engine
+_MAX_NUMBER = 1e9  # cm, or degrees
+_MAX_NUMBERS = 1000  # characters of all
+
+
+def numbers(reply: Reply, count: int) -> list[float]:
+    """Return the numbers, separated by spaces, of a reply; BadReplyError if not ``count``, up to 1e9 each."""
+    try:
+        values = [float(word) for word in reply[:_MAX_NUMBERS].split()]
+    except ValueError:
+        values = []
+    if len(reply) > _MAX_NUMBERS or len(values) != count or not all(map(_is_small, values)):
+        raise BadReplyError(f"expected {count} numbers of at most {_MAX_NUMBER:g}, got {shown(reply[:100])}")
+    return values
+
+
+def fov(reply: Reply) -> float:
+    """Return the field of view of a reply, degrees; BadReplyError unless it is between 0 and 180."""
+    (value,) = numbers(reply, 1)
+    if not 0 < value < 180:
+        raise BadReplyError(f"expected a field of view between 0 and 180 degrees, got {shown(reply)}")
+    return value
+
+
+def name(reply: str) -> str:
+    """Return a reply that is one line of printable characters; BadReplyError otherwise."""
+    if not 0 < len(reply) <= _MAX_NAME or not reply.isprintable():
+        raise BadReplyError(f"expected a name of at most {_MAX_NAME} characters, got {shown(reply)}")
+    return reply
+
+
+def names(reply: str) -> list[str]:
+    """Return the names, separated by spaces, of a reply; BadReplyError for too many, or what is no name."""
+    found = [] if reply == "ok" else reply.split(maxsplit=MAX_NAMES)  # ok is what an empty text becomes
+    if len(found) > MAX_NAMES:
+        raise BadReplyError(f"expected at most {MAX_NAMES} names, got more: {shown(reply[:100])}")
+    return [name(each) for each in found]
+
+
+def _is_small(value: float) -> bool:
+    return math.isfinite(value) and abs(value) <= _MAX_NUMBER

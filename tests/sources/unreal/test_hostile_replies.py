@@ -1,0 +1,259 @@
+"""Servers that answer anything: one short printable line, in time, with nothing printed past it."""
+
+import os
+import re
+import socket
+import threading
+from contextlib import ExitStack, contextmanager
+
+import pytest
+from support.unreal import face_requests, many_balls, relayed
+
+import mock_server
+import omniscv
+from omniscv.cli import run
+from omniscv.diagnostics import examine_address
+from omniscv.errors import (
+    ArgumentError,
+    BadReplyError,
+    OmniscvError,
+    ServerConnectionError,
+    ServerRefusedError,
+)
+from omniscv.sources.unreal.connection import PATIENCE_S, TIMEOUT_S
+
+MILLION = "9" * 1_000_000
+HOSTILE = {
+    "nothing": "ok",
+    "an error": "error " + "\x1b[31m" * 50_000,
+    "no UTF-8": b"\xff\xfe" + b"x" * 1000,
+    "a million digits": MILLION,
+    "a number of a million digits": f"FOV: {MILLION}\n",
+    "a colour of a million digits": f"(R={MILLION},G=0,B=0,A=255)",
+    "no numbers": "nan inf -inf nan nan nan",
+    "one that is none": "nan",
+    "large numbers": "1e300 1e300 1e300 1e300 1e300 1e300",
+    "a large number": "1e300",
+    "a negative number": "-90",
+    "many words": "x " * 100_000,
+    "a long word": "x" * 100_000,
+    "what controls terminals": "\x1b]0;title\x07\x1b[2J [bold] \u202e \x9b",
+    "a null": "a\0b",
+    "a picture cut short": b"\x89PNG\r\n\x1a\n" + b"\xff" * 40,
+    "an array": b"\x93NUMPY\1\0\x76\0{'descr': '<f4', 'fortran_order': False, 'shape': (999999999, 1), }",
+}
+ASKED = {
+    "1.x": ("/version", "/scene/name", "/omniscv", "fieldofview", "/level/name", "vget /cameras", "/spawn",
+            "vget /objects", "/color", "vset /object", "/location", "/size", "/fov", " png", " npy"),
+    "0.3.10": ("fieldofview", "/disable", "/viewmode", "/status", "vget /camera/0/pose",
+               "vset /camera/0/pose", "lit png", "object_mask png", " npy"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def servers():
+    with ExitStack() as held:
+        scene = mock_server.Scene("balls", {"objects": many_balls(3)})
+        options = {"size": (16, 16), "frames_per_s": 1000}
+        yield {name: held.enter_context(mock_server.serve(scene, dialect=name, **options)) for name in ASKED}
+
+
+def answering(part, reply):
+    """A relay's change: commands with this part are answered by a reply."""
+    return lambda command, forward: reply if part in command else forward(command)
+
+
+def is_one_short_line(text):
+    return 0 < len(text) <= 300 and text.isprintable()
+
+
+def hostile(number, config):
+    """Some of the replies, others for each number; all in a soak."""
+    return list(HOSTILE.values())[number % 4 :: 1 if config.getoption("--soak") else 4]
+
+
+def fault_of(action):
+    """The error of omniscv that an action raises, if it does."""
+    try:
+        action()
+    except OmniscvError as error:
+        return error
+    return None
+
+
+CASES = [(name, part) for name, parts in ASKED.items() for part in parts]
+
+
+@pytest.mark.parametrize(("dialect", "part"), CASES)
+def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd, pytestconfig):
+    def use():
+        with omniscv.open_source(uri, retries=0, timeout_s=20) as source:
+            source.objects()
+            list(source.capture(face_requests(16, sorted(source.capabilities.modes))[::6]))
+
+    for reply in hostile(CASES.index((dialect, part)), pytestconfig):
+        with relayed(servers[dialect], answering(part, reply)) as uri:
+            error = fault_of(use)
+        assert error is None or is_one_short_line(str(error))
+        assert not isinstance(error, ArgumentError)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("part", ["/location", "/viewmode", "/fov", "lit png", " npy"])
+def test_the_doctor_takes_any_reply_too(part, servers, capfd, pytestconfig):
+    for reply in hostile(len(part), pytestconfig):
+        with relayed(servers["1.x"], answering(part, reply)) as uri:
+            error = fault_of(lambda: examine_address(uri, timeout_s=20, patience_s=0.01))
+        assert error is None or is_one_short_line(str(error))
+    assert capfd.readouterr() == ("", "")
+
+
+# What was set is read back.
+
+
+def test_mask_colours_that_a_server_does_not_keep_are_an_error(servers):
+    keeps_nothing = answering("vset /object", "ok")
+    says = r"expected mask colour \(\d+, \d+, \d+\) of '\w+', which was set, got \(0, 0, 0\)"
+    with mock_server.serve("four-wall") as server, relayed(server, keeps_nothing) as uri:
+        with pytest.raises(ServerRefusedError, match=says):
+            omniscv.open_source(uri)
+        assert run(["record", "--source", uri, "--out", os.devnull]) == 1
+
+
+@pytest.mark.parametrize("reply", ["ok", "", " "])
+def test_an_empty_list_of_cameras_is_an_error(reply, servers):
+    with relayed(servers["1.x"], answering("vget /cameras", reply)) as uri:
+        with pytest.raises((ServerRefusedError, BadReplyError), match="got no camera; start the game"):
+            omniscv.open_source(uri, retries=0)
+        assert servers["1.x"].statistics.total("vset /camera/0/") == 0
+
+
+@pytest.mark.parametrize("fov", ["0.000", "180.000", "-90.000", "nan"])
+def test_a_field_of_view_that_is_none_is_the_servers_fault(fov, servers):
+    with (
+        relayed(servers["0.3.10"], answering("vget /camera/0/horizontal_fieldofview", fov)) as uri,
+        pytest.raises(BadReplyError, match=r"expected (a field of view between 0 and 180|1 numbers|plugin)"),
+    ):
+        omniscv.open_source(uri, retries=0)
+
+
+# Servers that are silent.
+
+
+@contextmanager
+def silent(greeting=b""):
+    """The address of a server that accepts connections, greets or not, and never answers."""
+    held = []
+
+    def serve():
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            held.append(connection)
+            connection.sendall(greeting)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=serve, daemon=True).start()
+        yield listener.getsockname()[1]
+        listener.shutdown(socket.SHUT_RDWR)
+    for connection in held:
+        connection.close()
+
+
+GREETING = b"\xc1\x83\x2b\x9e\x10\0\0\0connected to abc"
+
+
+def test_the_defaults_end_a_silent_server_within_30_s():
+    """The first reply has the one time, all attempts after it together the other: see the next test."""
+    assert TIMEOUT_S + PATIENCE_S < 30
+
+
+@pytest.mark.parametrize(
+    ("command", "greeting"), [("render", b""), ("record", GREETING), ("doctor", GREETING)]
+)
+def test_the_command_line_gives_up_a_silent_server_when_its_patience_ends(
+    command, greeting, capsys, tmp_path
+):
+    """However long a reply may take, the attempts after the first fault end with the patience."""
+    with silent(greeting) as port:
+        uri = f"unreal://127.0.0.1:{port}"
+        source = [uri] if command == "doctor" else ["--source", uri, "--out", str(tmp_path / "out")]
+        started = os.times().elapsed
+        assert run([command, *source, "--timeout", "0.4", "--patience", "0.7"]) == 1
+        seconds = os.times().elapsed - started
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(
+        r"(no greeting|got none, or not all of it|within \S+ s).*gave up after [2-4] attempts", line
+    )
+    assert seconds < 20  # six attempts of 30 s were made
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_last_attempt_is_cut_short_by_the_end_of_patience():
+    with silent() as port, pytest.raises(ServerConnectionError, match=r"within 0\.[0-3]\d* s; is another"):
+        omniscv.open_source(f"unreal://127.0.0.1:{port}", timeout_s=0.5, patience_s=0.4)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"timeout_s": 0}, "timeout_s: expected a finite number > 0, got 0"),
+        ({"patience_s": float("nan")}, "patience_s: expected a finite number > 0, got nan"),
+        ({"retries": 1.5}, "retries: expected a whole number >= 0, got 1.5"),
+    ],
+)
+def test_deadlines_are_numbers(options, says):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(says)}$"):
+        omniscv.open_source("unreal://127.0.0.1:1", **options)
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["unreal://[", "unreal://a:99999", f"unreal://{'a' * 64}", f"unreal://{'a.' * 99_999}", "unreal://a\0b",
+     "unreal+unix:///tmp/a\0b", "unreal://a:b", f"mock://four-wall?seed={'x' * 99_999}",
+     f"mock://four-wall?latency_ms={MILLION}", f"launch:x?size={MILLION}x1"],
+)  # fmt: skip
+def test_an_address_that_is_none_is_one_short_line(address):
+    with pytest.raises(ArgumentError) as refused:
+        omniscv.open_source(address)
+    assert is_one_short_line(str(refused.value))
+
+
+def test_deadlines_on_the_command_line_are_named_as_there(capsys):
+    assert run(["doctor", "mock://four-wall", "--timeout", "inf"]) == 2
+    assert "--timeout: expected a finite number > 0, got inf" in capsys.readouterr().err
+
+
+# The Unix socket that the plugin makes.
+
+
+@pytest.mark.parametrize("kind", ["another user's", "a link"])
+def test_a_local_socket_of_somebody_else_is_not_used(kind, tmp_path):
+    """Anybody may make one in /tmp: its owner would choose what is captured."""
+    with mock_server.serve("direction") as server, socket.socket(socket.AF_UNIX) as trap:
+        there = tmp_path / "socket" if kind == "a link" else server.unix_path
+        trap.bind(str(there))
+        trap.listen()
+        trap.settimeout(0)
+        try:
+            if kind == "a link":
+                server.unix_path.symlink_to(there)
+            else:
+                given_away(there)
+            with omniscv.open_source(server.uri) as source:
+                assert source.objects().names() == []
+            with pytest.raises(BlockingIOError):
+                trap.accept()
+        finally:
+            server.unix_path.unlink()
+
+
+def given_away(path):
+    """Only root can give a file to another user; others have none that is not theirs, but a link to one."""
+    if os.geteuid() == 0:
+        os.chown(path, 65534, 65534)
+    else:
+        path.unlink()
+        path.symlink_to("/dev/log")
