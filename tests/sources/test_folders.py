@@ -39,7 +39,7 @@ def test_a_recording_with_other_mask_colours_is_not_added_to(recorded, copy, tmp
     colors["Sofa"] = [9, 9, 9]
     (tmp_path / "faces" / "objects.json").write_text(json.dumps(colors))
     before = contents(copy)
-    with pytest.raises(RecordingNotWritableError, match=r"Sofa is \(9, 9, 9\) and was \("):
+    with pytest.raises(RecordingNotWritableError, match=r"'Sofa' is \(9, 9, 9\) and was \("):
         import_folder(tmp_path / "faces", copy)
     assert contents(copy) == before
 
@@ -93,7 +93,7 @@ GOOD = {
         ({**GOOD, "view": {"position": [0, 0]}}, "expected a view"),
         ({**GOOD, "view": {**GOOD["view"], "fov_deg": 180}}, "fov_deg"),
         ({**GOOD, "view": {**GOOD["view"], "width": 8}}, "expected an 8-bit PNG of 8 x 4, got 8-bit 4 x 4"),
-        ({**GOOD, "file": "none.png"}, "none.png: expected an image that can be read"),
+        ({**GOOD, "file": "none.png"}, "expected an image that can be read, got 'none.png'"),
         ({**GOOD, "mode": "depth"}, "depth"),
         ({**GOOD, "encoding": "pickle"}, "expected one of png"),
     ],

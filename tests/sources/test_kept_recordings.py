@@ -15,7 +15,8 @@ import mock_server
 import omniscv
 from omniscv.sources import Request
 from omniscv.sources.recording.inspection import info, verify
-from omniscv.sources.recording.store import Store, view_from_json
+from omniscv.sources.recording.rows import view_from_json
+from omniscv.sources.recording.store import Store
 
 ROOMS = ("four-wall", "six-wall")
 FACE_PX = 192

@@ -2,24 +2,17 @@
 
 import os
 import random
-import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing
-from pathlib import Path
 
 import pytest
 from support import recorder
-from support.faces import face_requests
-from support.permissions import read_only
 from support.recordings import CountingSource, contents
 
 import mock_server
 import omniscv
-from omniscv.errors import NotARecordingError
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
@@ -127,74 +120,6 @@ def test_killed_at_random_moments(kills, server, undisturbed, tmp_path, request)
         f"resuming captured the other {sum(len(wanted) - n for n in held)}, none twice"
     )
     assert all(held[1::2])
-
-
-@pytest.fixture
-def log_left(recorded, tmp_path):
-    """Put into a folder what a killed recorder leaves: an empty recording, and a log with a capture."""
-
-    def leave(folder):
-        writing = tmp_path / "writing" / "room.sqlite"
-        store = Store(writing, write=True)
-        with omniscv.open_source(recorded) as replay:
-            store.add(next(replay.capture(face_requests())))
-        for file in writing.parent.iterdir():
-            shutil.copy(file, folder)
-        store.close()
-        assert Path(f"{folder / writing.name}-wal").stat().st_size > 0
-        return folder / writing.name
-
-    return leave
-
-
-def test_a_leftover_log_is_read_in_a_read_only_folder(log_left, open_folder):
-    path = log_left(open_folder)
-    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
-    with read_only(open_folder):
-        report = verify(path)
-    assert (report.ok, report.captures) == (True, 1)
-    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
-
-
-def test_a_log_that_cannot_be_read_there_is_an_error_and_no_empty_recording(log_left, open_folder):
-    """The file was copied with its log, but without the index of the log, which SQLite must then write."""
-    path = log_left(open_folder)
-    Path(f"{path}-shm").unlink()
-    with (
-        read_only(open_folder),
-        pytest.raises(NotARecordingError, match="open it once in a folder that can be written"),
-    ):
-        verify(path)
-    assert verify(path).captures == 1
-
-
-def test_a_recording_without_a_log_is_read_in_a_read_only_folder(log_left, open_folder):
-    """Killed after its log was merged into the file, before the header was changed."""
-    path = log_left(open_folder)
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("SELECT 1 FROM capture")  # closing merges the log, but leaves the header as it is
-    assert [file.name for file in open_folder.iterdir()] == [path.name]
-    with read_only(open_folder):
-        report = verify(path)
-    assert (report.ok, report.captures) == (True, 1)
-
-
-def test_a_half_written_header_is_rolled_back_for_a_reader(copy, tmp_path):
-    """Killed while the header was changed: a rollback journal is left, which only a writer may roll back."""
-    folder = tmp_path / "killed"
-    folder.mkdir()
-    database = sqlite3.connect(copy, isolation_level=None)
-    database.execute("PRAGMA cache_size = 1")
-    database.execute("BEGIN")
-    database.execute("PRAGMA user_version = 99")
-    database.execute("UPDATE capture SET payload = zeroblob(100000)")  # so much that pages reach the file
-    for file in copy.parent.glob("copy.sqlite*"):
-        shutil.copy(file, folder)
-    database.close()
-    assert sorted(file.name for file in folder.iterdir()) == ["copy.sqlite", "copy.sqlite-journal"]
-    report = verify(folder / copy.name)
-    assert (report.ok, report.captures) == (True, 24)
-    assert [file.name for file in folder.iterdir()] == ["copy.sqlite"]
 
 
 def test_a_killed_creation_leaves_no_file_that_does_not_open(tmp_path, monkeypatch):

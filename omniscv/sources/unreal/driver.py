@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
-from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal.client import Client, Reply
-from omniscv.sources.unreal.commands import FIX_EXPOSURE, SCENE, VERSION, CommandTable
+from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CommandTable
 from omniscv.sources.unreal.connection import Connection
 from omniscv.sources.unreal.mask_colors import paint
 from omniscv.sources.unreal.stale_frames import StaleFrames
@@ -22,8 +22,8 @@ Requests = Sequence[Request]
 class CameraDriver(ABC):
     """A camera of a running game, whose vignette and auto exposure it may switch off when attached.
 
-    Its ``camera`` number and its ``capabilities`` are complete once it is attached; ``mask_fov_deg`` is the
-    field of view of object masks, where they do not have the view's own.
+    Its ``camera`` number, its ``capabilities`` and its ``scene_identity`` are complete once it is attached;
+    ``mask_fov_deg`` is the field of view of object masks, where they do not have the view's own.
     """
 
     table: ClassVar[CommandTable]
@@ -34,7 +34,8 @@ class CameraDriver(ABC):
         self.capabilities = self.table.capabilities(dialect)
         self.camera = 0
         self.mask_fov_deg: float | None = None
-        self._version = self._scene = ""
+        self._version = ""
+        self.scene_identity = SceneIdentity()
         self._restore: list[str] = []  # the commands that leave the game as it was
         self._aimed: View | None = None
 
@@ -82,7 +83,9 @@ class CameraDriver(ABC):
 
     def _prepare(self) -> None:
         """Read what the game is, fix its exposure if that was requested, and make mask colours distinct."""
-        self._version, self._scene = self._connection.text(VERSION), self._connection.text(SCENE)
+        self._version, scene = self._connection.text(VERSION), self._connection.text(SCENE)
+        (level,) = self._connection.texts([LEVEL])  # which some dialects do not know
+        self.scene_identity = SceneIdentity(scene, "" if level.startswith("error") else level)
         if self._fix_exposure:
             self._connection.texts(FIX_EXPOSURE)
         paint(self._connection, self.table.vertex_colors)
@@ -94,7 +97,7 @@ class CameraDriver(ABC):
             raise self._bad_reply(f"a picture from {command!r}, got {reply[:200]!r}")
         provenance = {
             "server": self._connection.address,
-            "scene": self._scene,
+            "scene": self.scene_identity.name,
             "version": self._version,
             "dialect": self.capabilities.dialect,
             "command": command,
