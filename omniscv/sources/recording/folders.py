@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import modalities
-from omniscv.arguments import shown
+from omniscv.arguments import number, numbers, shown, whole_number
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -28,7 +28,6 @@ from omniscv.sources.recording.rows import (
     scene_from_json,
     scene_in,
     the_scene,
-    view_from_json,
 )
 from omniscv.sources.recording.schema import MOST_OBJECTS
 from omniscv.sources.recording.store import Store
@@ -37,7 +36,7 @@ INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "s
 
 _ENTRY = {"file", "mode", "view", "asked", "encoding", "provenance"}
 _ANGLES = {"yaw_deg", "pitch_deg", "roll_deg"}
-_VIEW = {"position", "rotation", "fov_deg", "width", "height"} | _ANGLES
+_VIEW_NEEDS = {"position", "fov_deg", "width", "height"}
 
 
 def export(path: Path | str, folder: Path | str) -> int:
@@ -151,16 +150,15 @@ def _read_entry(folder: Path, number: int, entry: Any) -> Capture:
         raise ArgumentError(f"{where}: {unknown}") from unknown
     try:
         payload = (folder / name).read_bytes()
+    except (OSError, ValueError) as cause:
+        got = f"{shown(name)}: {getattr(cause, 'strerror', None) or 'no name of a file'}"
+        raise ArgumentError(f"{where}: expected an image that can be read, got {got}") from cause
+    try:
         pixels = decode(payload, encoding, request.mode, view)
         capture = Capture(request, view, pixels, provenance, payload, encoding)
         row = Row.of(capture, 1, "")
         row.check("")
         row.capture()  # it can be read again
-    except OSError as cause:
-        got = f"{cause.strerror or cause}"
-        raise ArgumentError(
-            f"{where}: expected an image that can be read, got {shown(name)}: {got}"
-        ) from cause
     except (BadReplyError, RecordingError, ArgumentError) as cause:
         kind = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
         raise kind(f"{where}: {shown(name)}: {cause}") from cause
@@ -186,18 +184,22 @@ def _default_encoding(name: str, request: Request) -> str:
 
 def _view(data: Any, where: str) -> View:
     """A view with a rotation matrix, or with yaw, pitch and roll."""
+    wanted = "position, rotation (or yaw_deg, pitch_deg, roll_deg), fov_deg, width and height"
+    if not isinstance(data, dict) or not _VIEW_NEEDS <= set(data) <= _VIEW_NEEDS | _ANGLES | {"rotation"}:
+        raise ArgumentError(f"{where}: expected a view with {wanted}; got {shown(data)}")
     try:
-        if not isinstance(data, dict) or not set(data) <= _VIEW or {"rotation"} | _ANGLES <= set(data):
-            raise ArgumentError("expected a JSON object of these")
+        position = numbers("position", data["position"], (3,))
         if "rotation" not in data:
-            angles = {key: data[key] for key in _ANGLES & set(data)}
-            data = {**data, **Pose.from_angles(data["position"], **angles).to_dict()}
-        return view_from_json(json.dumps(data))
-    except (KeyError, TypeError, ValueError, OverflowError, DamagedRecordingError) as cause:
-        raise ArgumentError(
-            f"{where}: expected a view with position, rotation (or yaw_deg, pitch_deg, roll_deg), fov_deg, "
-            f"width and height; got {shown(data)}: {cause}"
-        ) from cause
+            angles = {key: number(key, data[key]) for key in _ANGLES & set(data)}
+            pose = Pose.from_angles(position, **angles)
+        elif _ANGLES & set(data):
+            raise ArgumentError("expected a rotation or angles, got both")
+        else:
+            pose = Pose(position, numbers("rotation", data["rotation"], (3, 3)))
+        size = (whole_number(key, data[key], "px", most=1 << 16) for key in ("width", "height"))
+        return View(pose, number("fov_deg", data["fov_deg"]), *size)
+    except ArgumentError as cause:
+        raise ArgumentError(f"{where}: view: {cause}") from cause
 
 
 def _scene(folder: Path) -> SceneIdentity | None:
@@ -230,6 +232,9 @@ def _objects(folder: Path) -> ObjectTable:
     if not (0 <= tolerance <= 255 and all(0 <= each <= MOST_OBJECTS for each in ids.values())):
         expected = f"expected a tolerance of 0 to 255 and ids of 0 to {MOST_OBJECTS}"
         raise ArgumentError(f"{folder / MASKS}: {expected}, got {shown(masks)}")
+    if strange := set(ids) - set(colors or ids):
+        wanted = f"expected ids of objects in {OBJECTS}"
+        raise ArgumentError(f"{folder / MASKS}: {wanted}, got {shown(min(strange))}")
     return ObjectTable({name: (r, g, b) for name, (r, g, b) in colors.items()}, tolerance, ids)
 
 
