@@ -57,14 +57,14 @@ def kind_of(place: Path) -> str:
 def part_of(place: Path) -> Iterator[Path]:
     """Yield where to write the file that will be moved to a place: in a folder beside it, removed at the end.
 
-    The folder of the place is created. What killed processes left there of the same place is removed.
+    The folder of the place is created.
 
     Raises:
         RecordingNotWritableError: the folder cannot be created or written.
     """
     with errors_of(place, write=True):
         place.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(place)
+        remove_leftovers(place)
         folder = place.with_name(f".{place.name}-{secrets.token_hex(8)}")
         folder.mkdir()
     try:
@@ -97,7 +97,8 @@ def publish_new(part: Path, place: Path) -> None:
         sync_folder(place.parent)
 
 
-def _remove_leftovers(place: Path) -> None:
+def remove_leftovers(place: Path) -> None:
+    """Remove what killed processes left of files that were to be moved to a place."""
     for lock in place.parent.glob(f".{glob.escape(place.name)}-{'[0-9a-f]' * 16}/{_LOCK}"):
         locking = contextlib.closing(sqlite3.connect(lock, 0.0, isolation_level=None))
         with contextlib.suppress(sqlite3.DatabaseError), locking as database:

@@ -19,7 +19,14 @@ from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingN
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import object_tables, schema
 from omniscv.sources.recording.logs import settle
-from omniscv.sources.recording.replacing import followed, kind_of, part_of, place_of, publish_new
+from omniscv.sources.recording.replacing import (
+    followed,
+    kind_of,
+    part_of,
+    place_of,
+    publish_new,
+    remove_leftovers,
+)
 from omniscv.sources.recording.rows import (
     Head,
     Row,
@@ -319,6 +326,7 @@ def _open_to_write(place: Path, path: Path) -> sqlite3.Connection:
         with part_of(place) as part, schema.errors_of(path, write=True):
             schema.create(part, Head.new()).close()
             publish_new(part, place)
+    remove_leftovers(place)
     upgrade(path)
     with schema.errors_of(path, write=True):
         database = schema.connect(place, "rw")
