@@ -79,6 +79,8 @@ def part_of(place: Path) -> Iterator[Path]:
 def publish(part: Path, place: Path) -> None:
     """Move a whole file to its place, in one step, and remove the logs of the file that was there."""
     with errors_of(place, write=True):
+        if place.exists():
+            shutil.copymode(place, part)
         part.replace(place)
         remove_logs(place)
         sync_folder(place.parent)
