@@ -6,7 +6,6 @@ when a test uses a fixture, so that it costs other projects nothing.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,7 +77,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     that fails leaves what was there.
     """
     from omniscv.sources.recording import RecordedSource, Recording
-    from omniscv.sources.recording.replacing import part_of, place_of, publish
+    from omniscv.sources.recording.replacing import copy_to_part, part_of, place_of, publish
 
     path = recorded_dir / _file(request)
     mode = request.config.getoption("--record-mode", None) or "none"
@@ -91,7 +90,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     place = place_of(path)
     with part_of(place) as part:
         if mode in ("new_episodes", "all") and _holds_captures(path):
-            shutil.copyfile(place, part)
+            copy_to_part(place, part)
         with _live(request) as live, Recording(live, part, anew=mode == "all") as recording:
             recording.objects()
             yield recording

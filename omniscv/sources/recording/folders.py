@@ -126,7 +126,9 @@ def _opened(path: Path | str) -> Iterator[Store]:
     with part_of(place) as part:
         with closing(Store(part, write=True)) as store:
             yield store
-        publish_new(part, place)
+        if not publish_new(part, place):
+            wanted = "expected a new file, but another recorder has just created one"
+            raise RecordingNotWritableError(f"{path}: {wanted}; import again to add to it")
 
 
 def _read_entry(folder: Path, number: int, entry: Any) -> Capture:

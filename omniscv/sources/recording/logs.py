@@ -24,6 +24,7 @@ from omniscv.sources.recording.schema import connect, most_captures, structural_
 
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 _HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: one behind the other
+_WAL_VERSIONS = b"\x02\x02"  # bytes 18 and 19 of a file with a write-ahead log
 _LEAF = b"\x0d"  # the first byte of a page of rows
 
 _log = logging.getLogger("omniscv")
@@ -46,11 +47,28 @@ def settle(path: Path) -> None:
         _set_aside(path, wal)
         with contextlib.suppress(OSError):
             shared.unlink()
-    if journal.exists() and journal.stat().st_size and _is_hot(path):
-        if _owns_journal(path, journal):
+    while (state := _state(journal)) and _is_hot(path):
+        owned = _owns_journal(path, journal)
+        if _state(journal) != state:
+            continue  # another process has just done it
+        if owned is None:
+            raise NotARecordingError(
+                f"{path}: expected a journal of omniscv beside it, got that of another program in "
+                f"{journal.name}; open it with that program, or remove the journal if it is of another file"
+            )
+        if owned:
             connect(path, "rw").close()
         else:
             _set_aside(path, journal)
+
+
+def _state(log: Path) -> tuple[int, int, int] | None:
+    """What tells a log from one that is written later; None if there is none, or an empty one."""
+    try:
+        found = log.stat()
+    except FileNotFoundError:
+        return None
+    return (found.st_ino, found.st_size, found.st_mtime_ns) if found.st_size else None
 
 
 def remove_logs(path: Path) -> None:
@@ -64,6 +82,8 @@ def _set_aside(path: Path, log: Path) -> None:
     aside = next(name for name in names if not name.exists())
     try:
         log.rename(aside)
+    except FileNotFoundError:
+        return  # another process has just done it
     except OSError as cause:
         raise NotARecordingError(
             f"{path}: expected no log of another file beside it, got {log.name}, which cannot be set aside "
@@ -83,7 +103,8 @@ def _is_hot(path: Path) -> bool:
     return False
 
 
-def _owns_journal(path: Path, journal: Path) -> bool:
+def _owns_journal(path: Path, journal: Path) -> bool | None:
+    """Whether a journal undoes what is half done in a file; None if that cannot be known."""
     with contextlib.closing(_alone(path)) as alone:
         if version_of(alone, path) == 1:
             # Version 1 wrote journals of the file's header only, a single page.
@@ -95,10 +116,7 @@ def _owns_journal(path: Path, journal: Path) -> bool:
             before = _first_head(journal, root)
             if before:
                 return before[0] == own and before[1] in tokens
-    raise NotARecordingError(
-        f"{path}: expected a journal of omniscv beside it, got that of another program in {journal.name}; "
-        "open it with that program, or remove the journal if it is of another file"
-    )
+    return None
 
 
 def _alone(path: Path) -> sqlite3.Connection:
@@ -108,28 +126,27 @@ def _alone(path: Path) -> sqlite3.Connection:
 
 def _first_head(journal: Path, root: int) -> tuple[str, str] | None:
     """The recording's id and token in the first page of a journal; None if another page is the first."""
-    with journal.open("rb") as file:
+    with contextlib.suppress(FileNotFoundError), journal.open("rb") as file:
         header = file.read(28)
         if len(header) < 28 or not header.startswith(_JOURNAL_MAGIC):
             return None
         sector, size = struct.unpack(">II", header[20:28])
         file.seek(sector)
         page = file.read(4 + min(size, 1 << 16))
-    number, cells = page[:4], page[4:]
-    if len(page) < 512 or int.from_bytes(number, "big") != root or cells[:1] != _LEAF:
-        return None
-    found = _HEAD.search(cells, int.from_bytes(cells[8:10], "big"))
-    return (found[1].decode(), found[2].decode()) if found else None
+        number, cells = page[:4], page[4:]
+        if int.from_bytes(number, "big") == root and cells[:1] == _LEAF:
+            found = _HEAD.search(cells, int.from_bytes(cells[8:10], "big"))
+            return (found[1].decode(), found[2].decode()) if found else None
+    return None
 
 
 def _owns_wal(path: Path) -> bool:
     """Whether a file and its write-ahead log together are sound, and hold all that the file alone holds."""
-    with contextlib.closing(_alone(path)) as database:
+    with contextlib.closing(_alone(path)) as database, path.open("rb") as file:
         version_of(database, path)
-        alone = _sound_rows(database, path)
-    with path.open("rb") as file:
-        if file.read(20)[18:] != b"\x02\x02":  # it has no such log
+        if file.read(20)[18:] != _WAL_VERSIONS:  # it has no such log
             return False
+        alone = _sound_rows(database, path)
     with contextlib.closing(connect(path, "ro")) as database:
         try:
             version_of(database, path)

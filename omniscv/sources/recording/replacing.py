@@ -86,17 +86,27 @@ def publish(part: Path, place: Path) -> None:
         sync_folder(place.parent)
 
 
-def publish_new(part: Path, place: Path) -> None:
-    """Move a whole file to its place, unless another recorder has just created a file there."""
+def publish_new(part: Path, place: Path) -> bool:
+    """Move a whole file to its place; return False if another recorder has just created a file there."""
     with errors_of(place, write=True):
         try:
             os.link(part, place)
         except FileExistsError:
-            if place.stat().st_size == 0:
-                part.replace(place)
+            if place.stat().st_size:
+                return False
+            part.replace(place)
         except OSError:  # a file system without hard links
             part.replace(place)
         sync_folder(place.parent)
+        return True
+
+
+def copy_to_part(place: Path, part: Path) -> None:
+    """Copy a recording, with a log that a recorder of version 1 may have left."""
+    with errors_of(place, write=True):
+        shutil.copyfile(place, part)
+        with contextlib.suppress(FileNotFoundError):
+            shutil.copyfile(f"{place}-wal", f"{part}-wal")
 
 
 def remove_leftovers(place: Path) -> None:

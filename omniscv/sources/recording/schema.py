@@ -16,7 +16,7 @@ from omniscv.errors import DamagedRecordingError, NotARecordingError
 
 SCHEMA_VERSION = 2
 LARGEST_BYTES = 1 << 29
-"""Of a row. Nothing longer is written, and nothing longer than the file itself is read."""
+"""Of a row that is written."""
 MOST_OBJECTS = 0xFFFF
 
 _APPLICATION_ID = 0x6F6D6E69  # "omni"
@@ -51,6 +51,7 @@ _LIMITS = {
     sqlite3.SQLITE_LIMIT_TRIGGER_DEPTH: 1,
 }
 _SHORTEST_BYTES = 100  # of a row of `capture`: two views and a key
+_GROWTH_BYTES = 1 << 26
 _BUSY_TIMEOUT_S = 30.0  # for others to finish a change
 
 
@@ -66,7 +67,8 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     database = sqlite3.connect(uri, _BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False, uri=True)
     database.text_factory = bytes.decode
     try:
-        longest = LARGEST_BYTES if mode.startswith("rw") else max(10_000, path.stat().st_size)
+        # A row is no longer than the file; one that is read while it grows may be.
+        longest = LARGEST_BYTES if mode.startswith("rw") else max(_GROWTH_BYTES, _extent(path))
         for limit, value in {**_LIMITS, sqlite3.SQLITE_LIMIT_LENGTH: longest}.items():
             database.setlimit(limit, value)
         database.execute("PRAGMA trusted_schema = OFF")
@@ -119,7 +121,13 @@ def version_of(database: sqlite3.Connection, path: Path) -> int:
 
 def most_captures(path: Path) -> int:
     """Return how many captures a file can hold at most; more come of damaged pages only."""
-    return path.stat().st_size // _SHORTEST_BYTES
+    return _extent(path) // _SHORTEST_BYTES
+
+
+def _extent(path: Path) -> int:
+    """Size of a file and of the write-ahead log that it may have, bytes."""
+    wal = Path(f"{path}-wal")
+    return path.stat().st_size + (wal.stat().st_size if wal.exists() else 0)
 
 
 def structural_faults(database: sqlite3.Connection) -> list[str]:

@@ -305,6 +305,7 @@ class Store:
         database, lock, process = self._connection
         if process != os.getpid() and not self._closed:
             _inherited.append(database)
+            self._head = None  # a transaction under way is the parent's
             database, lock, process = self._connection = self._connect()
         with lock if not self._closed else contextlib.nullcontext():
             if self._closed:
