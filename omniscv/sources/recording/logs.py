@@ -127,6 +127,10 @@ def _alone(path: Path) -> sqlite3.Connection:
 def _first_head(journal: Path, root: int) -> tuple[str, str] | None:
     """The recording's id and token in the first page of a journal; None if another page is the first."""
     with contextlib.suppress(FileNotFoundError), journal.open("rb") as file:
+        file.seek(-min(8, journal.stat().st_size), os.SEEK_END)
+        if file.read() == _JOURNAL_MAGIC:  # it names another journal, which a change of one file does not
+            return None
+        file.seek(0)
         header = file.read(28)
         if len(header) < 28 or not header.startswith(_JOURNAL_MAGIC):
             return None

@@ -19,6 +19,7 @@ from omniscv.sources.codecs import decode, payload_of
 DEFAULT_TOLERANCE = 3  # of the object table in recordings that hold none: that of UnrealCV servers
 
 _LONGEST_TEXT, _LONGEST_WORD = 1 << 20, 100  # characters of a text column, and of a mode or encoding
+_LONGEST_CAUSE = 150  # characters of an error about a part of a capture
 
 
 def checksum(values: Iterable[str | int | bytes]) -> int:
@@ -82,18 +83,22 @@ class Row(NamedTuple):
 
     def check(self, recording: str) -> None:
         """Raise DamagedRecordingError if anything but the payload is not what was recorded."""
-        for text in self[1:7]:
-            longest = _LONGEST_WORD if text in (self.mode, self.encoding) else _LONGEST_TEXT
-            if not isinstance(text, str) or len(text) > longest:
-                wanted = f"expected texts of at most {longest} characters"
-                raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {shown(text)}")
+        self._check_texts()
         if self.checksum is not None and self.checksum != self.own_checksum(recording):
             wanted = f"expected checksum {self.checksum} of the row"
             got = self.own_checksum(recording)
             raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {got}")
 
+    def _check_texts(self) -> None:
+        for text in self[1:7]:
+            longest = _LONGEST_WORD if text in (self.mode, self.encoding) else _LONGEST_TEXT
+            if not isinstance(text, str) or len(text) > longest:
+                wanted = f"expected texts of at most {longest} characters"
+                raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {shown(text)}")
+
     def capture(self) -> Capture:
         """The capture, checked and decoded; DamagedRecordingError if a value is not what was recorded."""
+        self._check_texts()
         crc = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
         try:
             if crc != self.payload_checksum:
@@ -104,7 +109,9 @@ class Row(NamedTuple):
             view, provenance = view_from_json(self.captured), object_from_json(self.provenance)
             pixels = decode(self.payload, self.encoding, request.mode, view)
         except (ArgumentError, BadReplyError, DamagedRecordingError) as cause:
-            raise DamagedRecordingError(f"capture {shown(self.key)}: {cause}") from cause
+            raise DamagedRecordingError(
+                f"capture {shown(self.key)}: {str(cause)[:_LONGEST_CAUSE]}"
+            ) from cause
         return Capture(request, view, pixels, provenance, self.payload, self.encoding)
 
 
