@@ -201,6 +201,25 @@ def test_the_log_of_version_1_is_read_in_a_read_only_folder(recorded, open_folde
     assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
 
 
+def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_folder):
+    """SQLite's own shell was killed while it changed a recording: nobody but it knows what the file was."""
+    path, target = tmp_path / "room.sqlite", open_folder / "room.sqlite"
+    shutil.copy(recorded, path)
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA cache_size = 1")
+        database.execute("BEGIN")
+        database.execute("UPDATE capture SET payload = zeroblob(100000)")
+        assert len(copied(path, target)) == 2
+    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
+    for write in (False, True):
+        with pytest.raises(NotARecordingError, match=r"got that of another program in room\.sqlite-journal"):
+            Store(target, write=write)
+    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
+    with closing(sqlite3.connect(target)) as database:
+        database.execute("SELECT count(*) FROM capture").fetchall()  # which undoes the change
+    assert contents(target) == contents(recorded)
+
+
 def test_another_programs_database_keeps_its_log(tmp_path):
     """Named by mistake: refused, and nothing is moved."""
     folder = tmp_path / "browser"
