@@ -6,6 +6,7 @@ World frame: right-handed, metres, X forward, Y left, Z up. Lengths in the YAML 
 from __future__ import annotations
 
 import copy
+import hashlib
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 _SCENES = Path(__file__).parent / "scenes"
 _CHUNK = 1 << 13
 _THREADS = 2
+_SOME_DIRECTIONS = np.array([[1, 2, 3], [-3, 1, 2], [2, -3, -1], [-1, -2, 3]]) / np.sqrt(14)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,13 @@ class Scene:
     def label(self, name: str) -> int:
         """Return an object's label: 1 + its rank in ``objects``."""
         return 1 + self.objects.index(name)
+
+    def digest(self) -> str:
+        """Return a SHA-256 of all there is to see, hexadecimal; lengths count to the micrometre."""
+        colors = self._sky if self._pattern is None else self._pattern(_SOME_DIRECTIONS)
+        numbers = [(np.round(each, 6) + 0.0).tolist() for each in (self.solids, colors)]
+        seen = (self.objects, numbers, self._labels.tolist(), self._textures, self._texture_of.tolist())
+        return hashlib.sha256(repr(seen).encode()).hexdigest()
 
     def bounds(self, name: str) -> tuple[Array, Array]:
         """Return the least and the greatest corner of an object's box, (3,) metres each, world frame.

@@ -6,7 +6,7 @@ when a test uses a fixture, so that it costs other projects nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,9 @@ import pytest
 if TYPE_CHECKING:
     import mock_server
     from omniscv.sources import Source
+
+
+_passed = pytest.StashKey[bool]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -27,6 +30,17 @@ def pytest_configure(config: pytest.Config) -> None:
     recorded = "recorded(file): the recording of recorded_source, relative to recorded_dir"
     for line in (unreal, recorded):
         config.addinivalue_line("markers", line)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Note whether a test has passed, for the fixtures that are torn down behind it."""
+    report = yield
+    if report.when != "teardown":
+        item.stash[_passed] = report.when == "call" and report.passed
+    return report
 
 
 @pytest.fixture
@@ -53,30 +67,45 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
 
     ==============  =================================================================
     none (default)  replay; a capture that is not in the file is an error
-    once            record if there is no file, else replay
+    once            record if there is no file, or one without captures; else replay
     new_episodes    replay what is in the file, record the rest
     all             record every request anew; what else is in the file stays
-    rewrite         record a new file, which replaces the old one at the end
+    rewrite         record a new file
     ==============  =================================================================
+
+    What is recorded goes to a file of its own, and takes the place of the old one if the test passes: a test
+    that fails leaves what was there.
     """
     from omniscv.sources.recording import RecordedSource, Recording
+    from omniscv.sources.recording.replacing import copy_to_part, part_of, place_of, publish
 
     path = recorded_dir / _file(request)
     mode = request.config.getoption("--record-mode", None) or "none"
-    if mode == "none" or (mode == "once" and path.exists()):
+    if mode == "none" or (mode == "once" and _holds_captures(path)):
         if not path.exists():
             pytest.fail(f"{path}: expected a recording; make it with --record-mode=once", pytrace=False)
         with RecordedSource(path) as replay:
             yield replay
         return
-    target = path
-    if mode in ("once", "rewrite"):
-        target = path.with_name(f"{path.name}.new")
-        target.unlink(missing_ok=True)
-    with _live(request) as live, Recording(live, target, anew=mode == "all") as recording:
-        recording.objects()
-        yield recording
-    target.replace(path)
+    place = place_of(path)
+    with part_of(place) as part:
+        if mode in ("new_episodes", "all") and _holds_captures(path):
+            copy_to_part(place, part)
+        with _live(request) as live, Recording(live, part, anew=mode == "all") as recording:
+            recording.objects()
+            yield recording
+        if request.node.stash.get(_passed, False):
+            publish(part, place)
+
+
+def _holds_captures(path: Path) -> bool:
+    """Whether a file is there, and holds captures; it has no journal to be undone afterwards."""
+    from omniscv.sources.recording import RecordedSource
+
+    if not path.exists() or path.stat().st_size == 0:
+        return False
+    with RecordedSource(path) as replay:
+        return bool(replay.recorded_views())
 
 
 def _file(request: pytest.FixtureRequest) -> str:

@@ -29,13 +29,22 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
 
 @app.command(epilog="Example: omniscv captures verify room.sqlite")
 def verify(file: Recording) -> None:
-    """Check every capture of a recording against its checksum. Exit code 1 if one is damaged."""
+    """Check a recording: its structure, and every capture against its checksums. Exit code 1 if damaged."""
     from omniscv.sources.recording import inspection
 
     report = inspection.verify(file)
     for line in report.lines():
         console.line(line)
     raise Exit(0 if report.ok else 1)
+
+
+@app.command(epilog="Example: omniscv captures upgrade room.sqlite")
+def upgrade(file: Recording) -> None:
+    """Make a recording of an earlier version one of this version; recording into it does the same."""
+    from omniscv.sources.recording.upgrade import upgrade
+
+    done = upgrade(file)
+    console.line(f"{file}: {'upgraded' if done else 'is of this version already'}")
 
 
 @app.command(epilog="Example: omniscv captures export room.sqlite faces/")

@@ -42,6 +42,7 @@ def record(given: RecordOptions) -> None:
     from omniscv.geometry import Pose
     from omniscv.jobs import Job, capture, load
     from omniscv.planning import RenderOptions
+    from omniscv.sources.recording.replacing import place_of
 
     edge = options.edge(given.face_size)
     size = f"?size={edge}x{edge}" if isinstance(edge, int) else ""  # of a game that cannot set another
@@ -64,6 +65,7 @@ def record(given: RecordOptions) -> None:
     if given.fix_exposure:
         job = replace(job, source_options={**job.source_options, "fix_exposure": True})
     path = given.out or job.record or Path("capture.sqlite")
+    place_of(path)  # refuses what is no file, before a game is launched
     with console.progress_bar("captures") as progress:
         count = capture(job, path, progress, border_px=given.overscan)
     console.line(f"{path}: {count} captures")

@@ -10,7 +10,7 @@ STEM.label_edge.png            255 where a label may be the neighbour's
 STEM.unsure.png                255 where no capture verified a pixel
 STEM.occluded.png              255 where the optical centre is not visible from the camera position
 STEM.json                      camera, pose, options, source, versions
-objects.json                   label to object name and mask colour
+objects.json                   label to object name and mask colour, of all images in the folder
 
 A modality that was registered is written as its row of :mod:`omniscv.modalities` has it.
 """
@@ -27,12 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities, plugins
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
+
+OBJECTS = "objects.json"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
 _PNG_COMPRESSION = 2
@@ -82,12 +85,14 @@ def write(
         The files.
 
     Raises:
-        ArgumentError: an unknown format, or a stem that is no file name.
+        ArgumentError: an unknown format, a stem that is no file name, or a folder whose ``objects.json``
+            gives a label another object or mask colour.
         OmniscvError: a file cannot be written.
     """
     if not isinstance(stem, str) or not stem or stem != Path(stem).name:
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     check_format(image_format)
+    listed = None if objects is None else _merged(out / OBJECTS, objects)
     out.mkdir(parents=True, exist_ok=True)
     pictures = [
         (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
@@ -97,11 +102,35 @@ def write(
     written = side_by_side(lambda picture: _picture(*picture), pictures)
     versions = {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
     written.append(_text(out / f"{stem}.json", {**description, "versions": versions}))
-    if objects is not None:
-        named = ((name, list(objects.colors[name])) for name in objects.names())
-        listed = {str(k): {"name": name, "mask_color": color} for k, (name, color) in enumerate(named, 1)}
-        written.append(_text(out / "objects.json", listed))
+    if listed is not None:
+        written.append(_text(out / OBJECTS, listed))
     return written
+
+
+def _merged(path: Path, objects: ObjectTable) -> dict[str, Any]:
+    """What ``objects.json`` is to hold: the objects, and those of the images that are in the folder already.
+
+    Raises:
+        ArgumentError: a label would get another object or mask colour, or an object another label.
+    """
+    named = ((name, list(objects.colors[name])) for name in objects.names())
+    listed = {str(k): {"name": name, "mask_color": color} for k, (name, color) in enumerate(named, 1)}
+    if not path.exists():
+        return listed
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+        label_of = {entry["name"]: label for label, entry in before.items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as cause:
+        got = f"{type(cause).__name__}, {shown(str(cause))}"
+        raise ArgumentError(f"{path}: expected labels and their objects, got: {got}") from cause
+    for label, entry in listed.items():
+        name = entry["name"]
+        was = label_of.get(name, label)
+        if was != label or before.get(label, entry) != entry:
+            had = f"label {shown(was)}" if was != label else shown(before[label])
+            wanted = f"expected the objects of the images in this folder, {had}"
+            raise ArgumentError(f"{path}: {wanted}; got {label}: {shown(entry)}; save into another folder")
+    return dict(sorted({**before, **listed}.items(), key=lambda item: (len(item[0]), item[0])))
 
 
 def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -> str:

@@ -1,6 +1,15 @@
 """Where captures come from: live servers, recordings, scenes. Knows no camera model."""
 
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, SourceWrapper, View
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    SceneIdentity,
+    Source,
+    SourceWrapper,
+    View,
+)
 from omniscv.sources.registry import open_source, register, schemes
 
 __all__ = [
@@ -8,6 +17,7 @@ __all__ = [
     "Capture",
     "ObjectTable",
     "Request",
+    "SceneIdentity",
     "Source",
     "SourceWrapper",
     "View",

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -15,6 +15,8 @@ from omniscv.geometry import Array, Pose, pinhole
 _POSE_DECIMALS = 7
 """Of metres, degrees and matrix entries: views that agree to these decimals are equal. 1e-7 rad is a
 ten-thousandth of a pixel at f = 1024; servers print three decimals of a centimetre."""
+
+_LONGEST_PART = 150  # characters of a part of a scene's identity
 
 Color = tuple[int, int, int]
 
@@ -174,6 +176,33 @@ def _color_of(instance: int) -> Color:
     return code >> 16, code >> 8 & 255, code & 255
 
 
+@dataclass(frozen=True)
+class SceneIdentity:
+    """What identifies the scene that a source shows; a part that the source does not know is empty.
+
+    Attributes:
+        name: of the project or scene.
+        level: of the level, or map, in it.
+        content: a digest of all there is to see.
+    """
+
+    name: str = ""
+    level: str = ""
+    content: str = ""
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            object.__setattr__(self, part.name, str(getattr(self, part.name))[:_LONGEST_PART])
+
+    def differs(self, other: Self) -> bool:
+        """Whether a part that both know is another: then both cannot be the same scene."""
+        return any(a and b and a != b for a, b in zip(astuple(self), astuple(other), strict=True))
+
+    def merged(self, other: Self) -> Self:
+        """Return this identity, with what only the other knows."""
+        return type(self)(*(a or b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+
 class Source(ABC):
     """Where captures come from; a context manager.
 
@@ -210,6 +239,11 @@ class Source(ABC):
         """The views that can be replayed, for a source that cannot make new ones; None otherwise."""
         return None
 
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        """What identifies the scene: captures of two scenes do not belong in one recording."""
+        return SceneIdentity()
+
     def close(self) -> None:  # noqa: B027 - most sources hold nothing
         """Release connections, files and memory."""
 
@@ -241,6 +275,10 @@ class SourceWrapper(Source):
 
     def recorded_views(self) -> tuple[View, ...] | None:
         return self._source.recorded_views()
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._source.scene_identity
 
     def close(self) -> None:
         self._source.close()

@@ -18,13 +18,14 @@ from omniscv.sources.base import (
     Capture,
     ObjectTable,
     Request,
+    SceneIdentity,
     Source,
     View,
     closed_error,
     not_picklable,
 )
 
-T = TypeVar("T", Capabilities, ObjectTable)
+T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
 _BATCH = 24  # requests that a replica gets at once: as many as a live source has under way
 
@@ -48,6 +49,7 @@ class SourcePool(Source):
             raise ArgumentError("sources: expected at least one, got none")
         self._capabilities = _the_same([source.capabilities for source in sources])
         self._objects = _the_same([source.objects() for source in sources])
+        self._scene = _the_same([source.scene_identity for source in sources])
         self._sources, self._working = tuple(sources), list(sources)
         self._fault = closed_error("pool")
         self._lock, self._closed = threading.Lock(), False
@@ -55,6 +57,10 @@ class SourcePool(Source):
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._scene
 
     def objects(self) -> ObjectTable:
         self._check_working()

@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View, closed_error
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    SceneIdentity,
+    Source,
+    View,
+    closed_error,
+)
 from omniscv.sources.registry import split_address
 
 if TYPE_CHECKING:
@@ -52,6 +61,7 @@ class SceneSource(Source):
                 raise ArgumentError(f"{name}: expected one of {', '.join(get_args(kind))}; got {value!r}")
         self.scene, self.made = scene, 0
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
+        self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
         colors = ObjectTable({}, ids=ids).colors
         self._objects = ObjectTable(colors, ids=ids if masks == "ids" else {})
@@ -63,6 +73,10 @@ class SceneSource(Source):
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._identity
 
     def objects(self) -> ObjectTable:
         self._check_open()

@@ -1,6 +1,7 @@
 """Recordings as folders and back; folders that other tools made; folders that are wrong."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import omniscv
 from omniscv.errors import ArgumentError, RecordingNotWritableError
 from omniscv.geometry import Pose
 from omniscv.sources.recording.folders import export, import_folder
+from omniscv.sources.recording.store import Store
 
 
 def test_there_and_back_loses_nothing(recorded, tmp_path):
@@ -39,7 +41,7 @@ def test_a_recording_with_other_mask_colours_is_not_added_to(recorded, copy, tmp
     colors["Sofa"] = [9, 9, 9]
     (tmp_path / "faces" / "objects.json").write_text(json.dumps(colors))
     before = contents(copy)
-    with pytest.raises(RecordingNotWritableError, match=r"Sofa is \(9, 9, 9\) and was \("):
+    with pytest.raises(RecordingNotWritableError, match=r"'Sofa' is \(9, 9, 9\) and was \("):
         import_folder(tmp_path / "faces", copy)
     assert contents(copy) == before
 
@@ -89,11 +91,11 @@ GOOD = {
         ({**GOOD, "file": "../a.png"}, "file in the folder"),
         ({**GOOD, "file": "a.tiff"}, ".png or .npy"),
         ({**GOOD, "mode": "beauty"}, "mode: expected one of lit.*got 'beauty'"),
-        ({**GOOD, "view": {**GOOD["view"], "width": 4.0}}, "whole numbers"),
+        ({**GOOD, "view": {**GOOD["view"], "width": 4.0}}, "whole number"),
         ({**GOOD, "view": {"position": [0, 0]}}, "expected a view"),
         ({**GOOD, "view": {**GOOD["view"], "fov_deg": 180}}, "fov_deg"),
         ({**GOOD, "view": {**GOOD["view"], "width": 8}}, "expected an 8-bit PNG of 8 x 4, got 8-bit 4 x 4"),
-        ({**GOOD, "file": "none.png"}, "none.png: expected an image that can be read"),
+        ({**GOOD, "file": "none.png"}, "expected an image that can be read, got 'none.png'"),
         ({**GOOD, "mode": "depth"}, "depth"),
         ({**GOOD, "encoding": "pickle"}, "expected one of png"),
     ],
@@ -108,6 +110,130 @@ def test_a_wrong_entry_is_named_and_nothing_is_written(entry, says, tmp_path):
     with pytest.raises(omniscv.OmniscvError, match=says):
         import_folder(folder, tmp_path / "out.sqlite")
     assert not (tmp_path / "out.sqlite").exists()
+
+
+def test_an_import_is_all_or_nothing(recorded, copy, tmp_path):
+    """The last entry is wrong: neither an old file is changed nor a new one created."""
+    folder = tmp_path / "faces"
+    export(recorded, folder)
+    entries = json.loads((folder / "captures.json").read_text())
+    entries[-1]["view"]["width"] = 8.0
+    (folder / "captures.json").write_text(json.dumps(entries))
+    before = copy.read_bytes()
+    for path in (copy, tmp_path / "new" / "room.sqlite"):
+        with pytest.raises(ArgumentError, match="whole number"):
+            import_folder(folder, path)
+    assert copy.read_bytes() == before
+    assert not (tmp_path / "new").exists()
+
+
+def folder_of(path, tmp_path, **changes):
+    """A recording as a folder, with other files in it; None removes one."""
+    folder = tmp_path / f"folder-{path.stem}"
+    export(path, folder)
+    for name, data in changes.items():
+        file = folder / f"{name}.json"
+        file.unlink() if data is None else file.write_text(json.dumps(data))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({}, r"scene 'four-wall'.*got 'six-wall'"),
+        ({"scene": {}}, r"expected the mask colours of its object masks|tolerance"),
+        ({"scene": {}, "objects": None}, r"expected object masks with an object table in both"),
+    ],
+)
+def test_masks_of_another_scene_are_not_added(changes, says, copy, tmp_path):
+    """They would take the names of this scene's objects."""
+    other = tmp_path / "other.sqlite"
+    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, other) as source:
+        list(source.capture(face_requests(modes=("object_mask",), center=(0.3, 0.0, 1.5))))
+    before = contents(copy)
+    with pytest.raises(RecordingNotWritableError, match=says) as error:
+        import_folder(folder_of(other, tmp_path, **changes), copy)
+    assert len(str(error.value).splitlines()) == 1
+    assert contents(copy) == before
+
+
+def test_masks_without_names_do_not_take_those_of_a_recording(recorded, tmp_path):
+    """The recording has no masks yet, but a table."""
+    path = tmp_path / "room.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        source.objects()
+        list(source.capture(face_requests(modes=("lit",))))
+    with pytest.raises(RecordingNotWritableError, match=r"expected objects\.json in"):
+        import_folder(folder_of(recorded, tmp_path, objects=None), path)
+
+
+def test_what_is_no_regular_file_is_left_alone(recorded, tmp_path):
+    """A FIFO, a folder, a link to a device; a link to a file, or to none yet, is followed."""
+    folder, fifo, null = folder_of(recorded, tmp_path), tmp_path / "fifo", tmp_path / "null"
+    os.mkfifo(fifo)
+    null.symlink_to(os.devnull)
+    for path, what in ((fifo, "a FIFO"), (tmp_path, "a folder"), (null, "a device")):
+        kind = path.stat().st_mode
+        for write in (lambda path: import_folder(folder, path), lambda path: Store(path, write=True)):
+            with pytest.raises(
+                RecordingNotWritableError, match=f"expected a file or a free name, got {what}"
+            ):
+                write(path)
+        assert path.stat().st_mode == kind
+    assert null.is_symlink()
+    for name, target in (("empty", tmp_path / "empty.sqlite"), ("dangling", tmp_path / "none.sqlite")):
+        if name == "empty":
+            target.touch()
+        (tmp_path / name).symlink_to(target)
+        import_folder(folder, tmp_path / name)
+        assert (tmp_path / name).is_symlink()
+        assert contents(target) == contents(recorded)
+
+
+@pytest.mark.parametrize(
+    ("file", "data"),
+    [
+        ("captures", [{**GOOD, "provenance": "me"}]),
+        ("captures", [{**GOOD, "color": "red"}]),
+        ("captures", [{**GOOD, "provenance": {"time": float("nan")}}]),
+        ("captures", [{**GOOD, "file": "\ud800.png"}]),
+        ("captures", [{**GOOD, "file": "a\0.png"}]),
+        ("captures", [{**GOOD, "mode": ["lit"]}]),
+        ("captures", [{**GOOD, "mode": "\x1b[31m" * 1000}]),
+        ("captures", [{**GOOD, "encoding": "x" * 10**6}]),
+        ("captures", [{**GOOD, "encoding": 7}]),
+        ("captures", [{**GOOD, "view": 7}]),
+        ("captures", [{**GOOD, "view": {**GOOD["view"], "position": "abc"}}]),
+        ("captures", [{**GOOD, "view": {**GOOD["view"], "position": [1e999, 0, 0]}}]),
+        ("captures", [{**GOOD, "view": {**GOOD["view"], "width": True}}]),
+        ("captures", [{**GOOD, "view": {**GOOD["view"], "yaw": 3}}]),
+        ("captures", [{**GOOD, "view": {**GOOD["view"], "fov_deg": [[[]]]}}]),
+        ("objects", {"\ud800": [1, 2, 3]}),
+        ("objects", {"a": [1, 2, 300]}),
+        ("objects", [1]),
+        ("masks", {"tolerance": -1}),
+        ("masks", {"tolerance": 3, "ids": {"a": 70000}}),
+        ("masks", {"tolerance": 3, "ids": {"b": 7}}),
+        ("masks", {"colour": 3}),
+        ("scene", {"name": 3}),
+        ("scene", {"title": "x"}),
+    ],
+)
+def test_anything_wrong_in_a_folder_is_one_short_line(file, data, tmp_path):
+    import cv2
+
+    folder = tmp_path / "f"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "a.png"), np.zeros((4, 4, 3), np.uint8))
+    files = {"captures": [GOOD], "objects": {"a": [1, 2, 3]}, file: data}
+    for name, content in files.items():
+        (folder / f"{name}.json").write_text(json.dumps(content))
+    with pytest.raises(omniscv.OmniscvError) as error:
+        import_folder(folder, tmp_path / "out.sqlite")
+    text = str(error.value).replace(str(tmp_path), "")
+    assert text.isprintable()
+    assert len(text) <= 300
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["f"]
 
 
 @pytest.mark.parametrize("index", [None, "{}", "[", "\xff"])

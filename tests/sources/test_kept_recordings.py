@@ -5,6 +5,7 @@ With ``--record-mode=rewrite`` these tests make the recordings (``scripts/make-c
 
 import hashlib
 import json
+import shutil
 from contextlib import closing
 from pathlib import Path
 
@@ -15,7 +16,9 @@ import mock_server
 import omniscv
 from omniscv.sources import Request
 from omniscv.sources.recording.inspection import info, verify
-from omniscv.sources.recording.store import Store, view_from_json
+from omniscv.sources.recording.rows import view_from_json
+from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.upgrade import upgrade
 
 ROOMS = ("four-wall", "six-wall")
 FACE_PX, STRIP_FACE_PX = 192, 56
@@ -114,11 +117,22 @@ DECODED = {
 COLORS = {"four-wall": (20, "836c4c467cf983af"), "six-wall": (22, "a30a148dc504569c")}
 
 
+VERSIONS = {"four-wall": 2, "six-wall": 1}
+"""Both were recorded as version 1, with rows of mode ``normal``, and without tolerance and ids."""
+
+
 @pytest.mark.block_network
+@pytest.mark.parametrize("upgraded", [False, True])
 @pytest.mark.parametrize("room", ROOMS)
-def test_recordings_of_an_earlier_version_replay_to_the_same_pixels(room, recorded_dir):
-    """They are of schema 1, with rows of mode ``normal``, and without tolerance and ids."""
+def test_recordings_of_an_earlier_version_replay_to_the_same_pixels(room, upgraded, recorded_dir, tmp_path):
     path = recorded_dir / f"{room}.sqlite"
+    assert info(path).schema_version == VERSIONS[room]
+    if upgraded:
+        path = tmp_path / "room.sqlite"
+        shutil.copy(recorded_dir / f"{room}.sqlite", path)
+        assert upgrade(path) == (VERSIONS[room] == 1)
+        assert not upgrade(path)
+        assert (info(path).schema_version, verify(path).ok) == (2, True)
     with closing(Store(path)) as store:
         views = [view_from_json(row.asked) for row in store.rows(payload=False)]
     with omniscv.open_source(path) as replay:

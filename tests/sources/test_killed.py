@@ -1,29 +1,25 @@
-"""Kill -9 of the recorder, at random moments: what was recorded stays, resuming captures only the rest."""
+"""Kill -9 at random moments: whatever a process did to a recording, it opens, verifies, and resumes."""
 
+import json
 import os
 import random
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
-import time
-from contextlib import closing
-from pathlib import Path
 
 import pytest
 from support import recorder
-from support.faces import face_requests
-from support.permissions import read_only
-from support.recordings import CountingSource, contents
+from support.recordings import CountingSource, contents, downgrade
 
 import mock_server
 import omniscv
-from omniscv.errors import NotARecordingError
+from omniscv.sources.recording.folders import export
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
-KILLS, SOAK_KILLS = 6, 50
+KILLS, SOAK_KILLS = 3, 25
+NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 
 
 @pytest.fixture(scope="module")
@@ -32,169 +28,137 @@ def server():
         yield running
 
 
-class Recorder:
-    """A process that has imported all it needs, and records after :meth:`go`."""
+class Processes:
+    """Starts processes of :mod:`support.recorder`, and kills them."""
 
-    def __init__(self, uri, path):
-        self._process = subprocess.Popen(
-            [sys.executable, recorder.__file__, uri, path],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+    def __init__(self):
+        self._parent = subprocess.Popen(
+            [sys.executable, recorder.__file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
 
-    def go(self):
-        assert self._process.stdout.readline() == "ready\n"
-        self._process.stdin.write("go\n")
-        self._process.stdin.flush()
-        return time.perf_counter()
+    def run(self, action, *arguments, kill_after_s=None):
+        """Run an action; the seconds that it took, None if it was killed first."""
+        self._parent.stdin.write(json.dumps([action, kill_after_s, *map(str, arguments)]) + "\n")
+        self._parent.stdin.flush()
+        status, seconds = self._parent.stdout.readline().split()
+        assert int(status) in (0, -signal.SIGKILL)
+        return None if int(status) else float(seconds)
 
-    def done(self):
-        assert self._process.stdout.readline() == "done\n"
-        moment = time.perf_counter()
-        self._end()
-        return moment
-
-    def kill(self):
-        if not self._process.stdout.closed:
-            self._process.send_signal(signal.SIGKILL)
-            self._end()
-
-    def _end(self):
-        self._process.communicate(timeout=60)
+    def close(self):
+        self._parent.communicate(timeout=60)
 
 
 @pytest.fixture(scope="module")
-def undisturbed(server, tmp_path_factory):
-    """What a recorder that is not killed records, and how long it takes, seconds."""
-    for name in ("warm-up", "room"):
-        path = tmp_path_factory.mktemp("undisturbed") / f"{name}.sqlite"
-        whole = Recorder(server.uri, path)
-        duration_s = -whole.go() + whole.done()
-    return contents(path), duration_s
+def processes():
+    found = Processes()
+    yield found
+    found.close()
 
 
-def resume(server, path):
-    """Record the rest, in this process; the requests that reach the server's source."""
-    live = CountingSource(omniscv.open_source(server.uri))
-    recorder.record(live, path)
-    return live.requests
+@pytest.fixture(scope="module")
+def whole(server, processes, tmp_path_factory):
+    """A recording of all requests, whose recorder was not killed."""
+    path = tmp_path_factory.mktemp("whole") / "room.sqlite"
+    processes.run("record", server.uri, path)
+    return path
 
 
-def wait_for_a_capture(path):
-    until = time.monotonic() + 60
-    while not (path.exists() and contents(path)[0]):
-        assert time.monotonic() < until
-        time.sleep(0.001)
+@pytest.fixture(scope="module")
+def half(whole, tmp_path_factory):
+    """A recording of some of the requests."""
+    path = tmp_path_factory.mktemp("half") / "room.sqlite"
+    with omniscv.open_source(whole) as replay, omniscv.record(replay, path) as source:
+        list(source.capture(recorder.requests()[::2]))
+    return path
 
 
-@pytest.mark.parametrize(
-    "kills", [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(600)])]
-)
-def test_killed_at_random_moments(kills, server, undisturbed, tmp_path, request):
-    """The file opens, verifies, holds captures of the undisturbed run; resuming captures the others."""
-    (wanted, objects), duration_s = undisturbed
-    moments = random.Random(kills)
-    paths = [tmp_path / f"room-{kill}.sqlite" for kill in range(kills)]
+def moments(kills, longest_s):
+    """When to kill, seconds after the start: at any moment, with all parts of the time alike."""
+    draw = random.Random(kills)
+    return [(i + draw.random()) / kills * longest_s for i in range(kills)]
+
+
+def check(path, allowed):
+    """The file is whole and holds one of the allowed contents; then nothing is left beside it."""
+    report = verify(path)
+    assert report.ok, list(report.lines())
+    found = contents(path)
+    assert found in allowed
+    Store(path, write=True).close()
+    assert contents(path) == found
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    return allowed.index(found)
+
+
+@pytest.mark.parametrize("kills", NUMBERS)
+def test_killed_while_it_records(kills, server, whole, processes, tmp_path):
+    """What was recorded stays, and resuming captures only the rest."""
+    wanted, objects = contents(whole)
+    duration_s = max(processes.run("record", server.uri, tmp_path / f"{i}.sqlite") for i in "ab")
     held = []
-    following = Recorder(server.uri, paths[0])
-    for kill, path in enumerate(paths):
-        victim = following
-        victim.go()
-        longest_s = duration_s
-        if kill % 2:  # amidst the captures; else at any time, opening and closing included
-            wait_for_a_capture(path)
-            longest_s /= 4
-        time.sleep(moments.uniform(0, longest_s))
-        victim.kill()
-        if kill + 1 < kills:  # it imports while this one's file is examined
-            following = Recorder(server.uri, paths[kill + 1])
-            request.addfinalizer(following.kill)
-
+    for number, moment_s in enumerate(moments(kills, duration_s)):
+        path = tmp_path / str(number) / "room.sqlite"
+        processes.run("record", server.uri, path, kill_after_s=moment_s)
         before = {}
         if path.exists():  # else it was killed before it began to record
             report = verify(path)
             assert report.ok, list(report.lines())
             before = contents(path)[0]
             assert before.items() <= wanted.items()
-
-        requested = resume(server, path)
-        assert len(set(requested)) == len(requested) == len(wanted) - len(before)
+        live = CountingSource(omniscv.open_source(server.uri))
+        recorder.record(live, path)
+        assert len(set(live.requests)) == len(live.requests) == len(wanted) - len(before)
         assert contents(path) == (wanted, objects)
-        assert verify(path).ok
-        assert [file.name for file in tmp_path.glob(f"{path.name}*")] == [path.name]  # one file again
+        assert check(path, [(wanted, objects)]) == 0
         held.append(len(before))
-    print(
-        f"killed {kills} times within {duration_s:.2f} s: held {sorted(held)} of {len(wanted)} captures; "
-        f"resuming captured the other {sum(len(wanted) - n for n in held)}, none twice"
-    )
-    assert all(held[1::2])
+    print(f"killed {kills} times within {duration_s:.2f} s: held {held} of {len(wanted)} captures")
+    assert max(held) > 0
 
 
-@pytest.fixture
-def log_left(recorded, tmp_path):
-    """Put into a folder what a killed recorder leaves: an empty recording, and a log with a capture."""
-
-    def leave(folder):
-        writing = tmp_path / "writing" / "room.sqlite"
-        store = Store(writing, write=True)
-        with omniscv.open_source(recorded) as replay:
-            store.add(next(replay.capture(face_requests())))
-        for file in writing.parent.iterdir():
-            shutil.copy(file, folder)
-        store.close()
-        assert Path(f"{folder / writing.name}-wal").stat().st_size > 0
-        return folder / writing.name
-
-    return leave
+def upgraded(folder, half, whole):
+    path = folder / "room.sqlite"
+    downgrade(whole, path)
+    return ("upgrade", path), [contents(path)]
 
 
-def test_a_leftover_log_is_read_in_a_read_only_folder(log_left, open_folder):
-    path = log_left(open_folder)
-    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
-    with read_only(open_folder):
-        report = verify(path)
-    assert (report.ok, report.captures) == (True, 1)
-    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
+def imported(folder, half, whole):
+    path, faces = folder / "room.sqlite", folder.parent / f"{folder.name}-faces"
+    shutil.copy(half, path)
+    if not faces.exists():
+        export(whole, faces)
+    return ("import", faces, path), [contents(half), contents(whole)]
 
 
-def test_a_log_that_cannot_be_read_there_is_an_error_and_no_empty_recording(log_left, open_folder):
-    """The file was copied with its log, but without the index of the log, which SQLite must then write."""
-    path = log_left(open_folder)
-    Path(f"{path}-shm").unlink()
-    with (
-        read_only(open_folder),
-        pytest.raises(NotARecordingError, match="open it once in a folder that can be written"),
-    ):
-        verify(path)
-    assert verify(path).captures == 1
+def replaced(folder, half, whole):
+    path = folder / "room.sqlite"
+    shutil.copy(half, path)
+    return ("replace", whole, path), [contents(half), contents(whole)]
 
 
-def test_a_recording_without_a_log_is_read_in_a_read_only_folder(log_left, open_folder):
-    """Killed after its log was merged into the file, before the header was changed."""
-    path = log_left(open_folder)
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("SELECT 1 FROM capture")  # closing merges the log, but leaves the header as it is
-    assert [file.name for file in open_folder.iterdir()] == [path.name]
-    with read_only(open_folder):
-        report = verify(path)
-    assert (report.ok, report.captures) == (True, 1)
+def changed(folder, half, whole):
+    path = folder / "room.sqlite"
+    shutil.copy(whole, path)
+    return ("change", path, half.with_name("again.sqlite")), [contents(whole)]
 
 
-def test_a_half_written_header_is_rolled_back_for_a_reader(copy, tmp_path):
-    """Killed while the header was changed: a rollback journal is left, which only a writer may roll back."""
-    folder = tmp_path / "killed"
-    folder.mkdir()
-    database = sqlite3.connect(copy, isolation_level=None)
-    database.execute("PRAGMA cache_size = 1")
-    database.execute("BEGIN")
-    database.execute("PRAGMA user_version = 99")
-    database.execute("UPDATE capture SET payload = zeroblob(100000)")  # so much that pages reach the file
-    for file in copy.parent.glob("copy.sqlite*"):
-        shutil.copy(file, folder)
-    database.close()
-    assert sorted(file.name for file in folder.iterdir()) == ["copy.sqlite", "copy.sqlite-journal"]
-    report = verify(folder / copy.name)
-    assert (report.ok, report.captures) == (True, 24)
-    assert [file.name for file in folder.iterdir()] == ["copy.sqlite"]
+@pytest.mark.parametrize("kills", NUMBERS)
+@pytest.mark.parametrize("prepare", [upgraded, imported, replaced, changed])
+def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, tmp_path):
+    """The file is what it was before, or what it should become, and never anything between."""
+    shutil.copy(whole, half.with_name("again.sqlite"))
+    path = tmp_path / "room" / "room.sqlite"
+    path.parent.mkdir()
+    action, allowed = prepare(path.parent, half, whole)
+    duration_s = processes.run(*action)
+    assert check(path, allowed) == len(allowed) - 1
+    ended = 0
+    for moment_s in moments(kills, 1.1 * duration_s):
+        path.unlink()
+        action, allowed = prepare(path.parent, half, whole)
+        ended += processes.run(*action, kill_after_s=moment_s) is not None
+        check(path, allowed)
+    print(f"{prepare.__name__}: killed {kills - ended} times within {duration_s:.3f} s")
+    assert ended < kills
 
 
 def test_a_killed_creation_leaves_no_file_that_does_not_open(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from support.faces import face_requests
-from support.recordings import contents
+from support.recordings import contents, downgrade
 
 import omniscv
 from omniscv.errors import MissingCaptureError, NotARecordingError
@@ -22,9 +22,10 @@ VIEW = View(POSE, 90.0, 32, 32)
 @pytest.fixture
 def old(tmp_path):
     """A recording whose normals have the mode ``normal``, as earlier versions wrote them."""
-    path = tmp_path / "old.sqlite"
-    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+    new, path = tmp_path / "new.sqlite", tmp_path / "old.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), new) as source:
         list(source.capture(face_requests(modes=("lit", "normals"))))
+    downgrade(new, path)
     with closing(sqlite3.connect(path)) as database, database:
         database.execute("UPDATE capture SET mode = 'normal', key = replace(key, 'normals', 'normal')")
         database.execute("UPDATE capture SET mode = 'lit' WHERE key LIKE '%lit%'")

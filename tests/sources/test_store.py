@@ -123,8 +123,8 @@ def test_recording_again_captures_only_what_is_new(copy):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"Sofa": (9, 9, 9)}, r"Sofa is \(9, 9, 9\) and was \("),
-        ({"Cat": "Sofa"}, r"Cat is \(.*\), which was Sofa"),
+        ({"Sofa": (9, 9, 9)}, r"'Sofa' is \(9, 9, 9\) and was \("),
+        ({"Cat": "Sofa"}, r"'Cat' is \(.*\), which was 'Sofa'"),
     ],
 )
 def test_other_mask_colours_are_refused(change, says, copy):
@@ -132,7 +132,7 @@ def test_other_mask_colours_are_refused(change, says, copy):
     before = contents(copy)
     colors = before[1].colors
     changed = {name: colors.get(color, color) for name, color in change.items()}
-    live = Relabelled(omniscv.open_source("scene://four-wall"), ObjectTable({**colors, **changed}))
+    live = Relabelled(omniscv.open_source("scene://four-wall"), ObjectTable({**colors, **changed}, 3))
     with omniscv.record(live, copy) as source, pytest.raises(RecordingNotWritableError, match=says):
         source.objects()
     assert contents(copy) == before

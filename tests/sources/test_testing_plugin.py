@@ -1,14 +1,18 @@
 """The pytest plugin in other people's projects: tests in files of their own, run by pytest."""
 
 import json
+import sqlite3
 import subprocess
 import sys
 import textwrap
+from contextlib import closing
 
 import pytest
-from support.recordings import provenances
+from support.recordings import downgrade, provenances
 
 import mock_server
+from omniscv.sources.recording.inspection import verify
+from omniscv.sources.recording.store import Store
 
 pytest_plugins = "pytester"
 
@@ -130,6 +134,53 @@ def test_rewrite_starts_from_nothing(suite, record):
     suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=rewrite", passed=1)
     suite(CAPTURES.format(modes=["lit"]), "--record-mode=rewrite", passed=1)
     assert times(record).keys() == {"lit"}
+
+
+FAILS = CAPTURES.format(modes=["lit", "depth"]) + "    assert False\n"
+SKIPS = CAPTURES.format(modes=["lit", "depth"]) + "    pytest.skip('not today')\n"
+
+
+@pytest.mark.parametrize("mode", ["once", "new_episodes", "all", "rewrite"])
+def test_a_test_that_does_not_pass_neither_creates_nor_changes_a_recording(mode, suite, record, pytester):
+    option = f"--record-mode={mode}"
+    suite(FAILS, option, failed=1)
+    assert not record.parent.exists() or list(record.parent.iterdir()) == []
+    suite(CAPTURES.format(modes=["lit"]), option, passed=1)
+    before = record.read_bytes()
+    if mode != "once":
+        suite(FAILS, option, failed=1)
+        suite(SKIPS, option, skipped=1)
+    assert record.read_bytes() == before
+    assert list(record.parent.iterdir()) == [record]
+
+
+@pytest.mark.parametrize("left", ["nothing", "an empty file", "no captures"])
+def test_once_records_where_a_recording_holds_nothing(left, suite, record):
+    record.parent.mkdir(parents=True)
+    if left == "an empty file":
+        record.touch()
+    if left == "no captures":
+        Store(record, write=True).close()
+    suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
+    suite(CAPTURES.format(modes=["lit"]), passed=1)
+
+
+@pytest.mark.parametrize("mode", ["once", "rewrite"])
+def test_logs_of_the_file_before_are_not_taken_in(mode, suite, record, recorded):
+    """Left by a recorder of version 1 that was killed; its file was removed for `once`."""
+    record.parent.mkdir(parents=True)
+    downgrade(recorded, record)
+    with closing(sqlite3.connect(record, isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("UPDATE capture SET mode = 'depth'")
+        log = record.with_name("room.sqlite-wal").read_bytes()
+    record.with_name("room.sqlite-wal").write_bytes(log)
+    if mode == "once":
+        record.unlink()
+    suite(CAPTURES.format(modes=["lit"]), f"--record-mode={mode}", passed=1)
+    suite(CAPTURES.format(modes=["lit"]), passed=1)
+    assert times(record).keys() == {"lit"}
+    assert verify(record).ok
 
 
 def test_rewrite_keeps_the_old_file_where_nobody_answers(suite, record):

@@ -1,14 +1,24 @@
-"""A recorder to be killed: prints when it is ready, waits for a line, then records all faces into a file.
+"""Starts processes that change recordings, and may be killed: one is forked for each line of standard input.
 
-Usage: recorder.py ADDRESS FILE
+A line is a JSON list: an action of ``ACTIONS``, after how many seconds to kill the process, or null, and the
+action's arguments. Prints the process's status and how long it took. All that the actions need is imported
+before, so that they are quick.
 """
 
+import json
+import os
+import signal
 import sys
+import time
+from contextlib import closing
 
 import omniscv
-import omniscv.sources.unreal.source  # what opening a source imports, before the clock starts
+import omniscv.sources.unreal.source  # what opening a source imports
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import Request, View
+from omniscv.sources.recording import folders, upgrade
+from omniscv.sources.recording.replacing import part_of, place_of, publish
+from omniscv.sources.recording.store import Store
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))
 MODES = ("lit", "object_mask", "depth", "normals")
@@ -33,8 +43,48 @@ def record(source, path):
             pass
 
 
+def replace(other, path):
+    """Put another recording in the place of one, as the pytest plugin does."""
+    place = place_of(path)
+    with part_of(place) as part:
+        record(omniscv.open_source(other), part)
+        publish(part, place)
+
+
+def change(path, other):
+    """Write a file's captures again and again, in the place of the same."""
+    with closing(Store(path, write=True)) as store, omniscv.open_source(other) as replay:
+        for capture in replay.capture(requests()):
+            store.add(capture)
+
+
+ACTIONS = {
+    "record": lambda address, path: record(omniscv.open_source(address), path),
+    "upgrade": upgrade.upgrade,
+    "import": folders.import_folder,
+    "replace": replace,
+    "change": change,
+}
+
+
+def main():
+    for line in sys.stdin:
+        action, kill_after_s, *arguments = json.loads(line)
+        started = time.perf_counter()
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                ACTIONS[action](*arguments)
+                code = 0
+            finally:
+                os._exit(code)
+        if kill_after_s is not None:
+            time.sleep(kill_after_s)
+            os.kill(child, signal.SIGKILL)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        print(status, time.perf_counter() - started, flush=True)
+
+
 if __name__ == "__main__":
-    print("ready", flush=True)
-    sys.stdin.readline()
-    record(omniscv.open_source(sys.argv[1]), sys.argv[2])
-    print("done", flush=True)
+    main()

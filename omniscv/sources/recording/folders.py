@@ -1,18 +1,42 @@
 """Recordings as folders of images and JSON, and back. The layout is in docs/capture-folders.md."""
 
 import json
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from omniscv import modalities
-from omniscv.errors import ArgumentError, BadReplyError, DamagedRecordingError, RecordingNotWritableError
+from omniscv.arguments import number, numbers, shown, whole_number
+from omniscv.errors import (
+    ArgumentError,
+    BadReplyError,
+    DamagedRecordingError,
+    RecordingError,
+    RecordingNotWritableError,
+)
 from omniscv.geometry import Pose
-from omniscv.sources.base import Capture, ObjectTable, Request, View
+from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
-from omniscv.sources.recording.store import DEFAULT_TOLERANCE, Store, object_from_json, view_from_json
+from omniscv.sources.recording.object_tables import labelled_modes
+from omniscv.sources.recording.replacing import kind_of, part_of, place_of, publish_new
+from omniscv.sources.recording.rows import (
+    DEFAULT_TOLERANCE,
+    Row,
+    object_from_json,
+    scene_from_json,
+    scene_in,
+    the_scene,
+)
+from omniscv.sources.recording.schema import MOST_OBJECTS
+from omniscv.sources.recording.store import Store
 
-INDEX, OBJECTS, MASKS = "captures.json", "objects.json", "masks.json"
+INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
+
+_ENTRY = {"file", "mode", "view", "asked", "encoding", "provenance"}
+_ANGLES = {"yaw_deg", "pitch_deg", "roll_deg"}
+_VIEW_NEEDS = {"position", "fov_deg", "width", "height"}
 
 
 def export(path: Path | str, folder: Path | str) -> int:
@@ -31,6 +55,7 @@ def export(path: Path | str, folder: Path | str) -> int:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ArgumentError(f"{folder}: expected an empty or new folder, but it holds something")
     with closing(Store(path)) as store:
+        store.listing()  # checks that none is lost
         try:
             folder.mkdir(parents=True, exist_ok=True)
             entries = []
@@ -48,6 +73,7 @@ def export(path: Path | str, folder: Path | str) -> int:
             _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in objects.colors.items()})
             if objects.ids or objects.tolerance != DEFAULT_TOLERANCE:
                 _write_json(folder / MASKS, {"tolerance": objects.tolerance, "ids": objects.ids})
+            _write_json(folder / SCENE, asdict(store.scene_identity))
             _write_json(folder / INDEX, entries)  # last: a folder with an index is complete
             return len(entries)
         except OSError as cause:
@@ -57,66 +83,136 @@ def export(path: Path | str, folder: Path | str) -> int:
 def import_folder(folder: Path | str, path: Path | str) -> int:
     """Write a folder's captures, exported or rendered by other tools, into a recording; return how many.
 
-    Every capture is decoded before the first is written, so that a wrong folder leaves no file behind.
+    All or nothing: every capture is checked as a recording's own before the first is written, and all are
+    written as one change.
 
     Raises:
         ArgumentError: the folder's index is missing or wrong; the message names the entry.
         BadReplyError: an image is not what its entry says.
-        RecordingError: the file is no recording, cannot be written, or has other mask colours.
+        RecordingError: the file is no recording, cannot be written, has other mask colours, or is of another
+            scene.
     """
     folder = Path(folder)
     entries = list(enumerate(_read_json(folder / INDEX, list)))
-    objects = _objects(folder)
+    objects, masks, scenes = _objects(folder), False, set()
     for entry in entries:
-        _read_entry(folder, *entry)  # all are right before the first is written
-    with closing(Store(path, write=True)) as store:
-        store.set_objects(objects)
+        capture = _read_entry(folder, *entry)
+        masks = masks or capture.mode in labelled_modes()
+        scenes.add(scene_in(json.dumps(dict(capture.provenance))))
+    scene = _scene(folder) or the_scene(scenes)
+    with _opened(path) as store, store.transaction():
+        store.set_scene(scene)
+        if masks and store.has_masks() and bool(objects.colors) != bool(store.objects().colors):
+            wanted = f"expected object masks with an object table in both {folder} and it, or in neither"
+            raise RecordingNotWritableError(f"{path}: {wanted}; import into another file")
+        if objects.colors:
+            store.set_objects(objects)
+        elif masks and store.objects().colors:
+            wanted = f"expected {OBJECTS} in {folder}, whose object masks would get the names of others"
+            raise RecordingNotWritableError(f"{path}: {wanted}; import into another file")
         for entry in entries:
             store.add(_read_entry(folder, *entry))
     return len(entries)
 
 
+@contextmanager
+def _opened(path: Path | str) -> Iterator[Store]:
+    """A recording to add to: the one that is there, or a new one, which appears when all is well."""
+    place = place_of(path)
+    if kind_of(place) and place.stat().st_size:
+        with closing(Store(path, write=True)) as store:
+            yield store
+        return
+    with part_of(place) as part:
+        with closing(Store(part, write=True)) as store:
+            yield store
+        if not publish_new(part, place):
+            wanted = "expected a new file, but another recorder has just created one"
+            raise RecordingNotWritableError(f"{path}: {wanted}; import again to add to it")
+
+
 def _read_entry(folder: Path, number: int, entry: Any) -> Capture:
+    """The capture of an entry, checked."""
     where = f"{folder / INDEX}: entry {number}"
     if not isinstance(entry, dict) or not {"file", "mode", "view"} <= set(entry):
-        raise ArgumentError(f"{where}: expected 'file', 'mode' and 'view', got {entry!r}")
+        raise ArgumentError(f"{where}: expected 'file', 'mode' and 'view', got {shown(entry)}")
+    if strange := set(entry) - _ENTRY:
+        known = ", ".join(sorted(_ENTRY))
+        raise ArgumentError(f"{where}: expected some of {known}; got {shown(min(strange))}")
     name, view = entry["file"], _view(entry["view"], where)
     if not isinstance(name, str) or name != Path(name).name:
-        raise ArgumentError(f"{where}: expected the name of a file in the folder, got {name!r}")
+        raise ArgumentError(f"{where}: file: expected the name of a file in the folder, got {shown(name)}")
+    provenance = entry.get("provenance", {"server": "imported"})
+    if not isinstance(provenance, dict):
+        raise ArgumentError(f"{where}: provenance: expected a JSON object, got {shown(provenance)}")
     try:
-        request = Request(_view(entry.get("asked", entry["view"]), where), entry["mode"])
+        request = Request(_view(entry.get("asked", entry["view"]), where), _word(entry, "mode"))
+        encoding = _word(entry, "encoding") if entry.get("encoding") else _default_encoding(name, request)
     except ArgumentError as unknown:
         raise ArgumentError(f"{where}: {unknown}") from unknown
-    encoding = entry.get("encoding") or _default_encoding(name, request.mode, where)
     try:
         payload = (folder / name).read_bytes()
+    except (OSError, ValueError) as cause:
+        got = f"{shown(name)}: {getattr(cause, 'strerror', None) or 'no name of a file'}"
+        raise ArgumentError(f"{where}: expected an image that can be read, got {got}") from cause
+    try:
         pixels = decode(payload, encoding, request.mode, view)
-    except OSError as cause:
-        raise ArgumentError(f"{folder / name}: expected an image that can be read, got: {cause}") from cause
-    except BadReplyError as cause:
-        raise BadReplyError(f"{folder / name}: {cause}") from cause
-    return Capture(request, view, pixels, entry.get("provenance", {"server": "imported"}), payload, encoding)
+        capture = Capture(request, view, pixels, provenance, payload, encoding)
+        row = Row.of(capture, 1, "")
+        row.check("")
+        row.capture()  # it can be read again
+    except (BadReplyError, RecordingError, ArgumentError) as cause:
+        kind = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
+        raise kind(f"{where}: {shown(name)}: {cause}") from cause
+    return capture
 
 
-def _default_encoding(name: str, mode: str, where: str) -> str:
+def _word(entry: dict[str, Any], key: str) -> str:
+    """A short text of an entry."""
+    value = entry[key]
+    if not isinstance(value, str) or len(value) > 100:
+        raise ArgumentError(f"{key}: expected a word, got {shown(value)}")
+    return value
+
+
+def _default_encoding(name: str, request: Request) -> str:
     kind = Path(name).suffix.lower().removeprefix(".")
     if kind not in ("png", "npy"):
-        raise ArgumentError(f"{where}: expected a .png or .npy file, got {name!r}")
-    return "png normal" if kind == "png" and modalities.get(mode).interpolation == "direction" else kind
+        raise ArgumentError(f"file: expected a .png or .npy file, got {shown(name)}")
+    return (
+        "png normal" if kind == "png" and modalities.get(request.mode).interpolation == "direction" else kind
+    )
 
 
 def _view(data: Any, where: str) -> View:
     """A view with a rotation matrix, or with yaw, pitch and roll."""
+    wanted = "position, rotation (or yaw_deg, pitch_deg, roll_deg), fov_deg, width and height"
+    if not isinstance(data, dict) or not _VIEW_NEEDS <= set(data) <= _VIEW_NEEDS | _ANGLES | {"rotation"}:
+        raise ArgumentError(f"{where}: expected a view with {wanted}; got {shown(data)}")
     try:
+        position = numbers("position", data["position"], (3,))
         if "rotation" not in data:
-            angles = {key: data[key] for key in ("yaw_deg", "pitch_deg", "roll_deg") if key in data}
-            data = {**data, **Pose.from_angles(data["position"], **angles).to_dict()}
-        return view_from_json(json.dumps(data))
-    except (KeyError, TypeError, ValueError, DamagedRecordingError) as cause:
-        raise ArgumentError(
-            f"{where}: expected a view with position, rotation (or yaw_deg, pitch_deg, roll_deg), fov_deg, "
-            f"width and height; got {data!r}: {cause}"
-        ) from cause
+            angles = {key: number(key, data[key]) for key in _ANGLES & set(data)}
+            pose = Pose.from_angles(position, **angles)
+        elif _ANGLES & set(data):
+            raise ArgumentError("expected a rotation or angles, got both")
+        else:
+            pose = Pose(position, numbers("rotation", data["rotation"], (3, 3)))
+        size = (whole_number(key, data[key], "px", most=1 << 16) for key in ("width", "height"))
+        return View(pose, number("fov_deg", data["fov_deg"]), *size)
+    except ArgumentError as cause:
+        raise ArgumentError(f"{where}: view: {cause}") from cause
+
+
+def _scene(folder: Path) -> SceneIdentity | None:
+    """The scene that a folder names; None where it names none."""
+    if not (folder / SCENE).exists():
+        return None
+    try:
+        return scene_from_json(json.dumps(_read_json(folder / SCENE, dict)))
+    except DamagedRecordingError as cause:
+        wanted = "expected the texts 'name', 'level' and 'content'"
+        raise ArgumentError(f"{folder / SCENE}: {wanted}, got: {cause}") from cause
 
 
 def _objects(folder: Path) -> ObjectTable:
@@ -128,11 +224,19 @@ def _objects(folder: Path) -> ObjectTable:
         if not (
             isinstance(rgb, list) and len(rgb) == 3 and _whole(*rgb) and 0 <= min(rgb) <= max(rgb) <= 255
         ):
-            wanted = f"expected three numbers 0..255 for {name!r}"
-            raise ArgumentError(f"{folder / OBJECTS}: {wanted}, got {rgb!r}")
-    if not (isinstance(ids, dict) and _whole(tolerance, *ids.values())):
+            wanted = f"expected three numbers 0..255 for {shown(name)}"
+            raise ArgumentError(f"{folder / OBJECTS}: {wanted}, got {shown(rgb)}")
+    if not (
+        set(masks) <= {"ids", "tolerance"} and isinstance(ids, dict) and _whole(tolerance, *ids.values())
+    ):
         expected = "expected 'tolerance' and 'ids', name to number"
-        raise ArgumentError(f"{folder / MASKS}: {expected}; got {masks!r}")
+        raise ArgumentError(f"{folder / MASKS}: {expected}; got {shown(masks)}")
+    if not (0 <= tolerance <= 255 and all(0 <= each <= MOST_OBJECTS for each in ids.values())):
+        expected = f"expected a tolerance of 0 to 255 and ids of 0 to {MOST_OBJECTS}"
+        raise ArgumentError(f"{folder / MASKS}: {expected}, got {shown(masks)}")
+    if strange := set(ids) - set(colors or ids):
+        wanted = f"expected ids of objects in {OBJECTS}"
+        raise ArgumentError(f"{folder / MASKS}: {wanted}, got {shown(min(strange))}")
     return ObjectTable({name: (r, g, b) for name, (r, g, b) in colors.items()}, tolerance, ids)
 
 

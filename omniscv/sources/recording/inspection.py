@@ -1,16 +1,16 @@
 """What a recording holds, and whether it is undamaged."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from omniscv.errors import DamagedRecordingError
-from omniscv.sources.recording.store import SCHEMA_VERSION, Store, object_from_json, view_from_json
+from omniscv.errors import RecordingError
+from omniscv.sources.recording.rows import object_from_json, view_from_json
+from omniscv.sources.recording.store import Store
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Info:
 def info(path: Path | str) -> Info:
     """What a recording holds, without its pixels; RecordingError if it cannot be read."""
     with closing(Store(path)) as store:
-        rows = list(store.rows(payload=False))
+        rows = store.listing()
         views = [view_from_json(row.captured) for row in rows]
         origins = [object_from_json(row.provenance) for row in rows]
         times = [each["time"] for each in origins if isinstance(each.get("time"), int | float)]
@@ -58,7 +58,7 @@ def info(path: Path | str) -> Info:
         return Info(
             file=str(store.path),
             bytes=store.path.stat().st_size,
-            schema_version=SCHEMA_VERSION,
+            schema_version=store.version,
             captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
             centers=len({view.key()[2:5] for view in views}),
             sizes=dict(Counter(f"{view.width}x{view.height}" for view in views).most_common()),
@@ -92,15 +92,26 @@ class Verification:
 
 
 def verify(path: Path | str) -> Verification:
-    """Check structure, object table, and each capture; RecordingError if the file cannot be read."""
+    """Check the structure, the object table, that no capture is lost, and each capture.
+
+    Raises:
+        RecordingError: the file cannot be read, or has other tables than a recording.
+    """
     with closing(Store(path)) as store:
         faults = store.structural_faults()
-        for check in chain([store.objects], (row.capture for row in store.rows())):
+
+        def check(what: Callable[[], object]) -> None:
             try:
-                check()
-            except DamagedRecordingError as cause:
-                faults.append(str(cause))
-        captures = sum(1 for _ in store.rows(payload=False))
+                what()
+            except RecordingError as cause:
+                faults.append(str(cause).removeprefix(f"{store.path}: "))
+
+        check(store.objects)
+        check(store.listing)
+        captures = 0
+        for row in store.rows():
+            captures += 1
+            check(row.capture)
         return Verification(str(store.path), captures, [f"{store.path}: {fault}" for fault in faults])
 
 

@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from omniscv import modalities
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import (
@@ -16,12 +18,15 @@ from omniscv.sources.base import (
     Capture,
     ObjectTable,
     Request,
+    SceneIdentity,
     Source,
     SourceWrapper,
     View,
     not_picklable,
 )
-from omniscv.sources.recording.store import Store, view_from_json
+from omniscv.sources.recording.object_tables import labelled_modes
+from omniscv.sources.recording.rows import view_from_json
+from omniscv.sources.recording.store import Store
 
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
 _AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
@@ -38,7 +43,7 @@ class RecordedSource(Source):
     def __init__(self, path: Path | str) -> None:
         self._store = Store(path)
         modes: dict[View, set[str]] = defaultdict(set)
-        for row in self._store.rows(payload=False):
+        for row in self._store.listing():
             modes[view_from_json(row.asked)].add(row.mode_name)
         self._modes = dict(modes)
         self._along: dict[tuple[Any, ...], list[View]] = defaultdict(list)
@@ -52,6 +57,10 @@ class RecordedSource(Source):
 
     def recorded_views(self) -> tuple[View, ...]:
         return tuple(self._modes)
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._store.scene_identity
 
     def cover(self, view: View) -> tuple[View, ...]:
         """The view, then recorded ones of the same centre, field of view and size, turned about its axis.
@@ -86,7 +95,11 @@ class RecordedSource(Source):
         wanted = f"expected a {request.mode} capture of {_describe(request.view)}"
         views = [view for view, modes in self._modes.items() if request.mode in modes]
         if not views:
-            modes = ", ".join(sorted(self._capabilities.modes)) or "nothing"
+            known = modalities.names()
+            modes = ", ".join(
+                mode if mode in known else shown(mode) for mode in sorted(self._capabilities.modes)[:20]
+            )
+            modes = modes or "nothing"
             return f"{wanted}; the recording holds no {request.mode}, only {modes}"
         nearest = min(views, key=lambda view: sum(_distances(view, request.view)))
         return f"{wanted}; the nearest recorded view differs in {_differences(nearest, request.view)}"
@@ -106,7 +119,8 @@ class Recording(SourceWrapper):
 
     Raises:
         ArgumentError: ``source`` is no source.
-        RecordingError: the file is something else, newer, damaged, or cannot be written.
+        RecordingError: the file is something else, newer, damaged, cannot be written, or holds captures of
+            another scene.
     """
 
     def __init__(self, source: Source, path: Path | str, *, anew: bool = False) -> None:
@@ -114,16 +128,25 @@ class Recording(SourceWrapper):
             raise ArgumentError(f"source: expected an open source, got {source!r}; open it with open_source")
         super().__init__(source)
         self._store = Store(path, write=True)
+        try:
+            self._store.set_scene(source.scene_identity)
+        except BaseException:
+            self._store.close()
+            raise
         self._renewed: set[Request] | None = set() if anew else None
         self._objects: ObjectTable | None = None
+        self._labelled = set(labelled_modes())
         self._lock = threading.Lock()
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; a new capture is in the file before it is yielded."""
         coming = iter(requests)
+        self._store.set_scene(self._source.scene_identity)  # which a game may have left
         while True:
             waiting: deque[Request] = deque()
             for fresh in self._source.capture(self._missing(coming, waiting)):
+                if fresh.mode in self._labelled:
+                    self.objects()  # a mask without them would take the names of others
                 self._store.add(fresh)
                 if self._renewed is not None:
                     self._renewed.add(fresh.request)

@@ -1,94 +1,58 @@
-"""The file of a recording: one SQLite database, one row per capture.
+"""The file of a recording: one SQLite database, one row per capture, described in docs/recording-format.md.
 
-Each capture is a transaction in a write-ahead log beside the file, which is merged into it when it is closed:
-whatever kills the process, a capture is in the file whole or not at all. After a kill the log stays; whoever
-opens the file next reads the log with it.
+Each capture is a transaction: whatever kills the process, a capture is in the file whole or not at all. What
+a killed process left half-written is undone from the journal beside the file when it is next opened.
 """
 
 import contextlib
-import json
 import os
 import secrets
 import sqlite3
 import threading
-import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NoReturn
 
-from omniscv import errors, modalities
-from omniscv.errors import ArgumentError, BadReplyError, DamagedRecordingError, NotARecordingError
-from omniscv.geometry import Pose
-from omniscv.sources.base import Capture, ObjectTable, Request, View, closed_error
-from omniscv.sources.codecs import decode, payload_of
+from omniscv.arguments import shown
+from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingNotWritableError
+from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
+from omniscv.sources.recording import object_tables, schema
+from omniscv.sources.recording.logs import settle
+from omniscv.sources.recording.replacing import (
+    followed,
+    kind_of,
+    part_of,
+    place_of,
+    publish_new,
+    remove_leftovers,
+)
+from omniscv.sources.recording.rows import (
+    Head,
+    Row,
+    insert,
+    keys,
+    scene_in,
+    scene_to_json,
+    the_scene,
+    write_head,
+)
+from omniscv.sources.recording.upgrade import COLUMNS_1, upgrade
 
-SCHEMA_VERSION = 1
-DEFAULT_TOLERANCE = 3  # of the object table in recordings that hold none: that of UnrealCV servers
-
-_APPLICATION_ID = 0x6F6D6E69  # "omni"
-_SCHEMA = f"""
-PRAGMA application_id = {_APPLICATION_ID};
-PRAGMA user_version = {SCHEMA_VERSION};
-CREATE TABLE capture (
-    key TEXT PRIMARY KEY,          -- mode and View.key() of the request
-    mode TEXT NOT NULL,
-    asked TEXT NOT NULL,           -- the requested view, JSON
-    captured TEXT NOT NULL,        -- the captured view, JSON
-    encoding TEXT NOT NULL,        -- see omniscv.sources.codecs
-    checksum INTEGER NOT NULL,     -- CRC-32 of the payload
-    provenance TEXT NOT NULL,      -- JSON
-    payload BLOB NOT NULL          -- the bytes as received
-);
-CREATE TABLE object (name TEXT PRIMARY KEY, red INTEGER, green INTEGER, blue INTEGER);
-"""
-# One row, where the object table has instance ids (JSON, name to id) or another tolerance:
-_MASK_TABLE = "CREATE TABLE IF NOT EXISTS mask (tolerance INTEGER NOT NULL, ids TEXT NOT NULL)"
+_COLUMNS = {1: COLUMNS_1, 2: ", ".join(Row._fields)}
 # Errors of a file that needs the index of a log beside it, in a folder where none can be created:
 _NO_INDEX = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY_DIRECTORY)
 # Connections of the parent process, which a forked child must neither use nor close:
 _inherited: list[sqlite3.Connection] = []
 
 
-class Row(NamedTuple):
-    """A capture as it is stored, see the schema; anything may be written in a file."""
-
-    key: str
-    mode: str
-    asked: str
-    captured: str
-    encoding: str
-    checksum: int
-    provenance: str
-    payload: bytes
-
-    @property
-    def mode_name(self) -> str:
-        """The name of the modality, which earlier versions may have stored by an alias."""
-        with contextlib.suppress(ArgumentError):
-            return modalities.get(self.mode).name
-        return str(self.mode)
-
-    def capture(self) -> Capture:
-        """The capture, checked and decoded; DamagedRecordingError if a value is not what was recorded."""
-        checksum = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
-        try:
-            if checksum != self.checksum:
-                raise ArgumentError(f"expected checksum {self.checksum!r}, got {checksum}")
-            request = Request(view_from_json(self.asked), self.mode_name)
-            view, provenance = view_from_json(self.captured), object_from_json(self.provenance)
-            pixels = decode(self.payload, self.encoding, request.mode, view)
-        except (ArgumentError, BadReplyError, DamagedRecordingError) as cause:
-            raise DamagedRecordingError(f"capture {self.key}: {cause}") from cause
-        return Capture(request, view, pixels, provenance, self.payload, self.encoding)
-
-
 class Store:
     """An open recording; safe to use from several threads, and in forked children.
 
     Args:
-        path: the file.
-        write: whether captures will be added; the file is then created if there is none.
+        path: the file; links are followed.
+        write: whether captures will be added; the file is then created if there is none, and a recording of
+            version 1 becomes one of version 2.
 
     Raises:
         NotARecordingError: there is no file to read, it is something else, or it is damaged.
@@ -98,32 +62,25 @@ class Store:
 
     def __init__(self, path: Path | str, *, write: bool = False) -> None:
         self.path = Path(path)
-        self._write, self._closed = write, False
+        self._write, self._closed, self._version = write, False, 0
+        self._head: Head | None = None  # of the transaction under way
+        self._id: str | None = None
+        self._place = place_of(path) if write else followed(path)
         self._connection = self._connect()
 
-    def _connect(self) -> tuple[sqlite3.Connection, threading.Lock, int]:
-        database = _open_to_write(self.path) if self._write else _open_to_read(self.path)
+    def _connect(self) -> tuple[sqlite3.Connection, threading.RLock, int]:
+        opened = _open_to_write if self._write else _open_to_read
+        database = opened(self._place, self.path)
         try:
-            with _errors_of(self.path, write=False):
-                (found,) = database.execute("PRAGMA application_id").fetchone()
-                (version,) = database.execute("PRAGMA user_version").fetchone()
-            if found != _APPLICATION_ID:
-                raise NotARecordingError(f"{self.path}: expected a recording, got another SQLite database")
-            if version > SCHEMA_VERSION:
-                wanted = f"expected schema version {SCHEMA_VERSION} or earlier, got version {version}"
-                raise errors.NewerRecordingError(f"{self.path}: {wanted}; update omniscv to a newer one")
-            if self._write:
-                with _errors_of(self.path, write=True):
-                    database.execute("PRAGMA journal_mode = WAL")
-                    # Flush each capture, so that it outlives a power cut; little time beside capturing it.
-                    database.execute("PRAGMA synchronous = FULL")
+            with schema.errors_of(self.path, write=False):
+                self._version = schema.version_of(database, self.path)
         except BaseException:
             database.close()
             raise
-        return database, threading.Lock(), os.getpid()
+        return database, threading.RLock(), os.getpid()
 
     def close(self) -> None:
-        """Merge the log into the file and close it."""
+        """Close the file; no log is left beside it."""
         database, lock, process = self._connection
         if self._closed or process != os.getpid():
             self._closed = True
@@ -131,20 +88,59 @@ class Store:
         with lock:
             self._closed = True
             if self._write:
-                # Refused while another process has the file open; that one merges the log.
+                # Removes the empty journal; refused while another process writes, which removes it then.
                 with contextlib.suppress(sqlite3.OperationalError):
                     database.execute("PRAGMA journal_mode = DELETE")
             database.close()
 
+    @property
+    def version(self) -> int:
+        """The version of the schema."""
+        return self._version
+
+    def head(self) -> Head | None:
+        """What the recording is, checked; None in version 1."""
+        if self._version == 1:
+            return None
+        rows = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
+        if len(rows) != 1:
+            raise DamagedRecordingError(f"{self.path}: expected one row in recording, got {len(rows)}")
+        head = Head._make(rows[0])
+        with self._named():
+            head.check()
+        return head
+
+    def listing(self) -> list[Row]:
+        """Every capture but its payload, in the order of recording; DamagedRecordingError if one is damaged
+        or lost."""
+        with self._reading():
+            head, rows = self.head(), self._rows()
+        if head is None:
+            return rows
+        with self._named("; run 'omniscv captures verify'"):
+            for row in rows:
+                row.check(head.id)
+            found = head._replace(captures=0, capture_sum=0).with_rows(rows, ())
+            if (found.captures, found.capture_sum) != (head.captures, head.capture_sum):
+                wanted = f"expected {head.captures} captures as recorded"
+                raise DamagedRecordingError(f"{wanted}, got {found.captures}, or others")
+        return rows
+
     def rows(self, *, payload: bool = True) -> Iterator[Row]:
         """Every capture as stored, unchecked, in the order of recording; without its payload if so wanted."""
-        columns = ", ".join(Row._fields if payload else (*Row._fields[:-1], "x''"))
-        for (number,) in self._query("SELECT rowid FROM capture ORDER BY rowid"):
-            yield from map(Row._make, self._query(f"SELECT {columns} FROM capture WHERE rowid = ?", number))
+        if not payload:
+            yield from self._rows()
+            return
+        most = schema.most_captures(self._place)
+        numbers = self._query(f"SELECT rowid FROM capture ORDER BY rowid LIMIT {most}")
+        for number in dict.fromkeys(numbers):
+            found = self._query(f"SELECT {_COLUMNS[self._version]} FROM capture WHERE rowid = ?", *number)
+            yield from map(Row._make, found)
 
     def structural_faults(self) -> list[str]:
         """What SQLite's integrity check reports; nothing for a sound file."""
-        return [row[0] for row in self._query("PRAGMA integrity_check") if row[0] != "ok"]
+        with schema.errors_of(self.path, write=False), self._using() as database:
+            return schema.structural_faults(database)
 
     def holds(self, request: Request) -> bool:
         """Whether there is a capture of a request."""
@@ -152,11 +148,13 @@ class Store:
 
     def get(self, request: Request) -> Capture | None:
         """The capture of a request, None if there is none; DamagedRecordingError as :meth:`Row.capture`."""
-        found = self._find(", ".join(Row._fields), request)
-        try:
-            return replace(Row._make(found[0]).capture(), request=request) if found else None
-        except DamagedRecordingError as cause:
-            raise DamagedRecordingError(f"{self.path}: {cause}; run 'omniscv captures verify'") from cause
+        found = self._find(_COLUMNS[self._version], request)
+        if not found:
+            return None
+        with self._named("; run 'omniscv captures verify'"):
+            row = Row._make(found[0])
+            row.check(self._recording_id())
+            return replace(row.capture(), request=request)
 
     def add(self, capture: Capture) -> None:
         """Write a capture, in place of an earlier one of the same request.
@@ -164,64 +162,142 @@ class Store:
         Raises:
             ArgumentError: provenance that is no JSON.
             BadReplyError: pixels that do not fit the modality or the view.
-            RecordingNotWritableError: the disk is full, or the file cannot be written.
+            RecordingNotWritableError: the disk is full, the capture is too large, or the file cannot be
+                written.
         """
-        payload, encoding = payload_of(capture)
-        try:
-            provenance = json.dumps(dict(capture.provenance))
-        except (TypeError, ValueError) as cause:
-            got = f"{capture.provenance!r:.200}: {cause}"
-            raise ArgumentError(f"provenance: expected plain JSON values, got {got}") from cause
-        requested, captured = map(_view_to_json, (capture.request.view, capture.view))
-        key, *aliases = _keys(capture.request)
-        row = Row(key, capture.mode, requested, captured, encoding, zlib.crc32(payload), provenance, payload)
-        with self._transaction() as database:
-            database.executemany("DELETE FROM capture WHERE key = ?", [(each,) for each in aliases])
-            database.execute("INSERT OR REPLACE INTO capture VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+        with self.transaction() as database:
+            assert self._head is not None  # there is a transaction
+            known = keys(capture.request)
+            where = f"FROM capture WHERE key IN ({', '.join('?' * len(known))})"
+            (number,) = database.execute("SELECT coalesce(max(number), 0) + 1 FROM capture").fetchone()
+            row = Row.of(capture, number, self._head.id)
+            if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
+                wanted = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
+                raise RecordingNotWritableError(f"{self.path}: {wanted}, got {len(row.payload)}")
+            replaced = [crc for (crc,) in database.execute(f"SELECT checksum {where}", known)]
+            database.execute(f"DELETE {where}", known)
+            insert(database, row)
+            self._head = self._head.with_rows([row], replaced)
 
     def objects(self) -> ObjectTable:
-        """The recorded objects and how masks show them; DamagedRecordingError if the file holds none."""
-        mask = self._query("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'mask'")
-        masks = self._query("SELECT tolerance, ids FROM mask") if mask else [(DEFAULT_TOLERANCE, "{}")]
-        rows = self._query("SELECT name, red, green, blue FROM object")
-        [(tolerance, text)] = masks or [(None, None)]
-        ids = object_from_json(text)
-        numbers = (tolerance, *ids.values(), *(n for row in rows for n in row[1:]))
-        if not all(type(n) is int and n >= 0 for n in numbers):
-            wanted = "expected colours, ids and a tolerance"
-            raise DamagedRecordingError(f"{self.path}: {wanted}, got {numbers!r:.99}")
-        return ObjectTable({str(name): (r, g, b) for name, r, g, b in rows}, tolerance, ids)
+        """The recorded objects and how masks show them; DamagedRecordingError if the table is damaged."""
+        with self._named(), self._reading():
+            return object_tables.read(self._query, self.head())
 
     def set_objects(self, table: ObjectTable) -> None:
-        """Add objects to the table, or write them anew; RecordingNotWritableError if masks conflict."""
-        before = self.objects()
-        labelled = {row.name for row in modalities.layers() if row.derives}
-        if any(row.mode_name in labelled for row in self.rows(payload=False)):
-            _refuse_conflict(self.path, before, table)
-        ids = {**before.ids, **table.ids}
-        with self._transaction() as database:
-            rows = [(name, *color) for name, color in table.colors.items()]
-            database.executemany("INSERT OR REPLACE INTO object VALUES (?, ?, ?, ?)", rows)
-            if ids or {table.tolerance, before.tolerance} != {DEFAULT_TOLERANCE}:
-                database.execute(_MASK_TABLE)
-                database.execute("DELETE FROM mask")
-                database.execute("INSERT INTO mask VALUES (?, ?)", (table.tolerance, json.dumps(ids)))
+        """Add objects to the table; write it anew where no recorded mask needs it.
+
+        Raises:
+            RecordingNotWritableError: recorded masks would get other names, or the objects are of another
+                scene: none of them is known.
+        """
+        with self.transaction() as database:
+            assert self._head is not None  # there is a transaction
+            before = self.objects()
+            after = object_tables.union(before, table) if self.has_masks() else table
+            if after is not table and (conflict := object_tables.conflict(before, table)):
+                self._refuse(f"the mask colours of its object masks, but {conflict}")
+            strange = before.colors and table.colors and not before.colors.keys() & table.colors.keys()
+            if self._head.captures and strange:
+                known, new = (shown(min(each.colors)) for each in (before, table))
+                self._refuse(f"objects of its scene, such as {known}, got only others, such as {new}")
+            rows = object_tables.rows_of(after)
+            if after != before:
+                database.execute("DELETE FROM object")
+                database.executemany(object_tables.INSERT, rows)
+            crc = object_tables.checksum_of(rows)
+            self._head = self._head._replace(tolerance=after.tolerance, object_checksum=crc)
+
+    def has_masks(self) -> bool:
+        """Whether there is a capture that the object table gives names to."""
+        modes = object_tables.labelled_modes()
+        marks = ", ".join("?" * len(modes))
+        return bool(self._query(f"SELECT 1 FROM capture WHERE mode IN ({marks}) LIMIT 1", *modes))
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        """The scene that the captures are of; in version 1, what their provenance names alike."""
+        head = self.head()
+        if head is not None:
+            with self._named():
+                return head.identity
+        return the_scene(scene_in(row.provenance) for row in self.rows(payload=False))
+
+    def set_scene(self, identity: SceneIdentity) -> None:
+        """Note what is known of the scene; RecordingNotWritableError if it is another one."""
+        known = self.scene_identity
+        if known.differs(identity):
+            self._refuse(f"captures of the scene {_described(known)}, got {_described(identity)}")
+        if known.merged(identity) != known:
+            with self.transaction():
+                assert self._head is not None  # there is a transaction
+                self._head = self._head._replace(scene=scene_to_json(known.merged(identity)))
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """Make all changes within together, or none of them; may be nested."""
+        with schema.errors_of(self.path, write=True), self._using() as database:
+            if self._head is not None:
+                yield database
+                return
+            with database:  # commits, or rolls back
+                database.execute("BEGIN IMMEDIATE")
+                head = self.head()
+                assert head is not None  # of version 2, as every file that is written
+                self._head = head = head._replace(token=secrets.token_hex(16), parent=head.token)
+                try:
+                    write_head(database, head)  # first: see omniscv.sources.recording.logs
+                    yield database
+                    if self._head != head:
+                        write_head(database, self._head)
+                    else:
+                        database.rollback()
+                finally:
+                    self._head = None
+
+    def _recording_id(self) -> str:
+        if self._id is None:
+            head = self.head()
+            self._id = head.id if head else ""
+        return self._id
+
+    def _rows(self) -> list[Row]:
+        columns = _COLUMNS[self._version].removesuffix("payload") + "x''"
+        most = schema.most_captures(self._place)
+        return [*map(Row._make, self._query(f"SELECT {columns} FROM capture ORDER BY rowid LIMIT {most}"))]
 
     def _find(self, columns: str, request: Request) -> list[Any]:
-        keys = _keys(request)
-        marks = ", ".join("?" * len(keys))
+        known = keys(request)
+        marks = ", ".join("?" * len(known))
         statement = f"SELECT {columns} FROM capture WHERE key IN ({marks}) ORDER BY key = ? DESC LIMIT 1"
-        return self._query(statement, *keys, keys[0])
+        return self._query(statement, *known, known[0])
 
     def _query(self, statement: str, *values: Any) -> list[Any]:
-        with _errors_of(self.path, write=False), self._using() as database:
+        with schema.errors_of(self.path, write=False), self._using() as database:
             return database.execute(statement, values).fetchall()
 
     @contextlib.contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        with _errors_of(self.path, write=True), self._using() as database, database:
-            database.execute("BEGIN IMMEDIATE")
-            yield database
+    def _reading(self) -> Iterator[None]:
+        """Queries within see one state of the file."""
+        with schema.errors_of(self.path, write=False), self._using() as database:
+            if database.in_transaction:
+                yield
+                return
+            database.execute("BEGIN")
+            try:
+                yield
+            finally:
+                database.rollback()
+
+    @contextlib.contextmanager
+    def _named(self, advice: str = "") -> Iterator[None]:
+        """Name the file in errors about damage."""
+        try:
+            yield
+        except DamagedRecordingError as cause:
+            if str(cause).startswith(f"{self.path}: "):
+                raise
+            raise DamagedRecordingError(f"{self.path}: {cause}{advice}") from cause
 
     @contextlib.contextmanager
     def _using(self) -> Iterator[sqlite3.Connection]:
@@ -229,132 +305,53 @@ class Store:
         database, lock, process = self._connection
         if process != os.getpid() and not self._closed:
             _inherited.append(database)
+            self._head = None  # a transaction under way is the parent's
             database, lock, process = self._connection = self._connect()
         with lock if not self._closed else contextlib.nullcontext():
             if self._closed:
                 raise closed_error(str(self.path))
             yield database
 
-
-def _refuse_conflict(path: Path, before: ObjectTable, after: ObjectTable) -> None:
-    """Raise if recorded masks would get other names: a name has two colours, or a colour has two names."""
-    kind = "ids" if after.ids else "colors"
-    known: dict[str, Any] = getattr(before, kind)
-    names = {value: name for name, value in known.items()}
-    for name, value in getattr(after, kind).items():
-        if known.get(name, value) != value:
-            conflict = f"{name} is {value} and was {known[name]}"
-        elif names.get(value, name) != name:
-            conflict = f"{name} is {value}, which was {names[value]}"
-        else:
-            continue
-        raise errors.RecordingNotWritableError(
-            f"{path}: expected the mask {kind} of its object masks, but {conflict}; record into another file"
-        )
+    def _refuse(self, expected: str) -> NoReturn:
+        raise RecordingNotWritableError(f"{self.path}: expected {expected}; record into another file")
 
 
-def _keys(request: Request) -> list[str]:
-    """The keys of a request in a file: the one to write, then those by aliases of its mode."""
-    names = (request.mode, *modalities.get(request.mode).aliases)
-    return [json.dumps([name, *request.view.key()], separators=(",", ":")) for name in names]
+def _described(identity: SceneIdentity) -> str:
+    """A scene's identity in a few words."""
+    parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
+    return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
 
 
-def _view_to_json(view: View) -> str:
-    size = {"fov_deg": view.fov_deg, "width": view.width, "height": view.height}
-    return json.dumps({**view.pose.to_dict(), **size})
-
-
-def view_from_json(text: Any) -> View:
-    """A view as it is stored, JSON; DamagedRecordingError for anything else."""
-    data = object_from_json(text)
-    try:
-        size = data["width"], data["height"]
-        if not all(type(edge) is int for edge in size):
-            raise ArgumentError(f"size: expected whole numbers, got {size}")
-        return View(Pose.from_dict(data), data["fov_deg"], *size)
-    except (KeyError, TypeError, ValueError) as cause:
-        raise DamagedRecordingError(f"expected a view in a recording, got {text[:200]!r}: {cause}") from cause
-
-
-def object_from_json(text: Any) -> dict[str, Any]:
-    """A JSON object; DamagedRecordingError for anything else."""
-    try:
-        data = json.loads(text)
-    except (TypeError, ValueError, RecursionError) as cause:
-        raise DamagedRecordingError(f"expected JSON in a recording, got {str(text)[:200]!r}") from cause
-    if not isinstance(data, dict):
-        raise DamagedRecordingError(f"expected a JSON object in a recording, got {text[:200]!r}")
-    return data
-
-
-@contextlib.contextmanager
-def _errors_of(path: Path, *, write: bool) -> Iterator[None]:
-    """Raise errors of SQLite and of the file system as NotARecordingError or RecordingNotWritableError."""
-    try:
-        yield
-    except (OSError, sqlite3.OperationalError) as cause:
-        if write:
-            what = f"expected a file that can be written, got: {cause}; what it held is intact"
-            raise errors.RecordingNotWritableError(f"{path}: {what}") from cause
-        raise NotARecordingError(
-            f"{path}: expected a recording that can be read, got: {cause}; if its recorder was killed, "
-            "open it once in a folder that can be written, together with the files beside it"
-        ) from cause
-    except sqlite3.DatabaseError as cause:
-        damage = f"another file, or damage: {cause}"
-        raise NotARecordingError(f"{path}: expected a recording, got {damage}") from cause
-
-
-def _open_to_write(path: Path) -> sqlite3.Connection:
-    with _errors_of(path, write=True):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not path.exists() or path.stat().st_size == 0:
-            _create(path)
-        return _connect(path, "rw")
-
-
-def _open_to_read(path: Path) -> sqlite3.Connection:
-    """The database, with the log that a killed writer left; only a half-written change is rolled back."""
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "nothing there; record one first"
-        raise NotARecordingError(f"{path}: expected a recording, got {found}")
-    with _errors_of(path, write=False):
+def _open_to_write(place: Path, path: Path) -> sqlite3.Connection:
+    if kind_of(place) == "" or place.stat().st_size == 0:
+        with part_of(place) as part, schema.errors_of(path, write=True):
+            schema.create(part, Head.new()).close()
+            publish_new(part, place)
+    remove_leftovers(place)
+    upgrade(path)
+    with schema.errors_of(path, write=True):
+        database = schema.connect(place, "rw")
         try:
-            return _connect(path, "ro")
-        except sqlite3.OperationalError as refused:
-            if refused.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
-                _connect(path, "rw").close()  # rolls back
-                return _connect(path, "ro")
-            if refused.sqlite_errorcode in _NO_INDEX and not Path(f"{path}-wal").exists():
-                return _connect(path, "ro&immutable=1")  # no log, and nobody can write one there
+            schema.version_of(database, path)
+            database.execute("PRAGMA journal_mode = TRUNCATE")
+            # Flush each capture, so that it outlives a power cut; little time beside capturing it.
+            database.execute("PRAGMA synchronous = FULL")
+        except BaseException:
+            database.close()
             raise
+        return database
 
 
-def _create(path: Path) -> None:
-    """Create the file with its schema, as one step: a kill leaves no half of it."""
-    fresh = path.with_name(f".{path.name}-{secrets.token_hex(8)}")
-    try:
-        database = sqlite3.connect(fresh)
-        database.executescript(_SCHEMA)
-        database.close()
+def _open_to_read(place: Path, path: Path) -> sqlite3.Connection:
+    """The database, with a log of its own; only a half-written change is undone."""
+    if kind_of(place) != "a file":
+        found = kind_of(place) or "nothing there; record one first"
+        raise NotARecordingError(f"{path}: expected a recording, got {found}")
+    with schema.errors_of(path, write=False):
+        settle(place)
         try:
-            os.link(fresh, path)  # fails where another recorder has just created it
-        except FileExistsError:
-            if path.stat().st_size == 0:
-                fresh.replace(path)
-        except OSError:  # a file system without hard links
-            fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
-
-
-def _connect(path: Path, mode: str) -> sqlite3.Connection:
-    """A connection that has read the file's header, and with it the log."""
-    uri, timeout = f"{path.absolute().as_uri()}?mode={mode}", 30.0  # for others to merge their logs
-    database = sqlite3.connect(uri, timeout, isolation_level=None, check_same_thread=False, uri=True)
-    try:
-        database.execute("PRAGMA schema_version").fetchone()
-    except BaseException:
-        database.close()
-        raise
-    return database
+            return schema.connect(place, "ro")
+        except sqlite3.OperationalError as refused:
+            if refused.sqlite_errorcode in _NO_INDEX and not Path(f"{place}-wal").exists():
+                return schema.connect(place, "ro&immutable=1")  # no log, and nobody can write one there
+            raise

@@ -7,6 +7,7 @@ from omniscv.sources.base import Capabilities
 
 VERSION = "vget /unrealcv/version"
 SCENE = "vget /scene/name"
+LEVEL = "vget /level/name"
 LIT_VIEW_MODE = "vset /viewmode lit"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Switch vignette and auto exposure off (protocol reference, section 7.1)."""

@@ -8,10 +8,10 @@ from typing import ClassVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
-from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal.client import Client, Reply
-from omniscv.sources.unreal.commands import FIX_EXPOSURE, SCENE, VERSION, CommandTable
+from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CommandTable
 from omniscv.sources.unreal.connection import Connection
 from omniscv.sources.unreal.mask_colors import paint
 from omniscv.sources.unreal.replies import name, numbers
@@ -23,8 +23,8 @@ Requests = Sequence[Request]
 class CameraDriver(ABC):
     """A camera of a running game, whose vignette and auto exposure it may switch off when attached.
 
-    Its ``camera`` number and its ``capabilities`` are complete once it is attached; ``mask_fov_deg`` is the
-    field of view of object masks, where they do not have the view's own.
+    Its ``camera`` number, its ``capabilities`` and its ``scene_identity`` are complete once it is attached;
+    ``mask_fov_deg`` is the field of view of object masks, where they do not have the view's own.
     """
 
     table: ClassVar[CommandTable]
@@ -35,7 +35,8 @@ class CameraDriver(ABC):
         self.capabilities = self.table.capabilities(dialect)
         self.camera = 0
         self.mask_fov_deg: float | None = None
-        self._version = self._scene = ""
+        self._version = ""
+        self.scene_identity = SceneIdentity()
         self._restore: list[str] = []  # the commands that leave the game as it was
         self._aimed: View | None = None
 
@@ -83,7 +84,9 @@ class CameraDriver(ABC):
 
     def _prepare(self) -> None:
         """Read what the game is, fix its exposure if that was requested, and make mask colours distinct."""
-        self._version, self._scene = (name(self._connection.text(command)) for command in (VERSION, SCENE))
+        self._version, scene = (name(self._connection.text(command)) for command in (VERSION, SCENE))
+        (level,) = self._connection.texts([LEVEL])  # which some dialects do not know
+        self.scene_identity = SceneIdentity(scene, "" if level.startswith("error") else name(level))
         if self._fix_exposure:
             self._connection.texts(FIX_EXPOSURE)
         paint(self._connection, self.table.vertex_colors)
@@ -95,7 +98,7 @@ class CameraDriver(ABC):
             raise self._bad_reply(f"a picture from {command!r}, got {shown(reply[:100])}")
         provenance = {
             "server": self._connection.address,
-            "scene": self._scene,
+            "scene": self.scene_identity.name,
             "version": self._version,
             "dialect": self.capabilities.dialect,
             "command": command,

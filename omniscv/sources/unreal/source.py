@@ -9,8 +9,18 @@ from collections.abc import Iterable, Iterator
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, SourceError
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View, closed_error
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    SceneIdentity,
+    Source,
+    View,
+    closed_error,
+)
 from omniscv.sources.unreal.client import Client, Reply
+from omniscv.sources.unreal.commands import LEVEL
 from omniscv.sources.unreal.connection import RETRIED, Connection
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.legacy import LegacyDriver
@@ -45,6 +55,10 @@ class UnrealSource(Source):
     @property
     def capabilities(self) -> Capabilities:
         return self._driver.capabilities
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._driver.scene_identity
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         batch: list[Request] = []
@@ -140,7 +154,7 @@ def open_driver(connection: Connection, fix_exposure: bool = False) -> CameraDri
     elif _form(connection, "vget /camera/0/horizontal_fieldofview", _UNKNOWN, number) == number:
         return LegacyDriver(connection, "0.3.10", fix_exposure)
     else:
-        dialect = "M" if _form(connection, "vget /level/name", _UNKNOWN, "") == _UNKNOWN else "N1"
+        dialect = "M" if _form(connection, LEVEL, _UNKNOWN, "") == _UNKNOWN else "N1"
     return ModernDriver(connection, dialect, fix_exposure)
 
 

@@ -1,0 +1,236 @@
+"""A log beside a recording is taken in by the file that it was written for, and by no other."""
+
+import shutil
+import sqlite3
+from contextlib import closing
+
+import pytest
+from support.faces import face_requests
+from support.permissions import read_only
+from support.recordings import contents, downgrade
+
+import omniscv
+from omniscv.errors import NotARecordingError, RecordingError
+from omniscv.sources.recording.folders import export, import_folder
+from omniscv.sources.recording.inspection import verify
+from omniscv.sources.recording.store import Store
+
+MORE = face_requests(center=(0.3, 0.0, 1.5), modes=("depth",))
+
+
+def leave_journal(recorded, folder):
+    """What a recorder leaves that is killed while it changes a file: some pages are the new ones already."""
+    path = folder / "writing" / "room.sqlite"
+    path.parent.mkdir()
+    shutil.copy(recorded, path)
+    before = contents(path)
+    store = Store(path, write=True)
+    with omniscv.open_source("mock://four-wall") as live, store.transaction() as database:
+        database.execute("PRAGMA cache_size = 1")  # so small that pages reach the file
+        for capture in live.capture(MORE):
+            store.add(capture)
+        left = copied(path, folder / "room.sqlite")
+    store.close()
+    assert left == {"room.sqlite", "room.sqlite-journal"}
+    return before
+
+
+def leave_wal(recorded, folder):
+    """What a recorder of version 1 leaves that is killed: all but its first capture are in the log only."""
+    path = folder / "writing" / "room.sqlite"
+    path.parent.mkdir()
+    downgrade(recorded, path)
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        rows = database.execute("SELECT * FROM capture WHERE rowid > 1").fetchall()
+        database.execute("DELETE FROM capture WHERE rowid > 1")
+        database.execute("VACUUM")
+        database.execute("PRAGMA journal_mode = WAL")
+        database.executemany("INSERT INTO capture VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        left = copied(path, folder / "room.sqlite")
+    assert left == {"room.sqlite", "room.sqlite-wal", "room.sqlite-shm"}
+    return contents(recorded)
+
+
+def copied(path, target):
+    """Copy a file and its logs; the names of the copies."""
+    files = {file.name: shutil.copy(file, target.parent) for file in path.parent.glob(f"{path.name}*")}
+    return set(files)
+
+
+@pytest.fixture(params=[leave_journal, leave_wal], ids=["journal", "wal"])
+def left(request, recorded, open_folder):
+    """A recording whose recorder was killed, with its log; what it holds with its log."""
+    wanted = request.param(recorded, open_folder)
+    shutil.rmtree(open_folder / "writing")
+    return open_folder / "room.sqlite", wanted
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """A recording of another scene."""
+    path = tmp_path_factory.mktemp("other") / "other.sqlite"
+    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, path) as source:
+        list(source.capture(face_requests(modes=("lit", "object_mask"))))
+    return path
+
+
+def test_its_own_log_is_taken_in(left):
+    path, wanted = left
+    assert contents(path) == wanted
+    assert verify(path).ok
+
+
+def test_its_own_log_is_taken_in_by_a_recorder(left):
+    path, wanted = left
+    Store(path, write=True).close()
+    assert contents(path) == wanted
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def renamed(path, other):
+    shutil.copy(other, path.parent / "new.sqlite")
+    (path.parent / "new.sqlite").rename(path)
+
+
+def restored(path, other):
+    path.write_bytes(other.read_bytes())
+
+
+def imported(path, other):
+    path.unlink()
+    export(other, path.parent / "faces")
+    import_folder(path.parent / "faces", path)
+    shutil.rmtree(path.parent / "faces")
+
+
+def recorded_anew(path, other):
+    path.unlink()
+    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, path) as source:
+        list(source.capture(face_requests(modes=("lit", "object_mask"))))
+
+
+@pytest.mark.parametrize("version", ["1", "1, killed", "2"])
+@pytest.mark.parametrize("replace", [renamed, restored, imported, recorded_anew])
+def test_a_file_of_its_name_does_not_take_it_in(replace, version, left, other, tmp_path, caplog):
+    path, _ = left
+    wanted = contents(other)
+    if version != "2":
+        downgrade(other, tmp_path / "other.sqlite")
+        other = tmp_path / "other.sqlite"
+    if version == "1, killed":  # its header says that it has a log, which was not copied with it
+        with closing(sqlite3.connect(other)) as database:
+            database.execute("PRAGMA journal_mode = WAL")
+    log = next(file for file in path.parent.iterdir() if file.name.endswith(("-wal", "-journal")))
+    data = log.read_bytes()
+    replace(path, other)
+    for write in (False, True):
+        Store(path, write=write).close()
+        assert contents(path) == wanted
+        assert verify(path).ok
+    assert {file.name for file in path.parent.iterdir()} == {path.name, f"{log.name}.foreign"}
+    assert log.with_name(f"{log.name}.foreign").read_bytes() == data  # nothing of it is lost
+    [line] = [record.getMessage() for record in caplog.records if record.name == "omniscv"]
+    assert line == f"{path}: {log.name} is a log of another file; set aside as {log.name}.foreign"
+
+
+def test_an_older_backup_of_the_same_recording_does_not_take_it_in(recorded, open_folder):
+    """The backup has the recording's id, but the journal undoes a change that it never saw."""
+    path, backup = open_folder / "room.sqlite", open_folder / "backup.sqlite"
+    shutil.copy(recorded, backup)
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, backup) as source:
+        list(source.capture(face_requests(center=(0.6, 0.0, 1.5), modes=("depth",))))
+    leave_journal(backup, open_folder)
+    shutil.rmtree(open_folder / "writing")
+    shutil.copy(recorded, path)
+    assert contents(path) == contents(recorded)
+    assert verify(path).ok
+
+
+def test_a_file_without_its_log_holds_nothing_wrong(left, tmp_path):
+    """Copied, or renamed, without its log: refused, or nothing but what was recorded."""
+    path, wanted = left
+    alone = tmp_path / "alone.sqlite"
+    shutil.copy(path, alone)
+    try:
+        sound = verify(alone).ok
+    except RecordingError:
+        sound = False
+    if sound:
+        assert contents(alone)[0].items() <= wanted[0].items()
+        assert contents(alone)[1] == wanted[1]
+
+
+def test_two_files_change_names(left, other, tmp_path):
+    """Each file takes the other's name, with its log: both are opened as they were."""
+    path, wanted = left
+    for file in list(path.parent.iterdir()):
+        file.rename(file.with_name(file.name.replace("room", "moved")))
+    shutil.copy(other, path)
+    assert contents(path) == contents(other)
+    assert contents(path.with_name("moved.sqlite")) == wanted
+
+
+def test_a_foreign_log_that_cannot_be_set_aside_is_an_error(left, other):
+    path, _ = left
+    path.write_bytes(other.read_bytes())
+    with (
+        read_only(path.parent),
+        pytest.raises(NotARecordingError, match="expected no log of another file beside it, got room"),
+    ):
+        verify(path)
+    assert contents(path) == contents(other)
+
+
+def test_its_own_log_is_not_taken_in_where_nothing_can_be_written(recorded, open_folder):
+    wanted = leave_journal(recorded, open_folder)
+    path = open_folder / "room.sqlite"
+    with (
+        read_only(open_folder),
+        pytest.raises(NotARecordingError, match="open it once in a folder that can be written"),
+    ):
+        verify(path)
+    assert contents(path) == wanted
+
+
+def test_the_log_of_version_1_is_read_in_a_read_only_folder(recorded, open_folder):
+    wanted = leave_wal(recorded, open_folder)
+    shutil.rmtree(open_folder / "writing")
+    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
+    with read_only(open_folder):
+        assert contents(open_folder / "room.sqlite") == wanted
+    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
+
+
+def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_folder):
+    """SQLite's own shell was killed while it changed a recording: nobody but it knows what the file was."""
+    path, target = tmp_path / "room.sqlite", open_folder / "room.sqlite"
+    shutil.copy(recorded, path)
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA cache_size = 1")
+        database.execute("BEGIN")
+        database.execute("UPDATE capture SET payload = zeroblob(100000)")
+        assert len(copied(path, target)) == 2
+    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
+    for write in (False, True):
+        with pytest.raises(NotARecordingError, match=r"got that of another program in room\.sqlite-journal"):
+            Store(target, write=write)
+    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
+    with closing(sqlite3.connect(target)) as database:
+        database.execute("SELECT count(*) FROM capture").fetchall()  # which undoes the change
+    assert contents(target) == contents(recorded)
+
+
+def test_another_programs_database_keeps_its_log(tmp_path):
+    """Named by mistake: refused, and nothing is moved."""
+    folder = tmp_path / "browser"
+    folder.mkdir()
+    with closing(sqlite3.connect(tmp_path / "places.sqlite", isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("CREATE TABLE photo (name TEXT)")
+        copied(tmp_path / "places.sqlite", folder / "places.sqlite")
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert len(before) == 3
+    for write in (False, True):
+        with pytest.raises(RecordingError):
+            Store(folder / "places.sqlite", write=write)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before

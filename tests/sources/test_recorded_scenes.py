@@ -1,0 +1,161 @@
+"""A recording holds one scene: captures of another one are refused, a resumed recording never is."""
+
+import sqlite3
+from contextlib import closing
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+from support.recordings import CountingSource, contents, downgrade
+
+import mock_server
+import omniscv
+from omniscv.errors import RecordingNotWritableError
+from omniscv.sources import Capture, ObjectTable, SceneIdentity, Source, SourceWrapper
+from omniscv.sources.recording.inspection import verify
+from omniscv.sources.recording.store import Store
+from omniscv.sources.scene import SceneSource
+
+LIT = face_requests(size=16, modes=("lit",))
+ELSEWHERE = face_requests(size=16, modes=("lit",), center=(0.2, 0.0, 1.5))
+
+
+def record(address, path, requests=LIT):
+    live = CountingSource(omniscv.open_source(address))
+    with omniscv.record(live, path) as source:
+        list(source.capture(requests))
+    return live.requests
+
+
+@pytest.fixture(params=[1, 2], ids=["version-1", "version-2"])
+def room(request, tmp_path):
+    """Colours of the four-wall room, without object masks."""
+    path = tmp_path / "room.sqlite"
+    record("mock://four-wall", path)
+    if request.param == 1:
+        path = tmp_path / "old.sqlite"
+        downgrade(tmp_path / "room.sqlite", path)
+    return path
+
+
+@pytest.mark.parametrize(
+    "address", ["mock://six-wall", "scene://six-wall", "mock://six-wall?dialect=0.3.10&size=16x16"]
+)
+def test_another_scene_is_refused_in_a_sentence_that_names_both(address, room):
+    before = contents(room)
+    says = r"captures of the scene 'four-wall'.*, got 'six-wall'.*; record into another file$"
+    with pytest.raises(RecordingNotWritableError, match=says) as error:
+        record(address, room)
+    assert len(str(error.value).splitlines()) == 1
+    assert contents(room) == before
+
+
+@pytest.mark.parametrize("address", ["mock://four-wall", "scene://four-wall", "mock://four-wall?dialect=M"])
+def test_the_same_scene_is_resumed(address, room):
+    assert record(address, room, [*LIT, *ELSEWHERE]) == ELSEWHERE
+    assert verify(room).captures == 12
+
+
+def test_a_scene_of_the_same_name_with_other_content_is_refused(tmp_path):
+    """Known where the scene is traced in the same process."""
+    path, scene = tmp_path / "room.sqlite", mock_server.load_scene("four-wall")
+    record("scene://four-wall", path)
+    moved = SceneSource(scene.moved({"Sofa": (np.eye(3), np.zeros(3), np.array([0.1, 0, 0]))}))
+    with pytest.raises(
+        RecordingNotWritableError, match=r"'four-wall', content '.*', got 'four-wall', content"
+    ):
+        omniscv.record(moved, path)
+    assert record("scene://four-wall", path) == []
+
+
+class Level(SourceWrapper):
+    """A game whose level is known."""
+
+    def __init__(self, identity):
+        super().__init__(omniscv.open_source("scene://four-wall"))
+        self.identity = identity
+
+    @property
+    def scene_identity(self):
+        return self.identity
+
+
+def test_levels_of_one_project_are_scenes_of_their_own(tmp_path):
+    path, kitchen, garden = (
+        tmp_path / "room.sqlite",
+        SceneIdentity("House", "Kitchen"),
+        SceneIdentity("House", "Garden"),
+    )
+    with omniscv.record(Level(SceneIdentity("House")), path) as source:
+        list(source.capture(LIT[:1]))
+    with omniscv.record(Level(kitchen), path) as source:
+        list(source.capture(LIT[:2]))
+    with pytest.raises(
+        RecordingNotWritableError, match="'House', level 'Kitchen', got 'House', level 'Garden'"
+    ):
+        omniscv.record(Level(garden), path)
+    with omniscv.open_source(path) as replay:
+        assert replay.scene_identity == kitchen
+
+
+def test_a_game_that_leaves_the_level_is_noticed(tmp_path):
+    game = Level(SceneIdentity("House", "Kitchen"))
+    with omniscv.record(game, tmp_path / "room.sqlite") as source:
+        list(source.capture(LIT[:1]))
+        game.identity = SceneIdentity("House", "Garden")
+        with pytest.raises(RecordingNotWritableError, match="Garden"):
+            list(source.capture(LIT[1:]))
+
+
+class Plain(Source):
+    """A source that knows nothing of its scene but the objects."""
+
+    def __init__(self, table):
+        self.table = table
+
+    @property
+    def capabilities(self):
+        return omniscv.sources.Capabilities()
+
+    def objects(self):
+        return self.table
+
+    def capture(self, requests):
+        for request in requests:
+            shape = request.view.height, request.view.width, 3
+            yield Capture(request, request.view, np.zeros(shape, np.uint8))
+
+
+SOFA, CAT = ObjectTable({"Sofa": (9, 0, 0)}), ObjectTable({"Cat": (8, 0, 0)})
+
+
+def test_objects_none_of_which_is_known_are_another_scenes(tmp_path):
+    path = tmp_path / "room.sqlite"
+    with omniscv.record(Plain(SOFA), path) as source:
+        source.objects()
+        list(source.capture(LIT))
+    with (
+        omniscv.record(Plain(CAT), path) as source,
+        pytest.raises(RecordingNotWritableError, match=r"'Sofa'.*'Cat'"),
+    ):
+        source.objects()
+    with omniscv.record(Plain(ObjectTable({**SOFA.colors, **CAT.colors})), path) as source:
+        assert source.objects().names() == ["Cat", "Sofa"]
+
+
+def test_masks_are_never_recorded_without_their_objects(tmp_path):
+    """Whoever records them: later objects of other colours would name them."""
+    path = tmp_path / "room.sqlite"
+    masks = face_requests(size=16, modes=("object_mask",))
+    with omniscv.record(Plain(SOFA), path) as source:
+        list(source.capture(masks))
+    with closing(Store(path)) as store:
+        assert store.objects().names() == ["Sofa"]
+    other = ObjectTable({"Sofa": (1, 1, 1)})
+    with (
+        omniscv.record(Plain(other), path) as source,
+        pytest.raises(RecordingNotWritableError, match="mask colours"),
+    ):
+        list(source.capture(face_requests(size=16, modes=("object_mask",), center=(1.0, 0.0, 0.0))))
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("SELECT captures FROM recording").fetchone() == (len(masks),)
