@@ -147,7 +147,7 @@ def test_the_json_describes_the_image(image, folder):
     pose = omniscv.Pose.from_dict(found["pose"])
     assert np.array_equal(pose.position, POSE.position)
     assert np.array_equal(pose.rotation, POSE.rotation)
-    assert found["options"] == {"viewpoints": None, "max_error_px": None, **OPTIONS}
+    assert found["options"] == {"viewpoints": None, "max_error_px": None, "truth_scale": 1, **OPTIONS}
     assert found["source"]["scene"] == "four-wall"
     assert found["unsure_pixels"] == 200
     assert found["unknown_mask_colors"] == []
