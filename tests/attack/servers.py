@@ -228,7 +228,7 @@ def case(rng, folder):
             half = [each.name for each in work.rglob("*part*")]
             require(not half, f"half files are left: {half}")
         elif kind < 0.7:
-            ran(["doctor", hostile.uri, "--timeout", "0.4", "--patience", "5"])
+            ran(["doctor", hostile.uri, "--timeout", "0.1", "--patience", "1"])
         else:
             outcome = ran(["record", "job.yaml", "--out", "room.sqlite"])
             if (work / "room.sqlite").exists():
