@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-HANG_S, START_S = 30, 300
+HANG_S, START_S = 90, 300
 """For one case, which has far shorter deadlines of its own; for the first, where much is compiled."""
 
 MEMORY = 8 << 30

