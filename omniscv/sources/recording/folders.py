@@ -98,18 +98,16 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     for entry in entries:
         capture = _read_entry(folder, *entry)
         masks = masks or capture.mode in labelled_modes()
-        scenes.add(scene_in(json.dumps(dict(capture.provenance))))
+        scenes.add(scene_in(capture.provenance))
     scene = _scene(folder) or the_scene(scenes)
     with _opened(path) as store, store.transaction():
         store.set_scene(scene)
-        if masks and store.has_masks() and bool(objects.colors) != bool(store.objects().colors):
-            wanted = f"expected object masks with an object table in both {folder} and it, or in neither"
-            raise RecordingNotWritableError(f"{path}: {wanted}; import into another file")
-        if objects.colors:
+        given, known = bool(objects.colors), bool(store.objects().colors)
+        if (masks and known and not given) or (store.has_masks() and given and not known):
+            wanted = f"expected object masks with an object table both in {folder} and in it"
+            raise RecordingNotWritableError(f"{path}: {wanted}, got one without; import into another file")
+        if given:
             store.set_objects(objects)
-        elif masks and store.objects().colors:
-            wanted = f"expected {OBJECTS} in {folder}, whose object masks would get the names of others"
-            raise RecordingNotWritableError(f"{path}: {wanted}; import into another file")
         for entry in entries:
             store.add(_read_entry(folder, *entry))
     return len(entries)
@@ -160,7 +158,7 @@ def _read_entry(folder: Path, number: int, entry: Any) -> Capture:
         capture = Capture(request, view, pixels, provenance, payload, encoding)
         row = Row.of(capture, 1, "")
         row.check("")
-        row.capture()  # it can be read again
+        row.description()  # it can be read again
     except (BadReplyError, RecordingError, ArgumentError) as cause:
         kind = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
         raise kind(f"{where}: {shown(name)}: {cause}") from cause
