@@ -325,17 +325,19 @@ _OPTION_READERS: dict[object, Reader] = {
     int: partial(whole_number, least=0),
     bool: flag,
 }
-_POSE: dict[str, Reader] = {"position": partial(numbers, shape=(3,))}
-_POSE |= dict.fromkeys(("yaw_deg", "pitch_deg", "roll_deg"), number)
-_FIELDS: dict[str, Reader] = {
-    **{
-        "source": _source,
-        "record": _record,
-        "cameras": _cameras,
-        "poses": _poses,
-        "modes": texts,
-        "out": text,
-    },
-    **{"image_format": text, "source_options": _source_options},
-    **dict.fromkeys(sorted(_OPTIONS), _as_given),
+_POSE: dict[str, Reader] = {
+    "position": partial(numbers, shape=(3,)),
+    "yaw_deg": number,
+    "pitch_deg": number,
+    "roll_deg": number,
 }
+_FIELDS: dict[str, Reader] = {
+    "source": _source,
+    "record": _record,
+    "cameras": _cameras,
+    "poses": _poses,
+    "modes": texts,
+    "out": text,
+    "image_format": text,
+    "source_options": _source_options,
+} | dict.fromkeys(sorted(_OPTIONS), _as_given)

@@ -6,6 +6,7 @@ Exit codes: 0 done; 1 failed; 2 wrong usage; 128 + the number of the signal that
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Annotated, Any, cast
 
 import typer
@@ -67,6 +68,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the process's command line, and end the process with its exit code."""
+    if isinstance(sys.stdout, TextIOWrapper):  # names may hold what the terminal's encoding has not
+        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(signals.unwound(lambda: run(sys.argv[1:])))
 
 
@@ -80,6 +83,8 @@ def run(arguments: list[str]) -> int:
         message = text and f"{text} (see omniscv --help)"  # no text where the help was printed
     except (OmniscvError, OSError) as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
+    except MemoryError as error:
+        code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
     if code == signals.STOPPED:
         message = "stopped; recorded captures are kept, rerun to resume"
     if message:

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
+from omniscv.cli import signals
 from omniscv.texts import one_line, printable
 
 
@@ -47,4 +48,9 @@ def progress_bar(what: str) -> Iterator[Callable[[float, int], None]]:
     console, disable = Console(stderr=True), not sys.stderr.isatty()
     with Progress(*columns, console=console, transient=True, disable=disable) as bar:
         task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+        def update(done: float, total: int) -> None:
+            signals.check()
+            bar.update(task, completed=done, total=total)
+
+        yield update

@@ -62,7 +62,7 @@ class ConnectionOptions(Options):
 
     beside_job = frozenset(("job", "timeout", "patience"))
     timeout: float | None = Option(None, help="Seconds for connecting, and for each reply of a server; 15.")
-    patience: float | None = Option(None, help="Seconds for connecting and sending again after a fault; 12.")
+    patience: float | None = Option(None, help="Seconds for connecting and sending again after a fault; 10.")
 
     def deadlines(self) -> SourceOptions:
         """Those that are given, as options of :func:`omniscv.open_source`."""

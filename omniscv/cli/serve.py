@@ -2,7 +2,7 @@
 
 from typer import Argument, Option, Typer
 
-from omniscv.cli import console, options
+from omniscv.cli import console, options, signals
 from omniscv.errors import ArgumentError, OmniscvError
 
 app = Typer(add_completion=False)
@@ -31,6 +31,7 @@ def serve(given: ServeOptions) -> None:
     import mock_server
 
     with mock_server.stop_signal() as wait:
+        signals.check()
         try:
             server = mock_server.serve(**{**vars(given), "size": options.size(given.size)})
         except ValueError as wrong:

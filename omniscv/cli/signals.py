@@ -11,6 +11,14 @@ STOPPED = 128 + signal.SIGINT
 _ONE_STOP_S = 1.0
 """Signals within this time are one: terminals and ``timeout`` send several."""
 
+_received: list[int] = []
+
+
+def check() -> None:
+    """Raise KeyboardInterrupt where a signal has come: raised within an import or callback it may be lost."""
+    if _received:
+        raise KeyboardInterrupt
+
 
 def unwound(command: Callable[[], int]) -> int:
     """Run a command and return its exit code: 128 + the signal's number where a signal stopped it.
@@ -18,14 +26,14 @@ def unwound(command: Callable[[], int]) -> int:
     Each signal raises KeyboardInterrupt in the main thread. SIGINT counts also where it is ignored, as by
     background jobs of a shell; SIGHUP does not, as under ``nohup``.
     """
-    received: list[int] = []
+    _received.clear()
     latest = -_ONE_STOP_S
 
     def stop(number: int, _: FrameType | None) -> None:
         nonlocal latest
         if time.monotonic() - latest > _ONE_STOP_S:
             latest = time.monotonic()
-            received.append(number)
+            _received.append(number)
             raise KeyboardInterrupt
 
     numbers = [signal.SIGINT, signal.SIGTERM]
@@ -37,7 +45,11 @@ def unwound(command: Callable[[], int]) -> int:
         code = command()
     except KeyboardInterrupt:
         code = STOPPED
+    except Exception:
+        if not _received:
+            raise
+        code = STOPPED  # an import that was interrupted may raise anything
     finally:
         for number in numbers:
             signal.signal(number, signal.SIG_DFL)  # what is left of the process ends at once
-    return 128 + received[0] if code == STOPPED and received else code
+    return 128 + _received[0] if code == STOPPED and _received else code

@@ -9,7 +9,7 @@ from omniscv.compose import kernels
 from omniscv.compose.kernels import Floats, Ints
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
-from omniscv.geometry.surfaces import allowed_step
+from omniscv.geometry.surfaces import allowed_step, inverse_depth
 from omniscv.sources.base import View
 
 _ONE_SURFACE = 0.95
@@ -121,12 +121,12 @@ def _fit(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, focal: Ar
 def _plane(face: Floats, r: int, c: int) -> tuple[float, float, float, bool]:
     """1 / z at a pixel and its slopes, by least squares over the pixels around that continue its surface."""
     across, down = _start(face, r, c, 0, 1), _start(face, r, c, 1, 0)
-    here, allowed = 1.0 / face[r, c], allowed_step(face[r, c])
+    here, allowed = inverse_depth(face[r, c]), allowed_step(face[r, c])
     normal, right = np.zeros((3, 3)), np.zeros(3)
     count = 0
     for j in range(max(r - _AROUND_PX, 0), min(r + _AROUND_PX + 1, face.shape[0])):
         for k in range(max(c - _AROUND_PX, 0), min(c + _AROUND_PX + 1, face.shape[1])):
-            dx, dy, value = float(k - c), float(j - r), 1.0 / face[j, k]
+            dx, dy, value = float(k - c), float(j - r), inverse_depth(face[j, k])
             steps = max(1.0, abs(dx), abs(dy))
             if abs(value - here - across * dx - down * dy) > allowed * steps:
                 continue
@@ -149,7 +149,7 @@ def _start(face: Floats, r: int, c: int, down: int, across: int) -> float:
     for sign in (-1, 1):
         j, k = r + sign * down, c + sign * across
         if 0 <= j < face.shape[0] and 0 <= k < face.shape[1] and face[j, k] < np.inf:
-            step = 1.0 / face[j, k] - 1.0 / face[r, c]
+            step = inverse_depth(face[j, k]) - inverse_depth(face[r, c])
             if abs(step) < least:
                 least, slope = abs(step), sign * step
     return slope

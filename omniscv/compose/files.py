@@ -175,7 +175,7 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
     spec = OpenImageIO.ImageSpec(width, height, channels, kind)
     if len(row.channel_names) == channels:
         spec.channelnames = row.channel_names
-    spec.attribute("compression", {".exr": "zip", ".jxl": "lossless", ".jpg": "jpeg:95"}[path.suffix])
+    spec.attribute("compression", {".exr": "zip:4", ".jxl": "lossless", ".jpg": "jpeg:95"}[path.suffix])
     spec.attribute("DateTime", _NO_CLOCK)
     for name, value in row.attributes.items():
         spec.attribute(name, value)

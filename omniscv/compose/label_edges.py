@@ -24,19 +24,19 @@ def label_edges(
         views: those of the faces.
         parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
     """
-    edge_px = np.stack([_px_to_boundary(face, near_only=parallax is None) for face in faces])
-    focal = np.array([view.focal_px for view in views])
     out = np.empty(len(lookup.x), np.bool_)
-    beyond = np.zeros(len(out), np.float32) if parallax is None else parallax
-    kernels.run(_near, (lookup.view, lookup.x, lookup.y, beyond, out), edge_px, focal)
+    if parallax is None:
+        stack = np.stack(faces)
+        kernels.run(_beside, (lookup.view, lookup.x, lookup.y, out), stack.reshape(*stack.shape[:3], -1))
+        return out
+    edge_px = np.stack([_px_to_boundary(face) for face in faces])
+    focal = np.array([view.focal_px for view in views])
+    kernels.run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, focal)
     return out
 
 
-def _px_to_boundary(face: Pixels, near_only: bool) -> Floats:
-    """(h, w) px, along the farther axis, from each pixel to the next that has a neighbour of another value.
-
-    Infinite for all but those pixels themselves if only what is near counts.
-    """
+def _px_to_boundary(face: Pixels) -> Floats:
+    """(h, w) px, along the farther axis, from each pixel to the next that has a neighbour of another kind."""
     inside = np.full(face.shape[:2], 255, np.uint8)
     for axis in (0, 1):
         a, b = np.moveaxis(face, axis, 0)[:-1], np.moveaxis(face, axis, 0)[1:]
@@ -44,9 +44,37 @@ def _px_to_boundary(face: Pixels, near_only: bool) -> Floats:
         lines = np.moveaxis(inside, axis, 0)
         lines[:-1][differ] = 0
         lines[1:][differ] = 0
-    if near_only or inside.all():
-        return np.where(inside, np.float32(np.inf), np.float32(0))
+    if inside.all():
+        return np.full(inside.shape, np.inf, np.float32)
     return np.asarray(cv2.distanceTransform(inside, cv2.DIST_C, 3))
+
+
+@njit(cache=True, nogil=True)
+def _beside(view: Ints, x: Floats, y: Floats, out: Mask, stack: Pixels) -> None:
+    """Whether a neighbour of the nearest pixel has another value."""
+    height, width, channels = stack.shape[1:]
+    for i in range(view.shape[0]):
+        k, out[i] = view[i], False
+        if k < 0:
+            continue
+        c = min(max(int(np.floor(x[i])), 0), width - 1)
+        r = min(max(int(np.floor(y[i])), 0), height - 1)
+        left, right, above, below = (
+            max(c - 1, 0),
+            min(c + 1, width - 1),
+            max(r - 1, 0),
+            min(r + 1, height - 1),
+        )
+        for j in range(channels):
+            own = stack[k, r, c, j]
+            if (
+                stack[k, r, left, j] != own
+                or stack[k, r, right, j] != own
+                or stack[k, above, c, j] != own
+                or stack[k, below, c, j] != own
+            ):
+                out[i] = True
+                break
 
 
 @njit(cache=True, nogil=True)

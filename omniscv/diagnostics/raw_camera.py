@@ -43,11 +43,13 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         self.position = position
         self.driver.attach(StaleFrames())
         self._view: View | None = None
+        self._sizes: dict[str, tuple[int, int]] = {}  # of each mode's pictures
         self.size, self.lag = (EDGE_PX, EDGE_PX), _FRAMES
         self._aim(0, 0)
         height, width = self.pixels("lit").shape[:2]
         self.size = width, height
         self._aim(0, 0)
+        self._sizes.clear()
         self.fov_deg = fov(
             self._connection.text(f"vget /camera/{self.driver.camera}/{self.driver.table.fov}")
         )
@@ -83,6 +85,9 @@ class RawCamera(AbstractContextManager["RawCamera"]):
             width, height = picture_size(reply)
             if not 1 <= height <= width <= _LARGEST_PX:
                 wanted = f"expected a picture at most {_LARGEST_PX} px wide and no higher"
+                raise BadReplyError(f"{where}: {wanted}, got {width} x {height}")
+            if (known := self._sizes.setdefault(mode, (width, height))) != (width, height):
+                wanted = "expected {} pictures of {} x {} as before".format(mode, *known)
                 raise BadReplyError(f"{where}: {wanted}, got {width} x {height}")
             view = View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height)
             return decode(reply, "npy" if mode == "depth" else "png", mode, view)

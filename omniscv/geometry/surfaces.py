@@ -1,7 +1,7 @@
 """Surfaces in a picture of planar depth: which pixels lie on one, and where it runs between them.
 
 On a plane 1 / (planar depth) is linear in the pixel, so bilinear interpolation of it is exact. Across the
-edge of an object it would put points in the air: :func:`one_surface` detects that, and there the nearest
+edge of an object it would put points in the air: there the nearest
 pixel's own surface is continued.
 """
 
@@ -22,6 +22,8 @@ _CONTINUED_RELATIVE = 0.002
 _ROUNDINGS = 1.0
 """The second difference of rounded values is mostly less than so many of their largest errors."""
 _FLOAT32 = 2.0**-25
+_LEAST_M = 1e-6
+"""A server may send a depth of 0."""
 
 
 class Precision(NamedTuple):
@@ -66,22 +68,41 @@ def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, p
     height, width = face.shape
     px, py = x - 0.5, y - 0.5
     c, r = int(np.floor(px)), int(np.floor(py))
-    if 1 <= c < width - 2 and 1 <= r < height - 2 and one_surface(face, r, c):
-        return _between(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
+    if 1 <= c < width - 2 and 1 <= r < height - 2:
+        a, b = px - c, py - r
+        # The 2 x 2 pixels around, and their neighbours in each direction: above, left, right, below.
+        n0, n1 = inverse_depth(face[r - 1, c]), inverse_depth(face[r - 1, c + 1])
+        w0, i00 = inverse_depth(face[r, c - 1]), inverse_depth(face[r, c])
+        i01, e0 = inverse_depth(face[r, c + 1]), inverse_depth(face[r, c + 2])
+        w1, i10 = inverse_depth(face[r + 1, c - 1]), inverse_depth(face[r + 1, c])
+        i11, e1 = inverse_depth(face[r + 1, c + 1]), inverse_depth(face[r + 1, c + 2])
+        s0, s1 = inverse_depth(face[r + 2, c]), inverse_depth(face[r + 2, c + 1])
+        if (
+            _continues(w0, i00, i01, e0)
+            and _continues(w1, i10, i11, e1)
+            and _continues(n0, i00, i10, s0)
+            and _continues(n1, i01, i11, s1)
+        ):
+            inverse = (1 - b) * ((1 - a) * i00 + a * i01) + b * ((1 - a) * i10 + a * i11)
+            across, down = (1 - b) * (i01 - i00) + b * (i11 - i10), (1 - a) * (i10 - i00) + a * (i11 - i01)
+            near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
+            stored = _stored(near, far, r, c, face.shape, focal, precision)
+            noise = 2.0 * _ROUNDINGS * stored
+            bent_across = max(_bend(w0, i00, i01, e0), _bend(w1, i10, i11, e1))
+            bent_down = max(_bend(n0, i00, i10, s0), _bend(n1, i01, i11, s1))
+            bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
+            # Coordinates are float32: an error of a part in 2^24 of the width.
+            placed = (abs(across) + abs(down)) * _FLOAT32 * max(height, width)
+            return Point(inverse, across, down, stored + bend + placed, 0.0)
     c = min(max(int(np.floor(x)), 0), width - 1)
     r = min(max(int(np.floor(y)), 0), height - 1)
     return _continued(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
-def one_surface(face: NDArray[np.float32], r: int, c: int) -> bool:
-    """Whether the 2 x 2 pixels at (r, c) belong to one smooth surface."""
-    for j in range(2):
-        if not _continues(face[r + j, c - 1], face[r + j, c], face[r + j, c + 1], face[r + j, c + 2]):
-            return False
-        if not _continues(face[r - 1, c + j], face[r, c + j], face[r + 1, c + j], face[r + 2, c + j]):
-            return False
-    return True
+def inverse_depth(z: float) -> float:
+    """Return 1 / z, 0 where there is no surface."""
+    return float(1.0 / max(z, _LEAST_M))
 
 
 @njit(cache=True, nogil=True)
@@ -105,7 +126,9 @@ def discontinuities(face: NDArray[np.float32]) -> NDArray[np.uint8]:
 @njit(cache=True, nogil=True)
 def _same(before: float, a: float, b: float, after: float) -> bool:
     """Whether a and b are both no surface, or one."""
-    return (a == np.inf and b == np.inf) or _continues(before, a, b, after)
+    if a == np.inf and b == np.inf:
+        return True
+    return bool(_continues(inverse_depth(before), inverse_depth(a), inverse_depth(b), inverse_depth(after)))
 
 
 @njit(cache=True, nogil=True)
@@ -121,39 +144,20 @@ def rounding(z: float, r: int, c: int, shape: tuple[int, int], focal: float, pre
 
 
 @njit(cache=True, nogil=True)
-def _between(
-    face: NDArray[np.float32], r: int, c: int, a: float, b: float, focal: float, precision: Precision
-) -> Point:
-    """Between the 2 x 2 pixels at (r, c), linear in the inverse: a across, b down, 0..1."""
-    i00, i01 = 1.0 / face[r, c], 1.0 / face[r, c + 1]
-    i10, i11 = 1.0 / face[r + 1, c], 1.0 / face[r + 1, c + 1]
-    inverse = (1 - b) * ((1 - a) * i00 + a * i01) + b * ((1 - a) * i10 + a * i11)
-    across, down = (1 - b) * (i01 - i00) + b * (i11 - i10), (1 - a) * (i10 - i00) + a * (i11 - i01)
-    near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
-    stored = max(
-        near * near * rounding(1.0 / near, r, c, face.shape, focal, precision),
-        far * far * rounding(1.0 / far, r, c, face.shape, focal, precision),
-    )
-    bent_across = max(
-        _bend(face[r, c - 1], face[r, c], face[r, c + 1], face[r, c + 2]),
-        _bend(face[r + 1, c - 1], face[r + 1, c], face[r + 1, c + 1], face[r + 1, c + 2]),
-    )
-    bent_down = max(
-        _bend(face[r - 1, c], face[r, c], face[r + 1, c], face[r + 2, c]),
-        _bend(face[r - 1, c + 1], face[r, c + 1], face[r + 1, c + 1], face[r + 2, c + 1]),
-    )
-    noise = 2.0 * _ROUNDINGS * stored
-    bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
-    # Coordinates are float32: an error of a part in 2^24 of the width.
-    placed = (abs(across) + abs(down)) * _FLOAT32 * max(face.shape[0], face.shape[1])
-    return Point(inverse, across, down, stored + bend + placed, 0.0)
+def _stored(
+    near: float, far: float, r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision
+) -> float:
+    """The largest error of 1/z, 1/m, of values between two."""
+    at_near = near * near * rounding(1.0 / near, r, c, shape, focal, precision)
+    at_far = far * far * rounding(1.0 / far, r, c, shape, focal, precision)
+    return float(max(at_near, at_far))
 
 
 @njit(cache=True, nogil=True)
 def _bend(before: float, a: float, b: float, after: float) -> float:
-    """What a curve or a crease may lie off the chord between a and b, at most 1/4 of it, 1/m."""
-    left = abs(2.0 / a - 1.0 / b - 1.0 / before) if before < np.inf else 0.0
-    right = abs(2.0 / b - 1.0 / a - 1.0 / after) if after < np.inf else 0.0
+    """What a curve or a crease may lie off the chord between a and b, at most 1/4 of it; all 1/z."""
+    left = abs(2.0 * a - b - before) if before > 0.0 else 0.0
+    right = abs(2.0 * b - a - after) if after > 0.0 else 0.0
     return left + right
 
 
@@ -163,7 +167,7 @@ def _continued(
 ) -> Point:
     """The surface of pixel (r, c), continued to (dx, dy) from its centre by the slope that it has there."""
     height, width = face.shape
-    z = float(face[r, c])
+    z = max(float(face[r, c]), _LEAST_M)
     jump = _jump(face, r, c)
     if not z < np.inf:
         return Point(0.0, 0.0, 0.0, 0.0, jump)
@@ -216,26 +220,28 @@ def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tupl
     """1/z of the next pixel less that of this one, and whether both lie on one surface."""
     if not next_ < np.inf:
         return 0.0, False
-    step = 1.0 / next_ - 1.0 / here
-    on = abs(step) <= allowed or (beyond < np.inf and abs(1.0 / beyond - 1.0 / next_ - step) <= allowed)
+    step = inverse_depth(next_) - inverse_depth(here)
+    curve = inverse_depth(beyond) - inverse_depth(next_) - step
+    on = abs(step) <= allowed or (beyond < np.inf and abs(curve) <= allowed)
     return step, on
 
 
 @njit(cache=True, nogil=True)
 def allowed_step(near: float) -> float:
     """How far 1/z may be off a line through neighbours on the same surface."""
-    return (_STEP_M + _STEP_RELATIVE * near) / (near * near)
+    inverse = inverse_depth(near)
+    return float((_STEP_M * inverse + _STEP_RELATIVE) * inverse)
 
 
 @njit(cache=True, nogil=True)
 def _continues(before: float, a: float, b: float, after: float) -> bool:
-    """Whether a and b lie on one line in 1/z with a neighbour on either side, to a tolerance in metres."""
-    if not (a < np.inf and b < np.inf):
+    """Whether a and b lie on one line with a neighbour on either side, to a tolerance in metres; all 1/z."""
+    if not (a > 0.0 and b > 0.0):
         return False
-    step = 1.0 / b - 1.0 / a
-    allowed = allowed_step(min(a, b))
+    near = max(a, b)
+    step, allowed = b - a, _STEP_M * near * near + _STEP_RELATIVE * near
     if abs(step) <= allowed:
         return True
-    from_left = before < np.inf and abs(step - (1.0 / a - 1.0 / before)) <= allowed
-    from_right = after < np.inf and abs(step - (1.0 / after - 1.0 / b)) <= allowed
+    from_left = before > 0.0 and abs(step - (a - before)) <= allowed
+    from_right = after > 0.0 and abs(step - (after - b)) <= allowed
     return from_left and from_right

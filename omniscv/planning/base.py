@@ -49,7 +49,7 @@ class RenderOptions:
     Args:
         strategy: which views are captured: a name of :func:`omniscv.planning.names`.
         viewpoints: optical centres of a non-central camera; chosen by the strategy if not given.
-        face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail.
+        face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail and few edges.
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
         max_error_px: the error that ``reproject`` and ``adaptive`` may make, in output pixels.

@@ -182,7 +182,7 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Met:
 
 
 def distances(shell: DepthShell, directions_w: Array) -> Array:
-    """Return (N,) captured distance in directions (N, 3), nearest pixel; 0 outside all views."""
+    """Return (N,) captured distance in directions (N, 3) of any length, nearest pixel; 0 outside views."""
     out = np.zeros(len(directions_w))
     _distances(shell, directions_w, out)
     return out
@@ -191,8 +191,9 @@ def distances(shell: DepthShell, directions_w: Array) -> Array:
 @njit(cache=True, nogil=True)
 def _distances(shell: Any, directions: Any, out: Any) -> None:
     for i in range(directions.shape[0]):
-        k, u, v, along = _lookup(shell, directions[i, 0], directions[i, 1], directions[i, 2])
-        out[i] = _nearest(shell.depth[k], u, v) / along if k >= 0 else 0.0
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        k, u, v, along = _lookup(shell, x, y, z)
+        out[i] = _nearest(shell.depth[k], u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -123,7 +123,8 @@ class MarchedRays:
         behind = met.reach <= 0  # a hit counts only in front of the ray's origin
         error_px = met.direction_error / self._steps[mine]
         met.reach[behind] = np.nan
-        met.sure[~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)) | behind] = False
+        wrong = ~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)) | behind
+        met.sure[wrong], met.hidden_from[wrong], met.hidden_to[wrong] = False, 0.0, np.inf
         self._join(mine, met)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
         better = met.sure | (np.isnan(self.met.reach[mine]) & ~np.isnan(met.reach))

@@ -139,7 +139,8 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
         raise BadReplyError(f"expected a PNG, got {_start(payload)}")
     width, height = picture_size(payload)
     if (width, height) != (view.width, view.height):
-        raise BadReplyError(f"expected a PNG of {view.width} x {view.height}, got {width} x {height}")
+        wanted, got = f"{view.width} x {view.height}", f"{payload[24]}-bit {width} x {height}"
+        raise BadReplyError(f"expected an 8-bit PNG of {wanted}, got {got}")
     pixels = png.decode(payload)
     to_rgb = {1: cv2.COLOR_GRAY2RGB, 2: cv2.COLOR_GRAY2RGB, 4: cv2.COLOR_RGBA2RGB}
     if (channels := pixels.shape[2]) == 3:

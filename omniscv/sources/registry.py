@@ -41,7 +41,7 @@ class SourceOptions(TypedDict, total=False):
 
     Attributes:
         timeout_s: how long connecting, and each reply, may take; 15 s if not given.
-        patience_s: for how long to connect and send again after a fault, until there is a reply; 12 s.
+        patience_s: for how long to connect and send again after a fault, until there is a reply; 10 s.
         retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
     """

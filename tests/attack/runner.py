@@ -1,5 +1,6 @@
 """Runs cases in a process of their own, which is killed where one hangs, and counts what they find."""
 
+import contextlib
 import importlib
 import multiprocessing
 import random
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-HANG_S, START_S = 30, 300
+HANG_S, START_S = 90, 300
 """For one case, which has far shorter deadlines of its own; for the first, where much is compiled."""
 
 MEMORY = 8 << 30
@@ -100,12 +101,10 @@ def _work(pipe):
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     importlib.import_module("attack.samples").sample()
     pipe.send("ready")
-    while True:
-        try:
+    with contextlib.suppress(EOFError, OSError):  # the end of the run, or of a case that hung
+        while True:
             family, seed = pipe.recv()
-        except EOFError:
-            return
-        pipe.send(_case(family, seed))
+            pipe.send(_case(family, seed))
 
 
 def _case(family, seed):

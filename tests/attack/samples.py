@@ -25,7 +25,7 @@ modes: [lit, object_mask, depth]
 strategy: cube
 face_size: 16
 out: images
-source_options: {{timeout_s: 0.4, retries: 1}}
+source_options: {{timeout_s: 0.4, patience_s: 2, retries: 1}}
 """
 
 

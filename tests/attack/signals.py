@@ -11,7 +11,11 @@ import psutil
 from attack.commands import nothing_left, ran, require
 
 SECONDS = 20
-PROGRAM = "from omniscv.cli import main; print('started', flush=True); main()"
+PROGRAM = (  # with signals as a terminal has them, also under nohup and in the background
+    "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL); "
+    "signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from omniscv.cli import main; print('started', flush=True); main()"
+)
 POSITIONS = [f"--position={0.01 * step},0,1.5" for step in range(300)]
 COMMANDS = {
     "record": [

@@ -21,8 +21,8 @@ def test_every_way_is_measured(rows):
     }
     assert [r.model for r in rows if r.default] == list(central.models(48))
     for row in rows:
-        assert 20 < row.psnr_db < 34
-        assert 0.02 < row.flip < 0.15
+        assert 20 < row.psnr_db < 45  # means of pixels, at twice or four times the face size
+        assert 0.01 < row.flip < 0.15
         assert 0.5 < row.seam < 1.6
         assert row.depth_median < 1e-6 < row.depth_q99
 

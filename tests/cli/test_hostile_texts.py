@@ -1,5 +1,9 @@
 """Texts of others on the command line: one short line, exit code 2, and nothing that controls a terminal."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 from test_usage import failed
 
@@ -143,6 +147,26 @@ def test_what_is_printed_cannot_control_the_terminal(capsys):
     assert printed.out.splitlines()[2].strip() == TAME
     assert printed.err == f"omniscv: name {TAME}\n".replace(r"\x85\n", " ")
     assert str(OmniscvError(WILD)) == TAME.replace(r"\x85\n", " ")
+
+
+def test_a_name_that_the_terminal_cannot_show(tmp_path):
+    command = [sys.executable, "-c", "from omniscv.cli import main; main()", "record"]
+    options = [
+        "--face-size",
+        "16",
+        "--source",
+        "scene://direction",
+        "--modes",
+        "lit",
+        "--out",
+        "caf\u00e9.sqlite",
+    ]
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}
+    done = subprocess.run(
+        [*command, *options], cwd=tmp_path, env=ascii_only, capture_output=True, check=False
+    )
+    assert done.stderr == b""
+    assert done.stdout == b"caf\\xe9.sqlite: 6 captures\n"
 
 
 def test_a_long_error_keeps_its_beginning_and_its_end():

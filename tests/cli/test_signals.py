@@ -1,6 +1,8 @@
 """Signals that end a command, also where a shell started it with SIGINT ignored, as background jobs."""
 
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -39,3 +41,38 @@ def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path
     assert said == "omniscv: stopped; recorded captures are kept, rerun to resume\n"
     assert verify(out).ok
     assert 0 < info(out).captures["lit"] < 6000
+
+
+def test_a_signal_that_was_lost_is_noticed_later():
+    """What a handler raises within a callback of C, or in ``__del__``, is printed and gone."""
+    lost = """
+import os, signal, sys
+from omniscv.cli import signals
+class Ends:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        sum(range(1000))
+def command():
+    Ends()
+    signals.check()
+    return 0
+sys.unraisablehook = lambda _: None
+sys.exit(signals.unwound(command))
+"""
+    assert subprocess.run([sys.executable, "-c", lost], timeout=60).returncode == 143
+
+
+def test_what_an_interrupted_import_raises_is_no_failure_of_its_own():
+    interrupted = """
+import os, signal, sys
+from omniscv.cli import signals
+def command():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
+    except KeyboardInterrupt as cause:
+        raise ImportError("failed to import") from cause
+sys.exit(signals.unwound(command))
+"""
+    done = subprocess.run([sys.executable, "-c", interrupted], timeout=60, capture_output=True)
+    assert (done.returncode, done.stderr) == (130, b"")

@@ -262,7 +262,7 @@ def test_finer_truth_is_an_option_of_jobs_and_of_commands(tmp_path, capsys):
         "source: scene://four-wall\ncameras: {c: {model: pinhole, width: 16, height: 16, fov_deg: 60}}\n"
         "poses: [{position: [0, 0, 1.5]}]\nmodes: [depth]\ntruth_scale: 9\n"
     )
-    assert "truth_scale: expected 1 to 8, got 9" in failed(capsys, 2, ["render", str(job)])
+    assert "truth_scale: expected a whole number <= 8, got 9" in failed(capsys, 2, ["render", str(job)])
 
 
 def test_an_unknown_command_is_one_line(capsys):
@@ -303,7 +303,7 @@ def test_columns_beyond_the_walls_are_reported(capsys, tmp_path):
     """The room is 5 m wide: with a radius of 2.7 m some columns of the panorama begin outside."""
     arguments = ["render", "--camera", "noncentral-panorama", "--param", "radius=2.7", "--size", "32x16"]
     assert run([*arguments, "--modes", "depth", "--out", str(tmp_path / "out")]) == 0
-    assert "pixels are unsure" in capsys.readouterr().err
+    assert "pixels are occluded" in capsys.readouterr().err
     written = json.loads((tmp_path / "out" / "noncentral-panorama.json").read_text())
-    assert 0 < written["unsure_pixels"] < 32 * 16
-    assert (tmp_path / "out" / "noncentral-panorama.unsure.png").exists()
+    assert 0 < written["occluded_pixels"] < 32 * 16
+    assert (tmp_path / "out" / "noncentral-panorama.occluded.png").exists()

@@ -21,12 +21,12 @@ UNCOVERED = (
 )
 THIN = ("Wires",)  # of 3 mm: thinner than any capture's pixel here
 SMALL = {
-    "noncentral-panorama": create("noncentral-panorama", width=256, height=128, radius=1.0),
+    "noncentral-panorama": create("noncentral-panorama", width=160, height=80, radius=1.0),
     "noncentral-spherical-mirror": create(
-        "noncentral-spherical-mirror", width=200, height=200, mirror_radius=0.3, distance=0.3, fov_deg=280
+        "noncentral-spherical-mirror", width=128, height=128, mirror_radius=0.3, distance=0.3, fov_deg=280
     ),
     "noncentral-conical-mirror": create(
-        "noncentral-conical-mirror", width=200, height=200, half_angle_deg=55.0, distance=0.3
+        "noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3
     ),
 }
 WAYS = ({}, {"strategy": "adaptive"}, {"strategy": "strips", "viewpoints": 12})
@@ -52,56 +52,77 @@ def drawn_pose(seed):
     return Pose.from_angles(position, *rng.uniform(-20, 20, 3))
 
 
+FACE_PX = 320  # 1.6 cm at 2.6 m: the rods of the fence are wider
+
 CASES = [
-    (name, room, way)
-    for name in names()
-    for room in ROOMS
-    for way in (WAYS if name in SMALL else WAYS[:1])
-    if room != "fence" or name in SMALL or name == "equirectangular"
+    *((name, "four-wall", {}) for name in names() if name not in SMALL),
+    ("equirectangular", "open", {}),
+    ("fisheye-equidistant", "fence", {}),
+    ("noncentral-panorama", "four-wall", WAYS[0]),
+    ("noncentral-panorama", "fence", WAYS[1]),
+    ("noncentral-panorama", "fence", WAYS[2]),
+    ("noncentral-spherical-mirror", "open", WAYS[0]),
+    ("noncentral-spherical-mirror", "four-wall", WAYS[1]),
+    ("noncentral-conical-mirror", "open", WAYS[1]),
+    ("noncentral-conical-mirror", "four-wall", WAYS[2]),
+]
+ALL = [
+    (name, room, way) for name in names() for room in ROOMS for way in (WAYS if name in SMALL else WAYS[:1])
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "room", "way"),
-    CASES,
-    ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else value,
-)
+def ids(value):
+    return "-".join(map(str, value.values())) if isinstance(value, dict) else value
+
+
+@pytest.mark.parametrize(("name", "room", "way"), CASES, ids=ids)
 def test_what_is_wrong_is_marked(name, room, way, rooms):
+    hold(name, room, way, rooms, 0)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize(("name", "room", "way"), ALL, ids=ids)
+def test_what_is_wrong_is_marked_everywhere(name, room, way, rooms):
+    for seed in range(1, 4):
+        hold(name, room, way, rooms, seed)
+
+
+def hold(name, room, way, rooms, seed):
     scene, source = rooms[room]
-    camera = SMALL[name] if name in SMALL else model(name).example(256)
-    for seed in range(1 if name in SMALL else 2):
-        image = omniscv.render(camera, drawn_pose(seed), source, MODES, face_size=384, **way)
-        found = Errors(image, scene, [name for name in THIN if name in scene.objects])
-        judged = found.judgement()
-        assert found.uncovered.sum() <= max(1, UNCOVERED * image.valid.sum()), judged
-        unsure = image.unsure & image.valid
-        assert unsure.sum() <= 5 or judged.unsure_wrong >= 0.2, judged
-        assert not image.unsure[~image.valid].any()
-        assert (image.depth_error[~image.valid] == 0).all()
-        assert (image.depth[image.valid] > 0).all()
+    camera = SMALL[name] if name in SMALL else model(name).example(160)
+    image = omniscv.render(camera, drawn_pose(seed), source, MODES, face_size=FACE_PX, **way)
+    found = Errors(image, scene, [name for name in THIN if name in scene.objects])
+    judged = found.judgement()
+    assert found.uncovered.sum() <= max(2, UNCOVERED * image.valid.sum()), judged
+    unsure = image.unsure & image.valid
+    assert unsure.sum() <= 0.001 * image.valid.sum() or judged.unsure_wrong >= 0.2, judged
+    assert not image.unsure[~image.valid].any()
+    assert (image.depth_error[~image.valid] == 0).all()
+    assert (image.depth[image.valid] > 0).all()
 
 
 def test_the_bound_of_depth_is_near_its_error(rooms):
     """Half floats round a wall by one amount: many poses are needed for the median of all."""
     errors, bounds = [], []
-    for name in (*SMALL, "equirectangular", "fisheye-equidistant"):
-        camera = SMALL[name] if name in SMALL else model(name).example(128)
+    for name in ("equirectangular", "fisheye-equidistant", "noncentral-panorama"):
+        camera = SMALL[name] if name in SMALL else model(name).example(96)
         for seed in range(4):
-            for way in WAYS[:2] if name in SMALL else WAYS[:1]:
-                scene, source = rooms[("four-wall", "fence")[seed % 2]]
-                image = omniscv.render(camera, drawn_pose(seed), source, MODES, face_size=128, **way)
-                errors.append(Errors(image, scene).depth_m[image.valid])
-                bounds.append(image.depth_error[image.valid])
+            scene, source = rooms[("four-wall", "fence")[seed % 2]]
+            way = WAYS[seed % 2] if name in SMALL else {}
+            image = omniscv.render(camera, drawn_pose(seed), source, MODES, face_size=96, **way)
+            errors.append(Errors(image, scene).depth_m[image.valid])
+            bounds.append(image.depth_error[image.valid])
     assert np.median(np.concatenate(bounds)) <= 3 * np.median(np.concatenate(errors))
 
 
-@pytest.mark.parametrize("name", ["equirectangular", *SMALL])
+@pytest.mark.parametrize("name", ["equirectangular", "noncentral-panorama"])
 def test_no_point_hangs_in_the_open(name, rooms):
     """400 m of ground, a post of 0.1 m, a tower of 80 m (review, A6)."""
     scene, source = rooms["open"]
     camera = SMALL.get(name) or model(name).example(256)
     for way in WAYS[:2] if name in SMALL else WAYS[:1]:
-        image = omniscv.render(camera, drawn_pose(3), source, ("depth",), **way)
+        image = omniscv.render(camera, drawn_pose(3), source, ("depth",), face_size=256, **way)
         depth = image.depth[image.valid & np.isfinite(image.depth)]
         away = distance_to_surfaces(scene, image.points())
         assert (away <= np.maximum(0.05, 0.01 * depth)).all()
@@ -127,9 +148,11 @@ def test_what_is_farther_than_the_wire_reaches_is_told_from_the_sky(rooms):
 def test_few_viewpoints_say_what_they_give_up(rooms):
     """With 12 viewpoints the median depth is off by centimetres, and its bound says so (review, A9)."""
     _, source = rooms["four-wall"]
-    for name in SMALL:
+    for name in ("noncentral-panorama", "noncentral-conical-mirror"):
         exact, few = (
-            omniscv.render(SMALL[name], drawn_pose(1), source, MODES, strategy="strips", viewpoints=count)
+            omniscv.render(
+                SMALL[name], drawn_pose(1), source, MODES, strategy="strips", viewpoints=count, face_size=128
+            )
             for count in (None, 12)
         )
         assert np.median(few.depth_error[few.valid]) > 2 * np.median(exact.depth_error[exact.valid])
@@ -139,11 +162,11 @@ def test_few_viewpoints_say_what_they_give_up(rooms):
 def test_normals_lie_on_a_surface(normals, rooms):
     """No normal is blended across an edge: nearly all are those of a surface within a pixel (review, A5)."""
     scene, source = rooms["four-wall"]
-    for name in ("equirectangular", "noncentral-panorama"):
+    for name, way in (("equirectangular", {}), ("noncentral-panorama", {"strategy": "adaptive"})):
         camera = SMALL.get(name) or model(name).example(256)
-        for way in WAYS[:2] if name in SMALL else WAYS[:1]:
+        if True:
             image = omniscv.render(
-                camera, drawn_pose(2), source, (*MODES, "normals"), face_size=384, normals=normals, **way
+                camera, drawn_pose(2), source, (*MODES, "normals"), face_size=256, normals=normals, **way
             )
             assert Errors(image, scene).judgement().normals_20_deg <= (
                 0.001 if normals == "captured" else 0.02

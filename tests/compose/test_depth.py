@@ -10,11 +10,11 @@ from mock_server.scene import Scene
 from omniscv.cameras import create
 from omniscv.chart.truth import traced
 from omniscv.geometry import Pose
-from omniscv.sources.base import Capture, Source
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 ROOMS = {name: float_source(load_scene(name)) for name in ("four-wall", "six-wall")}
-CENTRAL = {name: camera for name, camera in cameras_at(1024).items() if camera.central}
+CENTRAL = {name: camera for name, camera in cameras_at(512).items() if camera.central}
 
 
 IN_BOTH_ROOMS = ("equirectangular", "fisheye-equidistant", "catadioptric-hyperbolic")
@@ -24,7 +24,7 @@ IN_BOTH_ROOMS = ("equirectangular", "fisheye-equidistant", "catadioptric-hyperbo
     ("room", "name"), [("four-wall", n) for n in CENTRAL] + [("six-wall", n) for n in IN_BOTH_ROOMS]
 )
 def test_depth_of_every_central_model(room, name):
-    """Faces and images of 1024 px, float32 depth. Of nearly a million points none is in the air."""
+    """Faces of 1024 px, images of 512, float32 depth. Of a hundred thousand points none is in the air."""
     source, camera = ROOMS[room], CENTRAL[name]
     image = omniscv.render(camera, POSE, source, ("depth",), face_size=1024)
     every = 4  # of the rows, one in so many is traced
@@ -122,3 +122,26 @@ def test_a_thin_pole_keeps_its_depth():
     points = image.points().reshape(512, 1024, 3)
     assert distance_to_surfaces(scene, points[pole]).max() < 0.01
     assert (np.abs(points[pole][:, 0] - 1.5) < 0.02).all()
+
+
+class Near(Source):
+    """Depth of 0 everywhere, as a server may send where a surface touches the camera."""
+
+    capabilities = Capabilities()
+
+    def objects(self):
+        return ObjectTable({})
+
+    def capture(self, requests):
+        for request in requests:
+            shape = request.view.height, request.view.width
+            yield Capture(request, request.view, np.zeros(shape, np.float32))
+
+
+@pytest.mark.parametrize("normals", ["captured", "from-depth"])
+def test_a_depth_of_zero_is_no_fault(normals):
+    camera = create("noncentral-panorama", width=32, height=16, radius=0.5)
+    modes = ("depth",) if normals == "captured" else ("depth", "normals")
+    for strategy in ("strips", "adaptive"):
+        image = omniscv.render(camera, POSE, Near(), modes, strategy=strategy, face_size=32, normals=normals)
+        assert (image.depth[image.valid] < 1).all()

@@ -17,10 +17,12 @@ POSES = [
     for i in range(4)
 ]
 SCENE = load_scene("four-wall")
-CAMERAS = {name: camera for name, camera in cameras_at(192).items() if camera.central}
+CAMERAS = cameras_at(192)
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(
+    "name", ["equirectangular", "fisheye-equidistant", "catadioptric-hyperbolic", "pinhole"]
+)
 def test_twice_the_size_gains_less_than_a_tenth(name):
     """On average over poses: in a single picture, how fine lines fall on the pixels decides as much.
 

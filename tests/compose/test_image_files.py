@@ -90,12 +90,6 @@ def test_labels_are_16_bit_png(image, folder):
     assert equal_bits(pixels.astype(np.uint16), image.labels)
 
 
-def test_unsure_pixels_are_white_in_a_grey_png(image, folder):
-    mode, pixels = with_pillow(folder / "pano-0.unsure.png")
-    assert mode == "L"
-    assert np.array_equal(pixels, np.where(image.unsure, 255, 0))
-
-
 def test_jpeg_is_rgb_and_close(image, folder):
     mode, pixels = with_pillow(folder / "pano-0.lit.jpg")
     off = np.abs(pixels.astype(int) - image.lit)
@@ -116,12 +110,29 @@ def test_depth_is_float32_to_the_bit_in_exr(image, folder):
     assert np.isposinf(channels["Z"][30, 20])
     assert "metres" in header["comments"]
     assert "+inf" in header["comments"]
+    assert header["unit"] == "metre"
+    assert "along the ray" in header["kind"]
+    assert "x right, y down, z forward" in header["frame"]
+
+
+def test_the_bound_of_depth_is_float32_to_the_bit_in_exr(image, folder):
+    channels, header = with_openexr(folder / "pano-0.depth_error.exr")
+    assert equal_bits(channels["Z"], image.depth_error)
+    assert (header["unit"], "may be off" in header["kind"]) == ("metre", True)
+
+
+@pytest.mark.parametrize("layer", ["label_edge", "unsure"])
+def test_marks_are_white_in_a_grey_png(image, folder, layer):
+    mode, pixels = with_pillow(folder / f"pano-0.{layer}.png")
+    assert mode == "L"
+    assert np.array_equal(pixels, np.where(image[layer], 255, 0))
 
 
 def test_normals_are_float32_to_the_bit_in_exr(image, folder):
     channels, header = with_openexr(folder / "pano-0.normals.exr")
-    assert set(channels) == {"R", "G", "B"}
-    assert equal_bits(np.stack([channels[name] for name in "RGB"], axis=-1), image.normals)
+    assert set(channels) == {"N.X", "N.Y", "N.Z"}
+    assert equal_bits(np.stack([channels[f"N.{axis}"] for axis in "XYZ"], axis=-1), image.normals)
+    assert (header["unit"], header["kind"]) == ("1", "unit normal of the surface")
     assert "camera frame" in header["comments"]
 
 
@@ -148,7 +159,13 @@ def test_the_json_describes_the_image(image, folder):
     pose = omniscv.Pose.from_dict(found["pose"])
     assert np.array_equal(pose.position, POSE.position)
     assert np.array_equal(pose.rotation, POSE.rotation)
-    assert found["options"] == {"viewpoints": None, "max_error_px": None, **OPTIONS}
+    assert found["options"] == {
+        "viewpoints": None,
+        "max_error_px": None,
+        "truth_scale": 1,
+        "normals": "captured",
+        **OPTIONS,
+    }
     assert found["source"]["scene"] == "four-wall"
     assert found["unsure_pixels"] == 200
     assert found["unknown_mask_colors"] == []

@@ -22,7 +22,7 @@ CAMERAS = cameras_at(256)
 @pytest.mark.parametrize("name", CAMERAS)
 def test_every_output_colour_is_an_input_colour_and_has_its_label(name, filter):
     camera = CAMERAS[name]
-    image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), filter=filter)
+    image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), filter=filter, face_size=96)
     shown = set(map(tuple, image.object_mask[image.valid].tolist()))
     known = {color: SOURCE.objects().label(name) for name, color in SOURCE.objects().colors.items()}
     assert shown <= set(known) | {(0, 0, 0)}

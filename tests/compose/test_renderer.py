@@ -25,6 +25,7 @@ CAMERAS = {
     "coarse": create("pinhole", width=24, height=24, fov_deg=70),
 }
 MODES = ("lit", "object_mask", "depth", "normals")
+SMALL = omniscv.RenderOptions(face_size=64)
 
 
 def same(a, b):
@@ -32,16 +33,16 @@ def same(a, b):
 
 
 def reference(camera, pose, **options):
-    return omniscv.render(camera, pose, SOURCE, MODES, **options)
+    return omniscv.render(camera, pose, SOURCE, MODES, **{"face_size": 64, **options})
 
 
 @pytest.mark.parametrize("filter", ["auto", "bicubic", "area"])
 def test_images_of_a_kept_renderer_are_those_of_a_new_one(filter):
-    renderer, options = omniscv.Renderer(SOURCE), omniscv.RenderOptions(filter=filter)
+    renderer, options = omniscv.Renderer(SOURCE), omniscv.RenderOptions(filter=filter, face_size=64)
     for pose in (*POSES, *POSES):
         for camera in CAMERAS.values():
             kept = renderer.render(camera, pose, MODES, options)
-            assert same(kept, reference(camera, pose, filter=filter))
+            assert same(kept, reference(camera, pose, filter=filter, face_size=64))
 
 
 @pytest.mark.parametrize("limit", [0, 1 << 20, 1 << 30])
@@ -49,7 +50,7 @@ def test_what_is_kept_stays_within_its_bound(limit):
     renderer = omniscv.Renderer(SOURCE, cache_bytes=limit)
     for pose in POSES:
         for camera in CAMERAS.values():
-            renderer.render(camera, pose, MODES)
+            renderer.render(camera, pose, MODES, SMALL)
             assert renderer.nbytes <= limit
 
 
@@ -66,7 +67,7 @@ def test_lookups_of_several_cameras_are_made_once_pose_by_pose():
     counts = []
     for x in np.linspace(-1, 1, 5):
         for camera in cameras:
-            renderer.render(camera, Pose.from_angles((x, 0, 1.5), yaw_deg=20.0), ("lit", "depth"))
+            renderer.render(camera, Pose.from_angles((x, 0, 1.5), yaw_deg=20.0), ("lit", "depth"), SMALL)
         counts.append(len(made))
     assert counts[1:] == [2 * len(cameras)] * 4  # kept when they come a second time
 
@@ -75,7 +76,7 @@ def test_one_renderer_in_several_threads():
     renderer = omniscv.Renderer(SOURCE, cache_bytes=1 << 20)  # small: threads evict each other's
     tasks = [(camera, pose) for pose in POSES for camera in CAMERAS.values()] * 2
     with ThreadPoolExecutor(4) as threads:
-        images = list(threads.map(lambda task: renderer.render(*task, MODES), tasks))
+        images = list(threads.map(lambda task: renderer.render(*task, MODES, SMALL), tasks))
     expected = {task: reference(*task) for task in dict.fromkeys(tasks)}
     assert all(same(image, expected[task]) for image, task in zip(images, tasks, strict=True))
 
@@ -137,7 +138,8 @@ def test_an_unknown_option_is_named(option):
 
 def test_an_image_prints_as_one_line_and_shows_itself():
     image = reference(CAMERAS["equirectangular"], POSES[0])
-    assert repr(image) == "<OmniImage equirectangular 96x48: lit, object_mask, labels, depth, normals>"
+    layers = "lit, object_mask, labels, depth, normals, unsure, depth_error, label_edge"
+    assert repr(image) == f"<OmniImage equirectangular 96x48: {layers}>"
     assert image._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(ArgumentError, match="layer: expected one of lit, object_mask"):
         image["flow"]
@@ -146,7 +148,7 @@ def test_an_image_prints_as_one_line_and_shows_itself():
 def test_progress_counts_captures():
     seen = []
     omniscv.render(
-        CAMERAS["panorama"], POSES[0], SOURCE, ("lit", "depth"), strategy="adaptive",
+        CAMERAS["panorama"], POSES[0], SOURCE, ("lit", "depth"), strategy="adaptive", face_size=64,
         progress=lambda done, total: seen.append((done, total)),
     )  # fmt: skip
     assert all(done <= total for done, total in seen)

@@ -82,7 +82,7 @@ def test_points_lie_closer_to_surfaces():
 
 @pytest.mark.parametrize("scale", [0, 9, 1.5, "2"])
 def test_values_outside_the_domain_are_refused(scale):
-    with pytest.raises(ArgumentError, match="truth_scale: expected 1 to 8"):
+    with pytest.raises(ArgumentError, match="truth_scale: expected"):
         RenderOptions(truth_scale=scale)
 
 

@@ -50,6 +50,17 @@ def test_a_pinhole_is_one_view_about_as_large_as_itself(log_fov, width, height, 
     assert view.pose.R_w_c[:, 2] @ pose.R_w_c[:, 2] > 1 - 1e-9
 
 
+def test_one_degree_of_64_px_is_a_small_view():
+    """With faces it took one of 8200 px, and failed."""
+    camera = create("pinhole", width=64, height=64, fov_deg=1.0)
+    [view] = views_of(task_of(camera, POSE))
+    assert max(view.width, view.height) < 100
+    image = omniscv.render(camera, POSE, float_source(ROOM), ("object_mask", "depth"))
+    hits = traced(ROOM, camera, POSE)
+    assert (image.labels == hits.label).all()
+    np.testing.assert_allclose(image.depth, hits.distance, rtol=1e-5)
+
+
 @pytest.mark.parametrize("name", NARROW)
 def test_one_view_shows_what_faces_show(name):
     camera = create(name, **NARROW[name])

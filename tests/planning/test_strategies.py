@@ -52,7 +52,7 @@ def test_every_pixel_is_served_once_and_its_ray_is_seen(name, strategy):
 def test_every_pixel_is_served_once_whatever_is_captured(name, strategy):
     """Also where the strategy decides by what it is sent."""
     camera, source = CAMERAS[name], float_source(ROOM)
-    given, served = task(camera, LEVEL, strategy=strategy), []
+    given, served = task(camera, LEVEL, strategy=strategy, face_size=64), []
 
     def capture(round_):
         served.extend(viewpoint.pixels for viewpoint in round_.viewpoints)
@@ -115,7 +115,7 @@ def test_strips_of_the_papers_panorama():
 )
 def test_strips_show_what_cubes_show(name):
     """Within the filter's error: both against exact tracing of the pixels' own rays."""
-    camera = cameras_at(96)[name]
+    camera = cameras_at(64)[name]
     truth, errors = traced(ROOM, camera, LEVEL), {}
     for strategy in ("cube", "strips"):
         image = omniscv.render(

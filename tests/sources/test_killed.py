@@ -16,6 +16,7 @@ import mock_server
 import omniscv
 from omniscv.sources.recording.folders import export
 from omniscv.sources.recording.inspection import verify
+from omniscv.sources.recording.replacing import part_of
 from omniscv.sources.recording.store import Store
 
 KILLS, SOAK_KILLS = 3, 25
@@ -159,6 +160,26 @@ def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, 
         check(path, allowed)
     print(f"{prepare.__name__}: killed {kills - ended} times within {duration_s:.3f} s")
     assert ended < kills
+
+
+@pytest.mark.parametrize("left", [(), ("lock",), ("room.sqlite", "room.sqlite-journal")])
+def test_what_a_killed_process_left_is_removed_by_the_next_that_writes(left, tmp_path):
+    """Whether it was killed before it had locked its folder, while it wrote, or while it removed it."""
+    folder = tmp_path / ".room.sqlite-0123456789abcdef"
+    folder.mkdir()
+    for name in left:
+        (folder / name).touch()
+    (tmp_path / ".room.sqlite-mine").mkdir()
+    Store(tmp_path / "room.sqlite", write=True).close()
+    assert {path.name for path in tmp_path.iterdir()} == {"room.sqlite", ".room.sqlite-mine"}
+
+
+def test_what_a_living_process_writes_is_left_alone(tmp_path):
+    path = tmp_path / "room.sqlite"
+    with part_of(path) as part:
+        Store(path, write=True).close()
+        assert part.parent.is_dir()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_killed_creation_leaves_no_file_that_does_not_open(tmp_path, monkeypatch):

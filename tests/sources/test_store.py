@@ -75,7 +75,9 @@ def test_noise_anywhere_in_the_file_is_found(recorded, tmp_path):
         noisy[place] ^= 0xFF
         path.write_bytes(noisy)
         try:
-            found = not verify(path).ok
+            report = verify(path)
+            found = not report.ok
+            assert all(line.isprintable() for line in report.lines())
         except omniscv.errors.RecordingError:
             found = True
         if not found:

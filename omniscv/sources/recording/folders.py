@@ -1,6 +1,7 @@
 """Recordings as folders of images and JSON, and back. The layout is in docs/capture-folders.md."""
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
@@ -16,6 +17,7 @@ from omniscv.errors import (
     RecordingError,
     RecordingNotWritableError,
 )
+from omniscv.files import read_bytes
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
@@ -33,6 +35,8 @@ from omniscv.sources.recording.schema import MOST_OBJECTS
 from omniscv.sources.recording.store import Store
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
+
+_MOST_BYTES = 1 << 30  # of a file in a folder
 
 _ENTRY = {"file", "mode", "view", "asked", "encoding", "provenance"}
 _ANGLES = {"yaw_deg", "pitch_deg", "roll_deg"}
@@ -98,18 +102,16 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     for entry in entries:
         capture = _read_entry(folder, *entry)
         masks = masks or capture.mode in labelled_modes()
-        scenes.add(scene_in(json.dumps(dict(capture.provenance))))
+        scenes.add(scene_in(capture.provenance))
     scene = _scene(folder) or the_scene(scenes)
     with _opened(path) as store, store.transaction():
         store.set_scene(scene)
-        if masks and store.has_masks() and bool(objects.colors) != bool(store.objects().colors):
-            wanted = f"expected object masks with an object table in both {folder} and it, or in neither"
-            raise RecordingNotWritableError(f"{path}: {wanted}; import into another file")
-        if objects.colors:
+        given, known = bool(objects.colors), bool(store.objects().colors)
+        if (masks and known and not given) or (store.has_masks() and given and not known):
+            wanted = f"expected object masks with an object table both in {folder} and in it"
+            raise RecordingNotWritableError(f"{path}: {wanted}, got one without; import into another file")
+        if given:
             store.set_objects(objects)
-        elif masks and store.objects().colors:
-            wanted = f"expected {OBJECTS} in {folder}, whose object masks would get the names of others"
-            raise RecordingNotWritableError(f"{path}: {wanted}; import into another file")
         for entry in entries:
             store.add(_read_entry(folder, *entry))
     return len(entries)
@@ -151,16 +153,16 @@ def _read_entry(folder: Path, number: int, entry: Any) -> Capture:
     except ArgumentError as unknown:
         raise ArgumentError(f"{where}: {unknown}") from unknown
     try:
-        payload = (folder / name).read_bytes()
-    except (OSError, ValueError) as cause:
-        got = f"{shown(name)}: {getattr(cause, 'strerror', None) or 'no name of a file'}"
-        raise ArgumentError(f"{where}: expected an image that can be read, got {got}") from cause
+        payload = _read_regular(folder / name)
+    except ArgumentError as cause:
+        wanted = "expected an image that can be read"
+        raise ArgumentError(f"{where}: {wanted}, got {shown(name)}: {cause}") from cause
     try:
         pixels = decode(payload, encoding, request.mode, view)
         capture = Capture(request, view, pixels, provenance, payload, encoding)
         row = Row.of(capture, 1, "")
         row.check("")
-        row.capture()  # it can be read again
+        row.description()  # it can be read again
     except (BadReplyError, RecordingError, ArgumentError) as cause:
         kind = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
         raise kind(f"{where}: {shown(name)}: {cause}") from cause
@@ -244,10 +246,17 @@ def _whole(*numbers: Any) -> bool:
     return all(type(number) is int for number in numbers)
 
 
+def _read_regular(path: Path) -> bytes:
+    """The bytes of a file; ArgumentError for a device or a pipe, which may have no end."""
+    if os.path.lexists(path) and not os.path.isfile(path):
+        raise ArgumentError("expected a file, got a folder, a device or a link that leads nowhere")
+    return read_bytes(path, _MOST_BYTES)
+
+
 def _read_json(path: Path, kind: type) -> Any:
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as cause:
+        data = json.loads(_read_regular(path))
+    except (ValueError, RecursionError) as cause:  # an ArgumentError is a ValueError
         raise ArgumentError(f"{path}: expected a JSON file of captures, got: {cause}") from cause
     if not isinstance(data, kind):
         raise ArgumentError(f"{path}: expected a JSON {kind.__name__}, got {type(data).__name__}")

@@ -10,7 +10,7 @@ from typing import Any
 
 from omniscv.errors import RecordingError
 from omniscv.sources.recording.rows import object_from_json, view_from_json
-from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.store import ADVICE, Store
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def verify(path: Path | str) -> Verification:
             try:
                 what()
             except RecordingError as cause:
-                faults.append(str(cause).removeprefix(f"{store.path}: "))
+                faults.append(str(cause).removeprefix(f"{store.path}: ").removesuffix(ADVICE))
 
         check(store.objects)
         check(store.listing)

@@ -15,7 +15,7 @@ from omniscv.errors import ArgumentError, RecordingNotWritableError
 from omniscv.sources.recording.logs import remove_logs, sync_folder
 from omniscv.sources.recording.schema import errors_of
 
-_LOCK = "lock"
+_LOCK, _ATTEMPTS = "lock", 10
 _KINDS = {
     stat.S_IFDIR: "a folder", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a FIFO",
     stat.S_IFSOCK: "a socket",
@@ -65,15 +65,39 @@ def part_of(place: Path) -> Iterator[Path]:
     with errors_of(place, write=True):
         place.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(place)
-        folder = place.with_name(f".{place.name}-{secrets.token_hex(8)}")
-        folder.mkdir()
+        folder, lock = _locked_folder(place)
     try:
-        with contextlib.closing(sqlite3.connect(folder / _LOCK, isolation_level=None)) as lock:
-            with errors_of(place, write=True):
-                lock.execute("BEGIN EXCLUSIVE")  # held while the folder is in use
+        with contextlib.closing(lock):  # held while the folder is in use
             yield folder / place.name
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _locked_folder(place: Path) -> tuple[Path, sqlite3.Connection]:
+    """A new folder, and a connection that holds its lock: another process may remove one without."""
+    for _ in range(_ATTEMPTS):
+        folder = place.with_name(f".{place.name}-{secrets.token_hex(8)}")
+        folder.mkdir()
+        if lock := _locked(folder):
+            return folder, lock
+        shutil.rmtree(folder, ignore_errors=True)
+    raise RecordingNotWritableError(f"{place}: expected a folder whose files can be locked, got one without")
+
+
+def _locked(folder: Path) -> sqlite3.Connection | None:
+    """A connection that holds a folder's lock; None if another process has it, or removes the folder."""
+    try:
+        lock = sqlite3.connect(folder / _LOCK, 0.0, isolation_level=None)
+    except sqlite3.OperationalError:
+        if folder.exists():
+            raise
+        return None
+    with contextlib.suppress(sqlite3.DatabaseError):
+        lock.execute("BEGIN EXCLUSIVE")
+        if (folder / _LOCK).exists():
+            return lock
+    lock.close()
+    return None
 
 
 def publish(part: Path, place: Path) -> None:
@@ -111,8 +135,8 @@ def copy_to_part(place: Path, part: Path) -> None:
 
 def remove_leftovers(place: Path) -> None:
     """Remove what killed processes left of files that were to be moved to a place."""
-    for lock in place.parent.glob(f".{glob.escape(place.name)}-{'[0-9a-f]' * 16}/{_LOCK}"):
-        locking = contextlib.closing(sqlite3.connect(lock, 0.0, isolation_level=None))
-        with contextlib.suppress(sqlite3.DatabaseError), locking as database:
-            database.execute("BEGIN EXCLUSIVE")
-            shutil.rmtree(lock.parent, ignore_errors=True)
+    for folder in place.parent.glob(f".{glob.escape(place.name)}-{'[0-9a-f]' * 16}"):
+        with contextlib.suppress(sqlite3.OperationalError):  # a folder of others, which cannot be written
+            if lock := _locked(folder):
+                with contextlib.closing(lock):
+                    shutil.rmtree(folder, ignore_errors=True)

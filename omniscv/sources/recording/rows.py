@@ -5,7 +5,7 @@ import json
 import secrets
 import sqlite3
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple, Self
 
@@ -96,23 +96,40 @@ class Row(NamedTuple):
                 wanted = f"expected texts of at most {longest} characters"
                 raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {shown(text)}")
 
-    def capture(self) -> Capture:
-        """The capture, checked and decoded; DamagedRecordingError if a value is not what was recorded."""
+    def description(self) -> tuple[Request, View, dict[str, Any]]:
+        """The request, the captured view and the provenance; DamagedRecordingError for anything else."""
         self._check_texts()
-        crc = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
-        try:
-            if crc != self.payload_checksum:
-                raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
+        with self._named():
             request = Request(view_from_json(self.asked), self.mode_name)
             if self.key not in keys(request):
                 raise ArgumentError("expected the key of its view and mode, got another")
-            view, provenance = view_from_json(self.captured), object_from_json(self.provenance)
+            return request, view_from_json(self.captured), object_from_json(self.provenance)
+
+    def capture(self) -> Capture:
+        """The capture, checked and decoded; DamagedRecordingError if a value is not what was recorded."""
+        crc = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
+        request, view, provenance = self.description()
+        with self._named():
+            if crc != self.payload_checksum:
+                raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
             pixels = decode(self.payload, self.encoding, request.mode, view)
-        except (ArgumentError, BadReplyError, DamagedRecordingError) as cause:
-            raise DamagedRecordingError(
-                f"capture {shown(self.key)}: {str(cause)[:_LONGEST_CAUSE]}"
-            ) from cause
         return Capture(request, view, pixels, provenance, self.payload, self.encoding)
+
+    @contextlib.contextmanager
+    def _named(self) -> Iterator[None]:
+        """Name the capture in errors."""
+        try:
+            yield
+        except (ArgumentError, BadReplyError, DamagedRecordingError) as cause:
+            reason = str(cause)[:_LONGEST_CAUSE]
+            raise DamagedRecordingError(f"capture {shown(self.key)}: {reason}") from cause
+
+    @property
+    def scene(self) -> SceneIdentity:
+        """The scene that its provenance names."""
+        with contextlib.suppress(DamagedRecordingError):
+            return scene_in(object_from_json(self.provenance))
+        return SceneIdentity()
 
 
 class Head(NamedTuple):
@@ -218,12 +235,9 @@ def scene_from_json(text: Any) -> SceneIdentity:
     return SceneIdentity(**data)
 
 
-def scene_in(provenance: str) -> SceneIdentity:
-    """The scene that a capture's provenance names."""
-    try:
-        name = object_from_json(provenance).get("scene", "")
-    except DamagedRecordingError:
-        name = ""
+def scene_in(provenance: Mapping[str, Any]) -> SceneIdentity:
+    """The scene that a provenance names."""
+    name = provenance.get("scene", "")
     return SceneIdentity(name if isinstance(name, str) else "")
 
 

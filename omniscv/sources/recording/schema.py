@@ -132,7 +132,8 @@ def _extent(path: Path) -> int:
 
 def structural_faults(database: sqlite3.Connection) -> list[str]:
     """Return what SQLite's integrity check reports; nothing for a sound file."""
-    return [str(row[0]) for row in database.execute("PRAGMA integrity_check") if row[0] != "ok"]
+    lines = (line for (text,) in database.execute("PRAGMA integrity_check") for line in text.splitlines())
+    return [line for line in lines if line != "ok" and not line.startswith("***")]  # no headings
 
 
 @contextlib.contextmanager

@@ -32,12 +32,13 @@ from omniscv.sources.recording.rows import (
     Row,
     insert,
     keys,
-    scene_in,
     scene_to_json,
     the_scene,
     write_head,
 )
 from omniscv.sources.recording.upgrade import COLUMNS_1, upgrade
+
+ADVICE = "; run 'omniscv captures verify'"  # at the end of errors about damage
 
 _COLUMNS = {1: COLUMNS_1, 2: ", ".join(Row._fields)}
 # Errors of a file that needs the index of a log beside it, in a folder where none can be created:
@@ -99,10 +100,13 @@ class Store:
         return self._version
 
     def head(self) -> Head | None:
-        """What the recording is, checked; None in version 1."""
+        """What the recording is, checked, with the changes under way; None in version 1."""
         if self._version == 1:
             return None
-        rows = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
+        with self._using():
+            if self._head is not None:
+                return self._head
+            rows = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
         if len(rows) != 1:
             raise DamagedRecordingError(f"{self.path}: expected one row in recording, got {len(rows)}")
         head = Head._make(rows[0])
@@ -117,7 +121,7 @@ class Store:
             head, rows = self.head(), self._rows()
         if head is None:
             return rows
-        with self._named("; run 'omniscv captures verify'"):
+        with self._named(ADVICE):
             for row in rows:
                 row.check(head.id)
             found = head._replace(captures=0, capture_sum=0).with_rows(rows, ())
@@ -151,7 +155,7 @@ class Store:
         found = self._find(_COLUMNS[self._version], request)
         if not found:
             return None
-        with self._named("; run 'omniscv captures verify'"):
+        with self._named(ADVICE):
             row = Row._make(found[0])
             row.check(self._recording_id())
             return replace(row.capture(), request=request)
@@ -221,7 +225,7 @@ class Store:
         if head is not None:
             with self._named():
                 return head.identity
-        return the_scene(scene_in(row.provenance) for row in self.rows(payload=False))
+        return the_scene(row.scene for row in self.rows(payload=False))
 
     def set_scene(self, identity: SceneIdentity) -> None:
         """Note what is known of the scene; RecordingNotWritableError if it is another one."""

@@ -12,7 +12,6 @@ from omniscv.sources.recording.rows import (
     Head,
     Row,
     insert,
-    scene_in,
     scene_to_json,
     the_scene,
     write_head,
@@ -60,7 +59,7 @@ def _copy(old: sqlite3.Connection, new: sqlite3.Connection, head: Head) -> None:
     def query(statement: str, *values: Any) -> list[Any]:
         return old.execute(statement, values).fetchall()
 
-    table, provenances = object_tables.read(query, None), set()
+    table, scenes = object_tables.read(query, None), set()
     new.execute("BEGIN IMMEDIATE")
     for number, found in enumerate(old.execute(f"SELECT {COLUMNS_1} FROM capture ORDER BY rowid"), start=1):
         row = Row._make(found)
@@ -69,9 +68,9 @@ def _copy(old: sqlite3.Connection, new: sqlite3.Connection, head: Head) -> None:
         row = row._replace(checksum=row.own_checksum(head.id))
         insert(new, row)
         head = head.with_rows([row], ())
-        provenances.add(scene_in(row.provenance))
+        scenes.add(row.scene)
     objects = object_tables.rows_of(table)
     new.executemany(object_tables.INSERT, objects)
-    scene, crc = scene_to_json(the_scene(provenances)), object_tables.checksum_of(objects)
+    scene, crc = scene_to_json(the_scene(scenes)), object_tables.checksum_of(objects)
     write_head(new, head._replace(tolerance=table.tolerance, object_checksum=crc, scene=scene))
     new.commit()

@@ -15,8 +15,8 @@ from omniscv.sources.unreal.client import Client, Endpoint, Reply, address_of
 
 T = TypeVar("T")
 
-TIMEOUT_S, PATIENCE_S, RETRIES = 15.0, 12.0, 5
-"""A server that is silent from the first reply, or from any later one, is given up within their sum, 27 s."""
+TIMEOUT_S, PATIENCE_S, RETRIES = 15.0, 10.0, 5
+"""A server that is silent from the first reply, or from any later one, is given up within their sum, 25 s."""
 
 RETRIED = (errors.ServerConnectionError, errors.DeadlineError, errors.BadReplyError)
 """Faults after which a request is sent again, over a new connection."""

@@ -31,16 +31,22 @@ def main() -> int:
             process_group=0,  # the game's children too
         )
     except OSError as cause:
-        print(cause, flush=True)
+        _say(cause)
         return 1
-    print(game.pid, flush=True)
-    stopping = threading.Event()
-    threading.Thread(target=_wait_for_input, args=(stopping,), daemon=True).start()
-    while game.poll() is None and not stopping.wait(_POLL_S):
-        pass
-    code = game.returncode
-    _stop(game, grace_s)
-    return game.wait() if code is None else code
+    try:
+        _say(game.pid)
+        stopping = threading.Event()
+        threading.Thread(target=_wait_for_input, args=(stopping,), daemon=True).start()
+        while game.poll() is None and not stopping.wait(_POLL_S):
+            pass
+    finally:
+        _stop(game, grace_s)
+    return game.wait()
+
+
+def _say(what: object) -> None:
+    with suppress(OSError):  # whoever started this may be gone already
+        os.write(sys.stdout.fileno(), f"{what}\n".encode())
 
 
 def _wait_for_input(stopping: threading.Event) -> None:
@@ -65,5 +71,4 @@ def _stop(game: "subprocess.Popen[bytes]", grace_s: float) -> None:
 
 if __name__ == "__main__":
     code = main()
-    sys.stdout.flush()
     os._exit(code if code >= 0 else 128 - code)  # without waiting for the thread that reads

@@ -69,7 +69,8 @@ def is_one_short_line(text):
 
 def hostile(number, config):
     """Some of the replies, others for each number; all in a soak."""
-    return list(HOSTILE.values())[number % 4 :: 1 if config.getoption("--soak") else 4]
+    values = list(HOSTILE.values())
+    return values if config.getoption("--soak") else values[number % 6 :: 6]
 
 
 def fault_of(action):

@@ -1,6 +1,7 @@
 """Packaged games, started and stopped."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -108,6 +109,19 @@ def test_a_game_that_will_not_stop_is_killed_with_its_children(tmp_path):
         assert sleeper.is_running()
     assert watching.returncode == 128 + signal.SIGKILL
     assert waited_for(lambda: not (process.is_running() or sleeper.is_running()))
+
+
+def test_a_game_is_stopped_whose_starter_is_gone_before_it_knows_its_process(tmp_path):
+    script, child = tmp_path / "Game.sh", tmp_path / "child"
+    script.write_text("#!/bin/sh\necho $$ > child\nsleep 600\n")
+    script.chmod(0o755)
+    reading, writing = os.pipe()
+    os.close(reading)
+    with subprocess.Popen([sys.executable, watcher.__file__, "5", script], stdin=-1, stdout=writing):
+        os.close(writing)
+        assert waited_for(lambda: child.exists() and child.read_text().strip())
+        process = psutil.Process(int(child.read_text()))
+    assert waited_for(lambda: not process.is_running())
 
 
 OURS = "; written by omniscv for one launch"
