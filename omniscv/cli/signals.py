@@ -1,9 +1,11 @@
 """SIGINT, SIGTERM and SIGHUP unwind a command, so that its files are whole and its games stop."""
 
 import signal
+import sys
 import time
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 STOPPED = 128 + signal.SIGINT
 """The exit code of a command that was stopped; of its signal where that is known."""
@@ -18,6 +20,12 @@ def check() -> None:
     """Raise KeyboardInterrupt where a signal has come: raised within an import or callback it may be lost."""
     if _received:
         raise KeyboardInterrupt
+
+
+def _unraisable(lost: Any) -> None:
+    """Print what Python ignores, but for a stop raised in ``__del__``, which :func:`check` notices."""
+    if lost.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(lost)
 
 
 def unwound(command: Callable[[], int]) -> int:
@@ -41,6 +49,7 @@ def unwound(command: Callable[[], int]) -> int:
         numbers.append(signal.SIGHUP)
     for number in numbers:
         signal.signal(number, stop)
+    sys.unraisablehook = _unraisable
     try:
         code = command()
     except KeyboardInterrupt:
