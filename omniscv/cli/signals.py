@@ -1,5 +1,6 @@
 """SIGINT, SIGTERM and SIGHUP unwind a command, so that its files are whole and its games stop."""
 
+import os
 import signal
 import sys
 import time
@@ -26,6 +27,10 @@ def _unraisable(lost: Any) -> None:
     """Print what Python ignores, but for a stop raised in ``__del__``, which :func:`check` notices."""
     if lost.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(lost)
+
+
+def _end(number: int, _: FrameType | None) -> None:
+    os._exit(128 + (_received or [number])[0])
 
 
 def unwound(command: Callable[[], int]) -> int:
@@ -60,5 +65,5 @@ def unwound(command: Callable[[], int]) -> int:
         code = STOPPED  # an import that was interrupted may raise anything
     finally:
         for number in numbers:
-            signal.signal(number, signal.SIG_DFL)  # what is left of the process ends at once
+            signal.signal(number, _end)  # what is left of the process ends at once
     return 128 + _received[0] if code == STOPPED and _received else code
