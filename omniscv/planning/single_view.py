@@ -1,5 +1,7 @@
 """One view for all rays of an optical centre: what a narrow camera needs."""
 
+from dataclasses import replace
+
 from omniscv.geometry import Pose, pinhole
 from omniscv.planning import densities
 from omniscv.planning.base import Task, Viewpoint
@@ -23,7 +25,11 @@ def single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
     if task.options.face_size != "auto":
         focal_px = task.edge / 2
     focal_px = min(focal_px, densities.LARGEST / 2 / max(half.max(), _NARROWEST))
-    size = holding_size(half, focal_px, task.border(FACE_BORDER_PX), task.capabilities)
     pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c @ R_c_v)
-    view = View(pose, pinhole.fov_deg(size[0], focal_px), *size)
-    return Viewpoint(pose.t_w_c, (view,), group.pixels) if task.available((view,)) else None
+    # A recording may have been made of a source that captures no view higher than wide.
+    for capabilities in (task.capabilities, replace(task.capabilities, can_set_tall=False)):
+        size = holding_size(half, focal_px, task.border(FACE_BORDER_PX), capabilities)
+        view = View(pose, pinhole.fov_deg(size[0], focal_px), *size)
+        if task.available((view,)):
+            return Viewpoint(pose.t_w_c, (view,), group.pixels)
+    return None

@@ -114,3 +114,17 @@ def test_a_recording_of_faces_serves_a_narrow_camera(tmp_path):
 
 def test_no_pixel_takes_no_view():
     assert viewpoints_of(task_of(create("pinhole", width=1, height=1, fov_deg=1.0), POSE))
+
+
+def test_a_recording_of_a_server_that_captures_nothing_tall_replays(tmp_path):
+    """A square image takes a view as wide as high there, one pixel wider than where views may be tall."""
+    camera = omniscv.cameras.create("pinhole", width=64, height=64, fov_deg=90)
+    pose = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
+    path = tmp_path / "room.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        captured = omniscv.render(camera, pose, source, ("lit", "depth"))
+        omniscv.render(camera, pose, source, ("lit", "depth"), strategy="cube")
+    with omniscv.open_source(path) as replay:
+        again = omniscv.render(camera, pose, replay, ("lit", "depth"))
+    assert np.array_equal(captured.lit, again.lit)
+    assert np.array_equal(captured.depth, again.depth)
