@@ -1,0 +1,154 @@
+"""The file of a job: YAML, checked field by field.
+
+::
+
+    source: mock://four-wall            # or unreal://host:port, a recording, or a list: replicas of one game
+    record: kitchen.sqlite              # optional: captures are kept here, and taken from here
+    cameras:                            # stem of the files: model and parameters
+      fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
+    poses:                              # metres and degrees; yaw to the left +, nose up +
+      - {position: [0, 0, 1.5], yaw_deg: 90}
+    modes: [lit, object_mask, depth]
+    out: images                         # folder, relative to this file
+    strategy: auto                      # and the other options of omniscv.RenderOptions
+    image_format: png                   # or jxl, jpg
+    source_options: {timeout_s: 60}     # as omniscv.open_source
+
+``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``.
+"""
+
+import os
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from omniscv import yaml_text
+from omniscv.arguments import Reader, flag, number, numbers, shown, text, texts, whole_number, within
+from omniscv.arguments import fields as fields_of
+from omniscv.cameras import Camera, from_dict
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.geometry.trajectory import read_trajectory
+from omniscv.jobs.job import Job
+from omniscv.planning import RenderOptions
+from omniscv.sources.registry import SourceOptions, scheme_of
+
+
+def load(path: Path) -> Job:
+    """Return the job in a YAML file; its paths are relative to the file.
+
+    Raises:
+        ArgumentError: the file cannot be read, or a field is unknown, missing or wrong.
+    """
+    with within(path):
+        data = yaml_text.parse(yaml_text.read_text(path))
+        given = fields_of("", data, _FIELDS, needed=("source", "cameras", "poses"))
+        folder, source = path.parent, given.pop("source")
+        for key in ("out", "record"):
+            if given.get(key) is not None:
+                given[key] = folder / given[key]
+        options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
+        if isinstance(poses := given.pop("poses"), str):
+            poses = read_trajectory(folder / poses)
+        return Job(
+            source=_addresses(source, folder),
+            poses=poses,
+            options=RenderOptions(**options),
+            **{"out": folder / "out", **given},
+        )
+
+
+def _addresses(source: str | tuple[str, ...], folder: Path) -> str | tuple[str, ...]:
+    return _address(source, folder) if isinstance(source, str) else tuple(_address(s, folder) for s in source)
+
+
+def _address(address: str, folder: Path) -> str:
+    """An address whose path, if it has one, is relative to a folder."""
+    scheme = scheme_of(address)
+    if scheme is None:
+        return str(folder / address)
+    place, question, options = address.removeprefix(f"{scheme}:").partition("?")
+    slashes = "//" if place.startswith("//") else ""
+    file = folder / place.removeprefix("//")
+    if scheme == "launch" or os.path.isfile(file):
+        return f"{scheme}:{slashes}{file}{question}{options}"
+    return address
+
+
+# -- the fields of a job's file: each is read by a function (name, value) ------------------------------
+
+
+def _source(name: str, value: object) -> str | tuple[str, ...]:
+    if not isinstance(value, str | list):
+        wanted = "expected an address, a recording, or a list of them"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    return text(name, value) if isinstance(value, str) else texts(name, value)
+
+
+def _cameras(name: str, value: object) -> dict[str, Camera]:
+    if not isinstance(value, dict) or not value:
+        wanted = "expected a mapping from file stem to model and parameters"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    found = {}
+    for stem, description in value.items():
+        if stem != Path(text(f"{name}: stem", stem)).name or stem.startswith("."):
+            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(stem)}")
+        with within(f"{name}.{stem}"):
+            found[stem] = from_dict(description)
+    return found
+
+
+def _poses(name: str, value: object) -> str | tuple[Pose, ...]:
+    """The poses, or the name of a trajectory's file."""
+    if isinstance(value, str):
+        return text(name, value)
+    if not isinstance(value, list) or not value:
+        wanted = "expected a list of poses or the name of a trajectory file"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    given = [fields_of(f"{name}[{i}]", each, _POSE, needed=("position",)) for i, each in enumerate(value)]
+    return tuple(Pose.from_angles(**each) for each in given)
+
+
+def _source_options(name: str, value: object) -> dict[str, Any]:
+    """Options of any opener; those that are known are checked here, the opener checks all."""
+    if not isinstance(value, dict):
+        raise ArgumentError(f"{name}: expected a mapping from option to value, got {shown(value)}")
+    kinds = get_type_hints(SourceOptions)
+    return {
+        key: _OPTION_READERS[kinds[key]](f"{name}.{key}", each) if key in kinds else each
+        for key, each in value.items()
+    }
+
+
+def _record(name: str, value: object) -> str | None:
+    return None if value is None else text(name, value)
+
+
+def _as_given(name: str, value: Any) -> Any:
+    """A value that its constructor checks."""
+    return value
+
+
+_OPTIONS = {each.name for each in fields(RenderOptions)}
+_OPTION_READERS: dict[object, Reader] = {
+    float: partial(number, above=0),
+    int: partial(whole_number, least=0),
+    bool: flag,
+}
+_POSE: dict[str, Reader] = {
+    "position": partial(numbers, shape=(3,)),
+    "yaw_deg": number,
+    "pitch_deg": number,
+    "roll_deg": number,
+}
+_FIELDS: dict[str, Reader] = {
+    "source": _source,
+    "record": _record,
+    "cameras": _cameras,
+    "poses": _poses,
+    "modes": texts,
+    "out": text,
+    "image_format": text,
+    "source_options": _source_options,
+} | dict.fromkeys(sorted(_OPTIONS), _as_given)

@@ -1,0 +1,150 @@
+"""Run a job: render its images, capture what they need, or count what that would cost."""
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from omniscv import planning
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Progress, Renderer
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.jobs.job import Job
+from omniscv.planning import CameraRays, Kept, Round, Task, drive
+from omniscv.planning.cost import Cost, cost
+from omniscv.sources.base import Request, Source, View
+from omniscv.sources.registry import known_capabilities
+
+_TICK_S = 1 / 60
+"""What a request takes of a live engine, at least; counted where nothing is opened to measure it."""
+_PROBES, _PROBE_PX = 3, 16
+
+
+def run(
+    job: Job,
+    progress: Callable[[float, int], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Render a job's images and write them; one is written while the next is composed.
+
+    Args:
+        job: what to render.
+        progress: called with (images done, images in all); a part of an image is a fraction.
+        warn: called with a line for each image that has unsure or occluded pixels.
+
+    Returns:
+        The files written.
+
+    Raises:
+        OmniscvError: as :func:`omniscv.render`; the images before are on disk, whole.
+    """
+    written: list[Path] = []
+    with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+        renderer, saving = Renderer(source), None
+        for done, (stem, camera, pose) in enumerate(job.items()):
+            part = _part_of(progress, done, len(job))
+            image = renderer.render(camera, pose, job.modes, job.options, progress=part)
+            if warn:
+                for line in _warnings(stem, image):
+                    warn(line)
+            written += saving.result() if saving else []
+            saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
+        written += saving.result() if saving else []
+    return written
+
+
+_WARNINGS = {
+    "unsure": "not verified by any capture",
+    "occluded": "their optical centres are not visible from the camera position",
+}
+
+
+def _warnings(stem: str, image: OmniImage) -> Iterator[str]:
+    for layer, what in _WARNINGS.items():
+        if layer in image.layers and (count := np.count_nonzero(image[layer])):
+            whole = np.count_nonzero(image.valid)
+            yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
+
+
+def _part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
+    return progress and (lambda part, whole: progress(done + part / max(1, whole), total))
+
+
+def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px: int | None = None) -> int:
+    """Capture all that a job's images need into a file, without composing them.
+
+    Args:
+        job: what the captures are for.
+        path: the file; made if it is not there.
+        progress: called with (captures done, captures known to be needed).
+        border_px: how much wider views are on every side; what the widest filter needs, if not given.
+
+    Returns:
+        The number of captures that the job needs.
+    """
+    needed: dict[Request, None] = {}
+    with replace(job, record=path).open() as source:
+        source.objects()
+        renderer = Renderer(source)
+        modes = planning.sampled(job.modes, job.options)
+
+        def capture_round(round_: Round) -> Kept:
+            kept, total = [], len(needed.keys() | round_.requests(modes))
+            for viewpoint, captures in planning.captured(round_, source, modes, skip=needed):
+                needed.update(dict.fromkeys(viewpoint.requests(modes)))
+                if viewpoint.keep:
+                    kept.append(captures)
+                if progress:
+                    progress(len(needed), total)
+            return kept
+
+        for _, camera, pose in job.items():
+            task = renderer.task(camera, pose, job.options, border_px=border_px)
+            drive(planning.rounds(task), capture_round)
+    return len(needed)
+
+
+def costs(job: Job, *, measure: bool = False) -> list[Cost]:
+    """Return what every strategy would ask of the job's source, side by side, without capturing images.
+
+    A source is opened only where what it can do is not known from its address, or to measure how long
+    a request takes; else a request is taken to last one tick of an engine.
+
+    Args:
+        job: whose images.
+        measure: open the source in any case.
+    """
+    capabilities = known_capabilities(job.sources[0])
+    if capabilities is not None and not measure:
+        rays = {camera: CameraRays(camera) for camera in job.cameras.values()}
+        tasks = [Task(rays[camera], pose, capabilities, job.options) for _, camera, pose in job.items()]
+        seconds_per_request = _TICK_S
+    else:
+        with replace(job, record=None).open() as source:
+            renderer = Renderer(source)
+            tasks = [renderer.task(camera, pose, job.options) for _, camera, pose in job.items()]
+            seconds_per_request = _request_seconds(source)
+    found = []
+    for name in planning.names():
+        with suppress(ArgumentError):  # the source cannot do it
+            found.append(cost(name, tasks, planning.sampled(job.modes, job.options), seconds_per_request))
+    return found
+
+
+def _request_seconds(source: Source) -> float:
+    """Seconds that a small capture takes; 0 for a recording, which captures nothing."""
+    if source.recorded_views() is not None:
+        return 0.0
+    size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
+    turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
+    requests = [Request(View(pose, 90.0, *size), "lit") for pose in turned]
+    list(source.capture(requests[:1]))  # the first one sets size and field of view
+    started = time.perf_counter()
+    for request in requests:  # one at a time: a source reads ahead
+        list(source.capture([request]))
+    return (time.perf_counter() - started) / _PROBES
