@@ -107,6 +107,33 @@ def write(
     return written
 
 
+def read(path: Path, name: str) -> NDArray[Any]:
+    """Return a layer from a file that :func:`write` wrote, as it was in memory.
+
+    Args:
+        path: the file.
+        name: the layer's row of :mod:`omniscv.modalities`.
+
+    Raises:
+        ArgumentError: the file cannot be read, or is no such layer.
+    """
+    import OpenImageIO
+
+    row = modalities.get(name)
+    source = OpenImageIO.ImageInput.open(str(path))
+    pixels = None if source is None else source.read_image("unknown")
+    if pixels is None:
+        raise ArgumentError(f"{path}: expected a picture of {name}, got: {OpenImageIO.geterror()}")
+    if pixels.shape[2:] == (1,):
+        pixels = pixels[..., 0]
+    if row.dtypes == ("bool",):
+        pixels = pixels > 0
+    if not row.fits(pixels):
+        got = f"{pixels.dtype} of shape {pixels.shape}"
+        raise ArgumentError(f"{path}: expected {' or '.join(row.dtypes)} pixels of {name}, got {got}")
+    return pixels
+
+
 def _merged(path: Path, objects: ObjectTable) -> dict[str, Any]:
     """What ``objects.json`` is to hold: the objects, and those of the images that are in the folder already.
 

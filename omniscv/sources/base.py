@@ -1,5 +1,7 @@
 """The interface of every source: views, requests, captures, capabilities, the objects of a scene."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, field, fields, replace
@@ -11,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from omniscv import modalities
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry.scene_geometry import SceneGeometry
 
 _POSE_DECIMALS = 7
 """Of metres, degrees and matrix entries: views that agree to these decimals are equal. 1e-7 rad is a
@@ -244,6 +247,20 @@ class Source(ABC):
         """What identifies the scene: captures of two scenes do not belong in one recording."""
         return SceneIdentity()
 
+    def geometry(self) -> SceneGeometry:
+        """What is known of the shapes in the scene; empty for sources that only give pictures."""
+        return SceneGeometry()
+
+    def without(self, objects: Iterable[str]) -> Source:
+        """Return a source of the same scene in which objects are hidden.
+
+        The caller closes it before this source is used again; closing it shows the objects again.
+
+        Raises:
+            ArgumentError: this source cannot hide objects, or has no object of a name.
+        """
+        raise ArgumentError(f"source: expected one that can hide objects, got {type(self).__name__}")
+
     def close(self) -> None:  # noqa: B027 - most sources hold nothing
         """Release connections, files and memory."""
 
@@ -275,6 +292,12 @@ class SourceWrapper(Source):
 
     def recorded_views(self) -> tuple[View, ...] | None:
         return self._source.recorded_views()
+
+    def geometry(self) -> SceneGeometry:
+        return self._source.geometry()
+
+    def without(self, objects: Iterable[str]) -> Source:
+        return self._source.without(objects)
 
     @property
     def scene_identity(self) -> SceneIdentity:

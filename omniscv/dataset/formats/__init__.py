@@ -1,0 +1,1 @@
+"""One module per format: ``name``, ``write(frames, out, options)`` and ``refuses(camera)``."""
