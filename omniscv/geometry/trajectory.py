@@ -5,6 +5,7 @@ position is the camera's in the world, metres; the quaternion turns camera to wo
 in ``omniscv.geometry``, so that a trajectory estimated from the images compares directly.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,14 @@ from scipy.spatial.transform import Rotation
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses in order, and their times, s, if they have any."""
+
+    poses: tuple[Pose, ...]
+    times: tuple[float, ...] | None = None
 
 
 def read_trajectory(path: Path) -> tuple[Pose, ...]:
