@@ -16,9 +16,9 @@ rotation. An object with a pose in only one of them has no flow.
 Options: ``gap`` (default 1), how many frames further the other one is; ``wrap``, ``shortest`` (default:
 across the seam where that is shorter) or ``classic``; ``backward``, write ``STEM.backward.*`` too, from a
 frame to the one before it; ``scene``, write ``STEM.sceneflow.exr`` too, ``sceneflow.X .Y .Z``, metres that
-points move in the world; ``kitti``, write ``STEM.png`` too, KITTI's 16 bits, which flow of 512 px or more does
-not fit; ``tolerance``, ``{abs_m: 0.02, rel: 0.01}``: how much nearer the other frame's depth must be for a
-point to be occluded, in metres or as a share of the distance, whichever is more.
+points move in the world; ``kitti``, write ``STEM.png`` too, 16 bits as KITTI, which flow of 512 px or more
+does not fit; ``tolerance``, ``{abs_m: 0.02, rel: 0.01}``: how much nearer the other frame's depth must be for
+a point to be occluded, in metres or as a share of the distance, whichever is more.
 """
 
 import struct
