@@ -50,7 +50,8 @@ def load(path: Path) -> Job:
                 given[key] = folder / given[key]
         options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
         if isinstance(poses := given.pop("poses"), str):
-            poses = read_trajectory(folder / poses)
+            trajectory = read_trajectory(folder / poses)
+            poses, given["times"] = trajectory.poses, trajectory.times
         return Job(
             source=_addresses(source, folder),
             poses=poses,

@@ -16,7 +16,8 @@ from omniscv.sources.registry import SourceOptions, open_sources
 
 @dataclass(frozen=True)
 class Job:
-    """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
+    """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image;
+    ``times`` of the poses, seconds, are None where they are not known.
 
     Raises:
         ArgumentError: an unknown mode or image format.
@@ -31,6 +32,7 @@ class Job:
     options: RenderOptions = field(default_factory=RenderOptions)
     image_format: str = "png"
     source_options: SourceOptions = field(default_factory=SourceOptions)
+    times: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
