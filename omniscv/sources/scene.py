@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import ObjectBox, Room, SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -19,6 +21,7 @@ from omniscv.sources.base import (
     Source,
     View,
     closed_error,
+    known_objects,
 )
 from omniscv.sources.registry import split_address
 
@@ -40,12 +43,13 @@ class SceneSource(Source):
         lit: dtype of colours: uint8, or float32 0..1.
         masks: object masks as colours, or as uint16 instance ids, which are the labels.
         cached_views: how many views are kept, those used last, of 22 to 31 bytes a pixel.
+        hidden: names of objects to leave out of every view.
 
     Attributes:
         made: how many views were traced.
 
     Raises:
-        ArgumentError: another ``lit`` or ``masks``.
+        ArgumentError: another ``lit`` or ``masks``, or no object of a name to hide.
     """
 
     def __init__(
@@ -55,11 +59,13 @@ class SceneSource(Source):
         lit: Lit = "uint8",
         masks: Masks = "colors",
         cached_views: int = 32,
+        hidden: Iterable[str] = (),
     ) -> None:
         for name, value, kind in (("lit", lit, Lit), ("masks", masks, Masks)):
             if value not in get_args(kind):
                 raise ArgumentError(f"{name}: expected one of {', '.join(get_args(kind))}; got {value!r}")
-        self.scene, self.made = scene, 0
+        self.scene, self.made, self._hidden = scene, 0, frozenset(hidden)
+        known_objects(self._hidden, scene.objects, f"scene {scene.name}")
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
@@ -68,7 +74,7 @@ class SceneSource(Source):
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._shown = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
         self._traced = lru_cache(cached_views)(self._trace)
-        self._made_of = scene, capabilities, lit, masks, cached_views
+        self._like = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -92,12 +98,22 @@ class SceneSource(Source):
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
             yield Capture(request, request.view, self._traced(request.view)[request.mode], provenance)
 
+    def geometry(self) -> SceneGeometry:
+        """The boxes of all objects, each turned as its object, and the room."""
+        self._check_open()
+        return geometry_of(self.scene)
+
+    def without(self, objects: Iterable[str]) -> SceneSource:
+        """As :meth:`Source.without`; both may be used at the same time."""
+        self._check_open()
+        return self._like(self._hidden.union(objects))
+
     def close(self) -> None:
         self._closed = True
         self._traced.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return SceneSource, self._made_of
+        return self._like, (self._hidden,)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -107,7 +123,7 @@ class SceneSource(Source):
         from mock_server.render import pinhole_rays
 
         rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height)
-        hits = self.scene.trace(view.pose.position, rays)
+        hits = self.scene.trace(view.pose.position, rays, self._hidden)
         self.made += 1
         lit = hits.color if self._lit == "float32" else np.round(255 * np.clip(hits.color, 0, 1))
         pixels: dict[str, NDArray[Any]] = {
@@ -119,6 +135,20 @@ class SceneSource(Source):
         for array in pixels.values():
             array.flags.writeable = False
         return pixels
+
+
+def geometry_of(scene: Scene) -> SceneGeometry:
+    """Return what is known of the shapes in a scene of the mock server."""
+    boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
+    return SceneGeometry(MappingProxyType(boxes), room_of(scene))
+
+
+def room_of(scene: Scene) -> Room | None:
+    """Return the room of a scene of the mock server; None for one without."""
+    room = scene.room
+    if room is None:
+        return None
+    return Room(room.corners, 0.0, room.height, room.walls, room.floor, room.ceiling)
 
 
 def open_scene(address: str) -> SceneSource:
