@@ -6,6 +6,8 @@ from omniscv.cameras.registry import create, from_dict, model, names, register
 # isort: off
 # Modules register their models: the order of the documentation.
 from omniscv.cameras.panoramas import Cylindrical, Equirectangular
+from omniscv.cameras.cube_maps import CubeMap, EquiangularCube
+from omniscv.cameras.octahedral import Octahedral
 from omniscv.cameras.fisheyes import (
     FisheyeEquidistant,
     FisheyeEquisolid,
@@ -25,7 +27,9 @@ __all__ = [
     "CatadioptricParabolic",
     "CatadioptricPlanar",
     "CentralCamera",
+    "CubeMap",
     "Cylindrical",
+    "EquiangularCube",
     "Equirectangular",
     "FisheyeEquidistant",
     "FisheyeEquisolid",
@@ -35,6 +39,7 @@ __all__ = [
     "NoncentralConicalMirror",
     "NoncentralPanorama",
     "NoncentralSphericalMirror",
+    "Octahedral",
     "Parameter",
     "Pinhole",
     "Rays",

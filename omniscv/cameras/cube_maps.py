@@ -1,0 +1,175 @@
+"""Cube maps: the six faces of a cube around the camera, laid out in one image.
+
+Every face looks like the picture of a pinhole camera of 90 degrees inside the cube; none is mirrored. Front,
+right, back and left stand upright; the lower edge of ``up`` and the upper edge of ``down`` touch ``front``.
+"""
+
+from typing import Any, ClassVar, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import one_of, whole_number
+from omniscv.cameras.base import Array, CentralCamera, Mask
+from omniscv.cameras.radial import ROUNDING
+from omniscv.cameras.registry import register
+
+Layout = Literal["strip", "3x2", "cross", "dice"]
+Slots = tuple[tuple[str, ...], ...]
+
+LAYOUTS: dict[str, Slots] = {
+    "strip": (("F0", "R0", "B0", "L0", "U0", "D0"),),  # py360convert's order, but it mirrors R, B and U
+    "3x2": (("R0", "L0", "U0"), ("D0", "F0", "B0")),  # FFmpeg v360 c3x2
+    "cross": ((" ", "U0", " "), ("L0", "F0", "R0"), (" ", "D0", " "), (" ", "B2", " ")),  # vertical, of HDRI
+    "dice": ((" ", "U0", " ", " "), ("L0", "F0", "R0", "B0"), (" ", "D0", " ", " ")),  # py360convert's dice
+}
+"""Rows of slots: a face (front, right, back, left, up, down) and by how many quarter turns clockwise it is
+turned in the image; a blank slot shows nothing."""
+
+_FACES = "FRBLUD"
+# Columns: the face's x (right), y (down) and z (outward) axes in the camera frame.
+_AXES = np.array([
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+    [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+], dtype=np.float64)  # fmt: skip
+_TURN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # a quarter turn clockwise in the image
+_INSIDE = 2e-15
+"""What keeps a ray off a face's edge, that it be seen in the slot of its own pixel; of the face's half."""
+
+
+class CubeLayout(CentralCamera):
+    """Six faces in slots of a grid; a class gives what a face's coordinate is."""
+
+    _layouts: ClassVar[dict[str, Slots]] = LAYOUTS
+    _unresolved_px = 0.0  # type: ignore[assignment]  # rays jump where slots meet, but pixels resolve them
+
+    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
+        super().__init__(width, height)
+        self.layout: Layout = one_of("layout", layout, get_args(Layout))
+        rows = self._layouts[self.layout]
+        most = (min(self.width, self.height // len(rows)) - 1) // 2
+        self.padding_px = whole_number("padding_px", padding_px, "pixels", least=0, most=max(most, 0))
+        self._grid = np.array([len(rows[0]), len(rows)])
+        room = np.array([self.width, self.height]) - 2 * self.padding_px * np.array([1, len(rows)])
+        self._slot_px = room / self._grid
+        # By slot, row-major: the face, -1 for none, and its axes; by face: its slot.
+        slots = [slot for row in rows for slot in row]
+        self._face = np.array([_FACES.find(slot[0]) for slot in slots])
+        self._slot_axes = np.array([_axes(slot) for slot in slots])
+        self._slot_of = np.array([np.flatnonzero(self._face == face)[0] for face in range(6)])
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, max(1, 3 * width // 4), layout="dice")
+
+    def _on_plane(self, a: Array) -> Array:
+        """The tangent at a coordinate of a face, -1 to 1 from edge to edge."""
+        raise NotImplementedError
+
+    def _on_face(self, tangent: Array) -> Array:
+        """The inverse of ``_on_plane``."""
+        raise NotImplementedError
+
+    def _directions(self, pixels: Array) -> tuple[Array, Mask]:
+        cell, a = self._cells(pixels)
+        slot = cell[..., 1] * self._grid[0] + cell[..., 0]
+        # Beyond a face's edges, in the padding, its plane goes on.
+        edge = 1 - _INSIDE
+        padding = self.padding_px > 0 and np.abs(a) > 1 + ROUNDING
+        xy = self._on_plane(np.where(padding, a, np.clip(a, -edge, edge)))
+        rays = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        return _turned(rays, slot, self._slot_axes), self._face[slot] >= 0
+
+    def _cells(self, pixels: Array) -> tuple[NDArray[np.int64], Array]:
+        """(..., 2) column and row of the slots that pixels lie in, and their coordinates there."""
+        row_px = self._slot_px[1] + 2 * self.padding_px
+        row = np.clip(np.floor(pixels[..., 1] / row_px), 0, self._grid[1] - 1)
+        u = pixels[..., 0] - self.padding_px
+        column = np.clip(np.floor(u / self._slot_px[0]), 0, self._grid[0] - 1)
+        at = np.stack([u / self._slot_px[0] - column,
+                       (pixels[..., 1] - row * row_px - self.padding_px) / self._slot_px[1]], axis=-1)  # fmt: skip
+        return np.stack([column, row], axis=-1).astype(np.int64), 2 * at - 1
+
+    def _project(self, points: Array) -> tuple[Array, bool]:
+        along = np.abs(points)
+        axis = np.argmax(along, axis=-1)
+        ahead = np.take_along_axis(points, axis[..., None], axis=-1)[..., 0]
+        face = np.array([[3, 1], [4, 5], [2, 0]])[axis, (ahead > 0).astype(np.int64)]
+        slot = self._slot_of[face]
+        seen = _turned(points / np.abs(ahead)[..., None], slot, np.swapaxes(self._slot_axes, 1, 2))
+        edge = 1 - 1e-13  # the pixel that comes out lies in this slot
+        a = np.clip(self._on_face(seen[..., :2]), -edge, edge)
+        cell = np.stack([slot % self._grid[0], slot // self._grid[0]], axis=-1)
+        gap = self.padding_px * np.stack([np.ones_like(slot), 2 * cell[..., 1] + 1], axis=-1)
+        return (cell + (a + 1) / 2) * self._slot_px + gap, True
+
+
+def _turned(vectors: Array, slot: NDArray[np.int64], turns: Array) -> Array:
+    """(..., 3) each vector turned by the matrix (S, 3, 3) of its slot."""
+    found = np.empty_like(vectors)
+    for i, turn in enumerate(turns):
+        mine = slot == i
+        found[mine] = vectors[mine] @ turn.T
+    return found
+
+
+def _axes(slot: str) -> Any:
+    """(3, 3) columns: a slot's x, y and z axes in the camera frame."""
+    if slot == " ":
+        return np.eye(3)
+    return _AXES[_FACES.index(slot[0])] @ np.linalg.matrix_power(_TURN, int(slot[1]))
+
+
+@register
+class CubeMap(CubeLayout):
+    """The six 90 degree faces of a cube in one image: in a face ``a = X / Z``, -1 to 1 from edge to edge.
+
+    ``layout`` (F front, R right, B back, L left, U up, D down; a number: quarter turns clockwise):
+        ``strip``  F R B L U D        ``3x2``  R L U / D F B
+        ``cross``  . U . / L F R / . D . / . B2 .        ``dice``  . U . . / L F R B / . D . .
+    Parameters: ``layout`` (default "3x2", FFmpeg's c3x2); ``padding_px`` around each row of faces, px.
+    Domain: every pixel of a face, every direction; a direction on an edge of the cube is answered by one
+    of its faces. In the padding faces go on beyond their edges; ``project`` answers no pixel there.
+    Source: Greene 1986; the orders are those of FFmpeg's v360 and py360convert (strip, dice).
+    """
+
+    name = "cube-map"
+
+    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
+        super().__init__(width, height, layout, padding_px)
+
+    def _on_plane(self, a: Array) -> Array:
+        return a
+
+    def _on_face(self, tangent: Array) -> Array:
+        return tangent
+
+
+@register
+class EquiangularCube(CubeLayout):
+    """A cube map whose pixels are spaced by equal angles: in a face ``a = (4 / pi) atan(X / Z)``, both axes.
+
+    The largest pixel spans 1.4 times the solid angle of the smallest, in a plain cube map 5.2 times.
+    Parameters: ``layout`` as in ``cube-map``, but ``3x2`` (default) is that of YouTube and of FFmpeg's eac,
+    L F R / D3 B1 U3, in which faces go on across the edges within each row; ``padding_px`` around each
+    row of faces, px, in which the faces at its ends go on (FFmpeg: 2).
+    Domain: as ``cube-map``.
+    Source: Brown 2017, Bringing pixels front and center in VR video; FFmpeg's v360.
+    """
+
+    name = "equiangular-cube"
+    _layouts: ClassVar[dict[str, Slots]] = {**LAYOUTS, "3x2": (("L0", "F0", "R0"), ("D3", "B1", "U3"))}
+
+    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
+        super().__init__(width, height, layout, padding_px)
+
+    def _on_plane(self, a: Array) -> Array:
+        return np.tan(np.pi / 4 * a)
+
+    def _on_face(self, tangent: Array) -> Array:
+        return 4 / np.pi * np.arctan(tangent)
