@@ -16,8 +16,11 @@ from omniscv.cameras.fisheyes import (
 )
 from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.polynomials import KannalaBrandt, Scaramuzza
-from omniscv.cameras.noncentral.panorama import NoncentralPanorama
+from omniscv.cameras.noncentral.panorama import NoncentralPanorama, OmnidirectionalStereo
+from omniscv.cameras.noncentral.vr180 import Vr180
 from omniscv.cameras.noncentral.mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
+from omniscv.cameras.noncentral.rolling_shutter import RollingShutter
+from omniscv.cameras.noncentral.scanners import Orthographic, PushBroom
 from omniscv.cameras.pinhole import Pinhole
 # isort: on
 
@@ -40,11 +43,16 @@ __all__ = [
     "NoncentralPanorama",
     "NoncentralSphericalMirror",
     "Octahedral",
+    "OmnidirectionalStereo",
+    "Orthographic",
     "Parameter",
     "Pinhole",
+    "PushBroom",
     "Rays",
+    "RollingShutter",
     "Scaramuzza",
     "Viewpoints",
+    "Vr180",
     "create",
     "from_dict",
     "model",

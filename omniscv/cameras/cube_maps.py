@@ -7,7 +7,7 @@ right, back and left stand upright; the lower edge of ``up`` and the upper edge 
 from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
 from omniscv.arguments import one_of, whole_number
 from omniscv.cameras.base import Array, CentralCamera, Mask
@@ -36,16 +36,19 @@ _AXES = np.array([
     [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
     [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
 ], dtype=np.float64)  # fmt: skip
-_TURN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # a quarter turn clockwise in the image
+_TURN = np.array(
+    [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+)  # a quarter turn clockwise in the image
 _INSIDE = 2e-15
 """What keeps a ray off a face's edge, that it be seen in the slot of its own pixel; of the face's half."""
 
 
 class CubeLayout(CentralCamera):
-    """Six faces in slots of a grid; a class gives what a face's coordinate is."""
+    """Six faces in slots of a grid, their pixels equally spaced on the face's plane or by equal angles."""
 
     _layouts: ClassVar[dict[str, Slots]] = LAYOUTS
-    _unresolved_px = 0.0  # type: ignore[assignment]  # rays jump where slots meet, but pixels resolve them
+    _equiangular: ClassVar = False
+    _unresolved_px = 0.0  # rays jump where slots meet, but pixels resolve them
 
     def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
         super().__init__(width, height)
@@ -66,34 +69,12 @@ class CubeLayout(CentralCamera):
     def example(cls, width: int = 512) -> Self:
         return cls(width, max(1, 3 * width // 4), layout="dice")
 
-    def _on_plane(self, a: Array) -> Array:
-        """The tangent at a coordinate of a face, -1 to 1 from edge to edge."""
-        raise NotImplementedError
-
-    def _on_face(self, tangent: Array) -> Array:
-        """The inverse of ``_on_plane``."""
-        raise NotImplementedError
-
     def _directions(self, pixels: Array) -> tuple[Array, Mask]:
-        cell, a = self._cells(pixels)
-        slot = cell[..., 1] * self._grid[0] + cell[..., 0]
-        # Beyond a face's edges, in the padding, its plane goes on.
-        edge = 1 - _INSIDE
-        padding = self.padding_px > 0 and np.abs(a) > 1 + ROUNDING
-        xy = self._on_plane(np.where(padding, a, np.clip(a, -edge, edge)))
-        rays = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        return _turned(rays, slot, self._slot_axes), self._face[slot] >= 0
-
-    def _cells(self, pixels: Array) -> tuple[NDArray[np.int64], Array]:
-        """(..., 2) column and row of the slots that pixels lie in, and their coordinates there."""
-        row_px = self._slot_px[1] + 2 * self.padding_px
-        row = np.clip(np.floor(pixels[..., 1] / row_px), 0, self._grid[1] - 1)
-        u = pixels[..., 0] - self.padding_px
-        column = np.clip(np.floor(u / self._slot_px[0]), 0, self._grid[0] - 1)
-        at = np.stack([u / self._slot_px[0] - column,
-                       (pixels[..., 1] - row * row_px - self.padding_px) / self._slot_px[1]], axis=-1)  # fmt: skip
-        return np.stack([column, row], axis=-1).astype(np.int64), 2 * at - 1
+        flat = pixels.reshape(-1, 2)
+        rays, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
+        grid = self._grid, self._slot_px, self.padding_px, self._equiangular
+        _cast(flat, *grid, self._face, self._slot_axes, rays, valid)
+        return rays.reshape(*pixels.shape[:-1], 3), valid.reshape(pixels.shape[:-1])
 
     def _project(self, points: Array) -> tuple[Array, bool]:
         along = np.abs(points)
@@ -101,21 +82,13 @@ class CubeLayout(CentralCamera):
         ahead = np.take_along_axis(points, axis[..., None], axis=-1)[..., 0]
         face = np.array([[3, 1], [4, 5], [2, 0]])[axis, (ahead > 0).astype(np.int64)]
         slot = self._slot_of[face]
-        seen = _turned(points / np.abs(ahead)[..., None], slot, np.swapaxes(self._slot_axes, 1, 2))
+        scaled = points / np.abs(ahead)[..., None]
+        xy = np.stack([(self._slot_axes[slot, :, k] * scaled).sum(axis=-1) for k in (0, 1)], axis=-1)
         edge = 1 - 1e-13  # the pixel that comes out lies in this slot
-        a = np.clip(self._on_face(seen[..., :2]), -edge, edge)
+        a = np.clip(4 / np.pi * np.arctan(xy) if self._equiangular else xy, -edge, edge)
         cell = np.stack([slot % self._grid[0], slot // self._grid[0]], axis=-1)
         gap = self.padding_px * np.stack([np.ones_like(slot), 2 * cell[..., 1] + 1], axis=-1)
         return (cell + (a + 1) / 2) * self._slot_px + gap, True
-
-
-def _turned(vectors: Array, slot: NDArray[np.int64], turns: Array) -> Array:
-    """(..., 3) each vector turned by the matrix (S, 3, 3) of its slot."""
-    found = np.empty_like(vectors)
-    for i, turn in enumerate(turns):
-        mine = slot == i
-        found[mine] = vectors[mine] @ turn.T
-    return found
 
 
 def _axes(slot: str) -> Any:
@@ -143,12 +116,6 @@ class CubeMap(CubeLayout):
     def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
         super().__init__(width, height, layout, padding_px)
 
-    def _on_plane(self, a: Array) -> Array:
-        return a
-
-    def _on_face(self, tangent: Array) -> Array:
-        return tangent
-
 
 @register
 class EquiangularCube(CubeLayout):
@@ -163,13 +130,35 @@ class EquiangularCube(CubeLayout):
     """
 
     name = "equiangular-cube"
+    _equiangular = True
     _layouts: ClassVar[dict[str, Slots]] = {**LAYOUTS, "3x2": (("L0", "F0", "R0"), ("D3", "B1", "U3"))}
 
     def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
         super().__init__(width, height, layout, padding_px)
 
-    def _on_plane(self, a: Array) -> Array:
-        return np.tan(np.pi / 4 * a)
 
-    def _on_face(self, tangent: Array) -> Array:
-        return 4 / np.pi * np.arctan(tangent)
+@njit(cache=True, nogil=True)
+def _cast(
+    pixels: Any, grid: Any, slot_px: Any, padding: int, equiangular: bool,
+    face: Any, axes: Any, rays: Any, valid: Any,
+) -> None:  # fmt: skip
+    """Write the unit rays (N, 3) of pixels (N, 2), and which lie in a slot with a face."""
+    row_px, edge = slot_px[1] + 2 * padding, 1 - _INSIDE
+    a = np.empty(2)
+    for i in range(pixels.shape[0]):
+        row = min(max(np.floor(pixels[i, 1] / row_px), 0), grid[1] - 1)
+        a[0], a[1] = pixels[i, 0] - padding, pixels[i, 1] - row * row_px - padding
+        column = min(max(np.floor(a[0] / slot_px[0]), 0), grid[0] - 1)
+        a[0] -= column * slot_px[0]
+        for k in range(2):
+            a[k] = 2 * a[k] / slot_px[k] - 1
+            # Beyond a face's edges, in the padding, its plane goes on.
+            if not (padding > 0 and abs(a[k]) > 1 + ROUNDING):
+                a[k] = min(max(a[k], -edge), edge)
+            if equiangular:
+                a[k] = np.tan(np.pi / 4 * a[k])
+        z = 1 / np.sqrt(1 + a[0] * a[0] + a[1] * a[1])
+        slot = int(row * grid[0] + column)
+        valid[i] = face[slot] >= 0
+        for k in range(3):
+            rays[i, k] = z * (axes[slot, k, 0] * a[0] + axes[slot, k, 1] * a[1] + axes[slot, k, 2])

@@ -15,7 +15,7 @@ class Octahedral(CentralCamera):
     With (a, b) = ``(2u/W - 1, 2v/H - 1)``: where ``|a| + |b| <= 1`` the ray is ``(a, b, 1 - |a| - |b|)``,
     normalised; beyond, the back half folds out: ``(sgn a (1 - |b|), sgn b (1 - |a|), 1 - |a| - |b|)``.
     Domain: every pixel, every direction; each edge of the image shows its own half of the great circle
-    there twice, about its middle: ``project`` answers the side that the sign of x or y says, + for 0.
+    there twice, about its middle: ``project`` answers the side that the sign of x or y says.
     Source: Cigolle et al. 2014, A survey of efficient representations for independent unit vectors.
     """
 
@@ -23,20 +23,23 @@ class Octahedral(CentralCamera):
 
     def __init__(self, width: int, height: int) -> None:
         super().__init__(width, height)
+        self._size = np.array([self.width, self.height])
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
-        ab = np.clip(2 * pixels / [self.width, self.height] - 1, -_EDGE, _EDGE)
-        size = np.abs(ab)
-        z = 1 - size[..., :1] - size[..., 1:]
-        rays = np.concatenate([np.where(z >= 0, ab, _folded(ab)), z], axis=-1)
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True), True
+        x, y = (np.clip(2 * pixels[..., i] / size - 1, -_EDGE, _EDGE) for i, size in enumerate(self._size))
+        z = 1 - np.abs(x) - np.abs(y)
+        x, y = _folded(x, y, z)
+        scale = 1 / np.sqrt(x * x + y * y + z * z)
+        return np.stack([x * scale, y * scale, z * scale], axis=-1), True
 
     def _project(self, points: Array) -> tuple[Array, bool]:
         n = points / np.abs(points).sum(axis=-1, keepdims=True)
-        ab = np.where(n[..., 2:] >= 0, n[..., :2], _folded(n[..., :2]))
-        return (ab + 1) / 2 * [self.width, self.height], True
+        ab = np.stack(_folded(n[..., 0], n[..., 1], n[..., 2]), axis=-1)
+        return (ab + 1) / 2 * self._size, True
 
 
-def _folded(ab: Array) -> Array:
-    """(..., 2) mirrored at the square's inner diamond, which swaps its halves; the sign of 0 is +."""
-    return np.where(ab >= 0, 1.0, -1.0) * (1 - np.abs(ab[..., ::-1]))
+def _folded(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    """Where z < 0: mirrored at the edges of the square's inner diamond, which swaps its halves."""
+    back = z < 0
+    folded = np.copysign(1 - np.abs(y), x), np.copysign(1 - np.abs(x), y)
+    return np.where(back, folded[0], x), np.where(back, folded[1], y)

@@ -182,7 +182,7 @@ def test_a_missing_parameter_is_answered_with_all_of_them(name):
 
 
 def test_a_profile_is_one_of_a_few_words():
-    with pytest.raises(ArgumentError, match="profile: expected one of angular, perspective, .*; got 'flat'"):
+    with pytest.raises(ArgumentError, match=r"profile: expected one of angular, perspective, .*; got 'flat'"):
         cameras.create("cylindrical", 64, 32, profile="flat")
 
 
