@@ -6,6 +6,8 @@ from omniscv.cameras.registry import create, from_dict, model, names, register
 # isort: off
 # Modules register their models: the order of the documentation.
 from omniscv.cameras.panoramas import Cylindrical, Equirectangular
+from omniscv.cameras.cube_maps import CubeMap, EquiangularCube
+from omniscv.cameras.octahedral import Octahedral
 from omniscv.cameras.fisheyes import (
     FisheyeEquidistant,
     FisheyeEquisolid,
@@ -14,8 +16,11 @@ from omniscv.cameras.fisheyes import (
 )
 from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.polynomials import KannalaBrandt, Scaramuzza
-from omniscv.cameras.noncentral.panorama import NoncentralPanorama
+from omniscv.cameras.noncentral.panorama import NoncentralPanorama, OmnidirectionalStereo
+from omniscv.cameras.noncentral.vr180 import Vr180
 from omniscv.cameras.noncentral.mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
+from omniscv.cameras.noncentral.rolling_shutter import RollingShutter
+from omniscv.cameras.noncentral.scanners import Orthographic, PushBroom
 from omniscv.cameras.pinhole import Pinhole
 # isort: on
 
@@ -25,7 +30,9 @@ __all__ = [
     "CatadioptricParabolic",
     "CatadioptricPlanar",
     "CentralCamera",
+    "CubeMap",
     "Cylindrical",
+    "EquiangularCube",
     "Equirectangular",
     "FisheyeEquidistant",
     "FisheyeEquisolid",
@@ -35,11 +42,17 @@ __all__ = [
     "NoncentralConicalMirror",
     "NoncentralPanorama",
     "NoncentralSphericalMirror",
+    "Octahedral",
+    "OmnidirectionalStereo",
+    "Orthographic",
     "Parameter",
     "Pinhole",
+    "PushBroom",
     "Rays",
+    "RollingShutter",
     "Scaramuzza",
     "Viewpoints",
+    "Vr180",
     "create",
     "from_dict",
     "model",
