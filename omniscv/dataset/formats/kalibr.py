@@ -1,10 +1,10 @@
 """Kalibr's ``camchain.yaml``: the cameras of a rig, each with its place after the one before it.
 
-Cameras that keep their places to each other are a rig (:mod:`omniscv.dataset.rigs`); of several rigs each has a
-file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ... in the order of their
-names, which ``rostopic`` holds. ``T_cn_cnm1`` takes points from the camera before to this one, metres;
-``cam_overlaps`` lists the cameras that see some of the same directions. :mod:`omniscv.calibration.kalibr`
-describes the models.
+Cameras that keep their places to each other are a rig (:mod:`omniscv.dataset.rigs`); of several rigs each
+has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ... in the order
+of their names, which ``rostopic`` holds. ``T_cn_cnm1`` takes points, in metres, from the camera before to this
+one; ``cam_overlaps`` lists the cameras that see some of the same directions. The models are those of
+:mod:`omniscv.calibration.kalibr`.
 """
 
 from collections.abc import Mapping, Sequence
