@@ -48,7 +48,7 @@ def test_trimesh_reads_the_merged_cloud(tmp_path):
     merged = trimesh.load(cloud)
     apart = [columns(PlyData.read(path)["vertex"].data, "xyz") for path in (one, other)]
     away = [np.linalg.norm(each - pose.position, axis=1) for each, pose in zip(apart, POSES, strict=True)]
-    cubes, cube_of = np.unique(cube(np.concatenate(apart)), axis=0, return_inverse=True)
+    cubes, cube_of = np.unique(cube(np.concatenate(apart).astype(float)), axis=0, return_inverse=True)
     nearest = np.full(len(cubes), np.inf)
     np.minimum.at(nearest, cube_of, np.concatenate(away))
     assert len(merged.vertices) == pytest.approx(len(cubes), abs=3)  # float32 may cross a cube's side
