@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from omniscv.arguments import shown
+from omniscv.arguments import number, shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -36,7 +36,7 @@ def read_trajectory(path: Path) -> Trajectory:
         raise ArgumentError(f"{path}: expected a trajectory file in TUM format, got {cause}") from cause
     poses: list[Pose] = []
     times: list[float] = []
-    for number, line in enumerate(lines, start=1):
+    for row, line in enumerate(lines, start=1):
         if text := line.partition("#")[0].strip():
             try:
                 time, x, y, z, *quaternion = map(float, text.split())
@@ -44,7 +44,7 @@ def read_trajectory(path: Path) -> Trajectory:
                 poses.append(Pose(np.array([x, y, z]), Rotation.from_quat(quaternion).as_matrix()))
             except ValueError as cause:
                 wanted = "'time tx ty tz qx qy qz qw'"
-                raise ArgumentError(f"{path}, line {number}: expected {wanted}, got {shown(text)}") from cause
+                raise ArgumentError(f"{path}, line {row}: expected {wanted}, got {shown(text)}") from cause
     if not poses:
         raise ArgumentError(f"{path}: expected lines 'time tx ty tz qx qy qz qw', got none")
     return Trajectory(tuple(poses), tuple(times))
