@@ -13,7 +13,8 @@ from omniscv.cameras.fisheyes import (
     FisheyeStereographic,
 )
 from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
-from omniscv.cameras.polynomials import KannalaBrandt, Scaramuzza
+from omniscv.cameras.polynomials import Fisheye624, FTheta, KannalaBrandt, Scaramuzza
+from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, Unified
 from omniscv.cameras.noncentral.panorama import NoncentralPanorama
 from omniscv.cameras.noncentral.mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
 from omniscv.cameras.pinhole import Pinhole
@@ -26,7 +27,12 @@ __all__ = [
     "CatadioptricPlanar",
     "CentralCamera",
     "Cylindrical",
+    "Division",
+    "DoubleSphere",
     "Equirectangular",
+    "ExtendedUnified",
+    "FTheta",
+    "Fisheye624",
     "FisheyeEquidistant",
     "FisheyeEquisolid",
     "FisheyeOrthographic",
@@ -39,6 +45,7 @@ __all__ = [
     "Pinhole",
     "Rays",
     "Scaramuzza",
+    "Unified",
     "Viewpoints",
     "create",
     "from_dict",

@@ -132,7 +132,7 @@ def test_quaternions_turn_camera_to_world(tmp_path):
     path.write_text(
         "# time tx ty tz qx qy qz qw\n\n0.1 1 2 3 0.5 -0.5 0.5 -0.5  # level\n0.2 0 0 0 0 0 0 1\n"
     )
-    level, plain = read_trajectory(path)
+    level, plain = read_trajectory(path).poses
     ahead = Pose.from_angles((1, 2, 3))
     np.testing.assert_allclose(level.t_w_c, ahead.t_w_c, atol=1e-12)
     np.testing.assert_allclose(level.R_w_c, ahead.R_w_c, atol=1e-12)
