@@ -21,19 +21,35 @@ from omniscv.calibration.opencv import (
     to_opencv_fisheye,
     write_opencv_fisheye,
 )
+from omniscv.calibration.rigs import (
+    RigFormat,
+    load_rig,
+    rig_from_colmap,
+    rig_from_kalibr,
+    rig_to_colmap,
+    rig_to_kalibr,
+    save_rig,
+)
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 
 __all__ = [
     "FormatName",
+    "RigFormat",
     "formats",
     "from_opencv_fisheye",
     "load",
+    "load_rig",
     "read_colmap",
     "read_kalibr",
     "read_ocamcalib",
     "read_opencv_fisheye",
+    "rig_from_colmap",
+    "rig_from_kalibr",
+    "rig_to_colmap",
+    "rig_to_kalibr",
     "save",
+    "save_rig",
     "to_opencv_fisheye",
     "write_colmap",
     "write_kalibr",

@@ -45,8 +45,10 @@ _ROWS = [line.split() for line in _TABLE.strip().splitlines()]
 MODELS = {name: FormatModel(name, model, tuple(names)) for name, model, *names in _ROWS}
 """COLMAP's models by name, with our model and COLMAP's order of the parameters."""
 
-_WRITTEN = "PINHOLE OPENCV FULL_OPENCV OPENCV_FISHEYE RAD_TAN_THIN_PRISM_FISHEYE SIMPLE_DIVISION EUCM".split()
-# Most programs that read COLMAP's files know these; the others are special cases of them.
+_ONLY_READ = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "FISHEYE", "DIVISION"}
+_ONLY_READ |= {"SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
+# Special cases of others, which more programs that read COLMAP's files know.
+_WRITTEN = [name for name in MODELS if name not in _ONLY_READ]
 
 NAMES = (*MODELS, "EQUIRECTANGULAR")
 
@@ -98,15 +100,15 @@ def camera_line(camera_id: int, camera: Camera) -> str:
     Raises:
         ArgumentError: a camera that COLMAP cannot carry.
     """
-    written = ["SIMPLE_FISHEYE"] if isinstance(camera, FisheyeEquidistant) else _WRITTEN
     if isinstance(camera, Equirectangular):
-        model, values = "EQUIRECTANGULAR", [camera.width, camera.height]
-    elif found := fit_format(camera, [MODELS[name] for name in written], 0.0):
-        model, values = found[0].name, found[1]
-    else:
+        return f"{camera_id} EQUIRECTANGULAR {camera.width} {camera.height} {camera.width} {camera.height}"
+    written = ["SIMPLE_FISHEYE"] if isinstance(camera, FisheyeEquidistant) else _WRITTEN
+    found = fit_format(camera, [MODELS[name] for name in written], 0.0)
+    if found is None:
         known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
         raise ArgumentError(f"COLMAP: expected equirectangular, {known}, unskewed, got {camera.name}")
-    return " ".join(map(str, [camera_id, model, camera.width, camera.height, *values]))
+    row, values = found
+    return " ".join(map(str, [camera_id, row.name, camera.width, camera.height, *values]))
 
 
 def refuses(camera: Camera) -> str | None:
@@ -142,10 +144,10 @@ def pose_of(words: list[str]) -> Pose:
 def rig_line(rig_id: int, sensors: Mapping[int, Pose]) -> str:
     """Return a rig's line of ``rigs.txt``: ids of cameras and their poses in one frame, the first camera is
     the reference, whose frame COLMAP takes for the rig's."""
-    (reference, R_r_0), *others = sensors.items()
+    (reference, T_rig_ref), *others = sensors.items()
     parts = [f"{rig_id} {len(sensors)} CAMERA {reference}"]
     for camera_id, pose in others:
-        parts.append(f"CAMERA {camera_id} 1 {pose_words(_seen_from(R_r_0, pose))}")
+        parts.append(f"CAMERA {camera_id} 1 {pose_words(T_rig_ref.inverse() @ pose)}")
     return " ".join(parts)
 
 
@@ -159,11 +161,6 @@ def frame_line(frame_id: int, rig_id: int, pose: Pose, images: Mapping[int, int]
     """
     data = " ".join(f"CAMERA {camera_id} {image_id}" for camera_id, image_id in images.items())
     return f"{frame_id} {rig_id} {pose_words(pose)} {len(images)} {data}"
-
-
-def _seen_from(T_r_a: Pose, T_r_b: Pose) -> Pose:
-    """T_a_b: a pose b in the frame of another one a, both given in a frame r."""
-    return Pose((T_r_b.position - T_r_a.position) @ T_r_a.rotation, T_r_a.rotation.T @ T_r_b.rotation)
 
 
 def _camera(words: list[str]) -> tuple[str, Camera]:

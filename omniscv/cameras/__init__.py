@@ -15,7 +15,8 @@ from omniscv.cameras.fisheyes import (
     FisheyeStereographic,
 )
 from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
-from omniscv.cameras.polynomials import KannalaBrandt, Scaramuzza
+from omniscv.cameras.polynomials import Fisheye624, FTheta, KannalaBrandt, Scaramuzza
+from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, Unified
 from omniscv.cameras.noncentral.panorama import NoncentralPanorama, OmnidirectionalStereo
 from omniscv.cameras.noncentral.vr180 import Vr180
 from omniscv.cameras.noncentral.mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
@@ -32,8 +33,13 @@ __all__ = [
     "CentralCamera",
     "CubeMap",
     "Cylindrical",
+    "Division",
+    "DoubleSphere",
     "EquiangularCube",
     "Equirectangular",
+    "ExtendedUnified",
+    "FTheta",
+    "Fisheye624",
     "FisheyeEquidistant",
     "FisheyeEquisolid",
     "FisheyeOrthographic",
@@ -51,6 +57,7 @@ __all__ = [
     "Rays",
     "RollingShutter",
     "Scaramuzza",
+    "Unified",
     "Viewpoints",
     "Vr180",
     "create",

@@ -142,7 +142,7 @@ class Camera(ABC):
             inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
             origins, directions, valid = self._unproject(_where(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
-        return Rays(_where(valid, origins, np.nan), _where(valid, directions, np.nan), valid)
+        return Rays(_blank(origins, valid), _blank(directions, valid), valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, Mask]:
         """Return the pixels that see points.
@@ -190,7 +190,7 @@ class Camera(ABC):
 
     @abstractmethod
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
-        """Origins, unit directions, valid of pixels (..., 2) inside the rectangle; warnings are off."""
+        """Origins, unit directions (new arrays), valid of pixels (..., 2) in the image; warnings are off."""
 
     @abstractmethod
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
@@ -200,8 +200,10 @@ class Camera(ABC):
 
     def pixels(self) -> Array:
         """(H, W, 2) the centre (u, v) of every pixel."""
-        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        return np.stack([u, v], axis=-1)
+        pixels = np.empty((self.height, self.width, 2))
+        pixels[..., 0] = np.arange(self.width) + 0.5
+        pixels[..., 1] = np.arange(self.height)[:, None] + 0.5
+        return pixels
 
     def parameters(self) -> dict[str, Any]:
         """The model's own constructor arguments, beyond width, height and center, JSON-ready."""
@@ -311,11 +313,11 @@ class CentralCamera(Camera):
 
     @abstractmethod
     def _directions(self, pixels: Array) -> tuple[Array, Mask | bool]:
-        """Unit directions, valid of pixels (..., 2) inside the rectangle; warnings are off."""
+        """Unit directions (a new array), valid of pixels (..., 2) in the rectangle; warnings are off."""
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         directions, valid = self._directions(pixels)
-        return np.zeros_like(directions), directions, valid
+        return np.zeros(directions.shape), directions, valid  # (np.zeros_like would write all of them)
 
 
 def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
@@ -325,6 +327,16 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
             f"{key}: expected numbers of shape (..., {size}), got {array.dtype} of shape {array.shape}"
         )
     return array.astype(np.float64, copy=False)
+
+
+def _blank(vectors: Array, valid: Mask) -> Array:
+    """``vectors`` (..., 3), which nobody else needs, with NaN where not valid."""
+    if not valid.all():
+        from omniscv.cameras import kernels  # slow to load
+
+        vectors = np.require(vectors, requirements=("C", "W"))
+        kernels.blank(vectors.reshape(-1, 3), valid.reshape(-1))
+    return vectors
 
 
 def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:

@@ -93,18 +93,37 @@ def write(
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     check_format(image_format)
     listed = None if objects is None else _merged(out / OBJECTS, objects)
-    out.mkdir(parents=True, exist_ok=True)
-    pictures = [
-        (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
-        for row in modalities.layers()
-        if row.name in layers
-    ]
-    written = side_by_side(lambda picture: write_picture(*picture), pictures)
-    versions = {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
-    written.append(write_json(out / f"{stem}.json", {**description, "versions": versions}))
+    written = list(write_layers(layers, out, stem, image_format).values())
+    written.append(write_json(out / f"{stem}.json", {**description, "versions": versions()}))
     if listed is not None:
         written.append(write_json(out / OBJECTS, listed))
     return written
+
+
+def write_layers(
+    layers: Mapping[str, NDArray[Any]], out: Path, stem: str, image_format: str = "png"
+) -> dict[str, Path]:
+    """Write layers as ``STEM.LAYER.SUFFIX`` into a folder, which is made if it is not there.
+
+    Returns:
+        The files by layer, each written whole or not at all.
+
+    Raises:
+        OmniscvError: a file cannot be written.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [row for row in modalities.layers() if row.name in layers]
+    pictures = [
+        (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
+        for row in rows
+    ]
+    written = side_by_side(lambda picture: write_picture(*picture), pictures)
+    return {row.name: path for row, path in zip(rows, written, strict=True)}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that the pixels of a file depend on."""
+    return {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
 
 
 def read(path: Path, name: str) -> NDArray[Any]:
@@ -220,9 +239,17 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> Path:
-    """Write plain values as JSON, whole or not at all, and return the path."""
+    """Write plain values as a file, whole or not at all, and return its path.
+
+    Raises:
+        ArgumentError: values that JSON does not have, such as NaN or arrays.
+    """
+    try:
+        text = json.dumps(data, indent=2, allow_nan=False)
+    except (TypeError, ValueError) as cause:
+        raise ArgumentError(f"{path.name}: expected finite, plain values for JSON, got: {cause}") from cause
     with whole_file(path) as part:
-        part.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+        part.write_text(text + "\n", encoding="utf-8")
     return path
 
 

@@ -1,6 +1,6 @@
 """Camera, rays, plan, source, compose, image: one pipeline, for central and non-central cameras alike."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any, Unpack
@@ -13,9 +13,20 @@ from omniscv.compose.composition import Composition
 from omniscv.compose.image import OmniImage
 from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.samplers import CpuSampler, Sampler
+from omniscv.compose.shared_captures import SharedCaptures
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.planning import CameraRays, RecordedViews, RenderKeywords, RenderOptions, Task, drive, rounds
+from omniscv.planning import (
+    CameraRays,
+    RecordedViews,
+    RenderKeywords,
+    RenderOptions,
+    Task,
+    drive,
+    rounds,
+    sampled,
+    together,
+)
 from omniscv.sources.base import Source, View
 
 Progress = Callable[[int, int], None]
@@ -106,12 +117,31 @@ class Renderer:
             MissingCaptureError: the views that came do not see all rays.
             SourceError, RecordingError: a capture could not be had.
         """
-        task = self.task(camera, pose, options)
+        (image,) = self.render_together([(camera, pose)], modes, options, progress=progress)
+        return image
+
+    def render_together(
+        self,
+        shots: Sequence[tuple[Camera, Pose]],
+        modes: Sequence[str] = ("lit",),
+        options: RenderOptions | None = None,
+        *,
+        progress: Progress | None = None,
+    ) -> Iterator[OmniImage]:
+        """Yield the images of several cameras at one moment, in their order, as :meth:`render` makes them.
+
+        What several of them need is captured once: see :func:`omniscv.planning.together`.
+        """
+        tasks = [self.task(camera, pose, options) for camera, pose in shots]
         chosen = modalities.chosen(modes)
-        composition = Composition(task, self._rays(camera), chosen, self.source, self._sampler_of, progress)
-        drive(rounds(task), composition.capture)
-        self._cache.trim()
-        return composition.image()
+        tasks, needed = together(tasks, sampled(chosen, tasks[0].options) if tasks else chosen)
+        source = SharedCaptures(self.source, needed) if needed else self.source
+        for task in tasks:
+            rays = self._rays(task.rays.camera)
+            composition = Composition(task, rays, chosen, source, self._sampler_of, progress)
+            drive(rounds(task), composition.capture)
+            self._cache.trim()
+            yield composition.image()
 
     def _rays(self, camera: Camera) -> ImageRays:
         return self._cache.get(("rays", camera), lambda: ImageRays(CameraRays(camera)))
@@ -157,7 +187,12 @@ def render(
     Raises:
         OmniscvError: as :meth:`Renderer.render`.
     """
+    return Renderer(source).render(camera, pose, modes, options_of(options), progress=progress)
+
+
+def options_of(keywords: RenderKeywords) -> RenderOptions:
+    """Return options from keyword arguments; raise ArgumentError for others than they have."""
     known = [field.name for field in fields(RenderOptions)]
-    if unknown := sorted(set(options) - set(known)):
+    if unknown := sorted(set(keywords) - set(known)):
         raise ArgumentError(f"options: expected some of {', '.join(known)}; got {', '.join(unknown)}")
-    return Renderer(source).render(camera, pose, modes, RenderOptions(**options), progress=progress)
+    return RenderOptions(**keywords)

@@ -13,6 +13,7 @@
     strategy: auto                      # and the other options of omniscv.RenderOptions
     image_format: png                   # or jxl, jpg
     source_options: {timeout_s: 60}     # as omniscv.open_source
+    rig: camchain.yaml                  # with cameras or in their place: see omniscv.jobs.rigs
 
 ``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``.
 """
@@ -31,6 +32,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import read_trajectory
 from omniscv.jobs.job import Job
+from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 
@@ -43,7 +45,7 @@ def load(path: Path) -> Job:
     """
     with within(path):
         data = yaml_text.parse(yaml_text.read_text(path))
-        given = fields_of("", data, _FIELDS, needed=("source", "cameras", "poses"))
+        given = fields_of("", data, _FIELDS, needed=("source", "poses"))
         folder, source = path.parent, given.pop("source")
         for key in ("out", "record"):
             if given.get(key) is not None:
@@ -52,11 +54,12 @@ def load(path: Path) -> Job:
         if isinstance(poses := given.pop("poses"), str):
             trajectory = read_trajectory(folder / poses)
             poses, given["times"] = trajectory.poses, trajectory.times
+        given["rig"] = rig_of(given.get("rig"), folder)
         return Job(
             source=_addresses(source, folder),
             poses=poses,
             options=RenderOptions(**options),
-            **{"out": folder / "out", **given},
+            **{"out": folder / "out", "cameras": {}, **given},
         )
 
 
@@ -152,4 +155,5 @@ _FIELDS: dict[str, Reader] = {
     "out": text,
     "image_format": text,
     "source_options": _source_options,
+    "rig": read_rig,
 } | dict.fromkeys(sorted(_OPTIONS), _as_given)

@@ -1,13 +1,16 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from omniscv import modalities
 from omniscv.cameras import Camera
+from omniscv.cameras.rig import Rig
 from omniscv.compose.files import check_format
 from omniscv.geometry import Pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.jobs.rigs import cameras_of, poses_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
 from omniscv.sources.recording import record
@@ -16,11 +19,13 @@ from omniscv.sources.registry import SourceOptions, open_sources
 
 @dataclass(frozen=True)
 class Job:
-    """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image;
-    ``times`` of the poses, seconds, are None where they are not known.
+    """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
+
+    ``times`` of the poses are seconds. ``cameras`` are at the poses themselves, and with a ``rig`` they are
+    joined by its cameras.
 
     Raises:
-        ArgumentError: an unknown mode or image format.
+        ArgumentError: an unknown mode or image format, or a rig that does not fit the rest.
     """
 
     source: str | tuple[str, ...]
@@ -32,9 +37,12 @@ class Job:
     options: RenderOptions = field(default_factory=RenderOptions)
     image_format: str = "png"
     source_options: SourceOptions = field(default_factory=SourceOptions)
+    rig: Rig | None = None
     times: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        apart = {name: each for name, each in self.cameras.items() if not self._mounted(name, each)}
+        object.__setattr__(self, "cameras", cameras_of(self.rig, apart))
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
         check_format(self.image_format)
 
@@ -59,7 +67,18 @@ class Job:
 
     def items(self) -> Iterator[tuple[str, Camera, Pose]]:
         """Yield stem, camera and pose of every image, pose by pose."""
+        for frame in self.frames():
+            yield from frame
+
+    def frames(self) -> Iterator[Sequence[tuple[str, Camera, Pose]]]:
+        """Yield the images of each pose: stem, camera and pose of every camera."""
         digits = len(str(max(0, len(self.poses) - 1)))
+        trajectory = Trajectory(self.poses, self.times)
         for i, pose in enumerate(self.poses):
-            for name, camera in self.cameras.items():
-                yield (f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name), camera, pose
+            own = poses_of(self.rig, trajectory, i)
+            suffix = f"-{i:0{digits}d}" if len(self.poses) > 1 else ""
+            yield [(f"{name}{suffix}", each, own.get(name, pose)) for name, each in self.cameras.items()]
+
+    def _mounted(self, name: str, camera: Camera) -> bool:
+        """Whether a camera is one of the rig's already, as in a copy of a job."""
+        return self.rig is not None and name in self.rig.cameras and self.rig.cameras[name].camera is camera

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -66,6 +67,10 @@ class View:
 
     def key(self) -> tuple[Any, ...]:
         """Width, height, position (3), rotation (9) and ``fov_deg``, rounded: equal views have equal keys."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
         numbers = np.concatenate([self.pose.position, self.pose.rotation.ravel(), [self.fov_deg]])
         rounded = np.round(numbers, _POSE_DECIMALS) + 0.0  # + 0.0: no negative zero
         return (self.width, self.height, *rounded.tolist())

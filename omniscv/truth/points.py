@@ -83,7 +83,7 @@ def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
 
     Args:
         clouds: at least one.
-        voxel_m: edge of the cubes, metres.
+        voxel_m: edge of the cubes, metres; their middles are at its multiples.
 
     Raises:
         ArgumentError: no cloud, an edge not above 0, or one so small that the grid has more than 2^21 cubes
@@ -110,7 +110,7 @@ def _joined(first: Points, second: Points) -> Points:
 
 def _thinned(cloud: Points, voxel_m: float) -> Points:
     """The nearest point of each cube, in the order of the cloud."""
-    cells = np.floor(cloud.positions_w / voxel_m)
+    cells = np.floor(cloud.positions_w / voxel_m + 0.5)  # walls at round numbers are within cubes
     limit = 1 << (_CELL_BITS - 1)
     if len(cells) and not np.abs(cells).max() < limit:
         far = np.abs(cloud.positions_w).max()
