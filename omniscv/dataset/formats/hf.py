@@ -2,8 +2,8 @@
 
 Every row has the colour picture as ``image``, further pictures as columns named after their layers, the key,
 the camera, the pose, time and place; with the truth ``boxes``, ``objects`` too. What Pillow does not read
-(EXR) lies beside them, in columns ``LAYER_path`` that are texts. Frames without a split are in ``train``.
-Option: ``license``, for the card.
+(EXR) lies beside them, in columns ``LAYER_path`` that are texts. Frames without a split are in ``train``,
+those of ``val`` in ``validation``. Option: ``license``, for the card.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from omniscv.arguments import fields, text
 from omniscv.cameras import Camera
 from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
+from omniscv.dataset.manifest import IMAGE
 from omniscv.errors import ArgumentError
 from omniscv.truth.classes import BACKGROUND
 
@@ -25,7 +26,8 @@ name = "hf"
 needs = ("lit",)
 
 _PICTURES = (".png", ".jpg")
-_SPLIT = "train"
+_SPLITS = {"": "train", "val": "validation"}
+"""Splits that Hugging Face has other words for."""
 
 
 def refuses(camera: Camera) -> None:
@@ -47,13 +49,15 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     rows: dict[str, list[dict[str, Any]]] = {}
     written = []
     for frame in sorted(frames, key=lambda frame: frame.key):
-        folder = out / (frame.split or _SPLIT)
+        folder = out / _SPLITS.get(frame.split, frame.split)
         folder.mkdir(parents=True, exist_ok=True)
         rows.setdefault(folder.name, []).append(_row(frame))
         for path in frame.files.values():
             written.append(Path(shutil.copyfile(path, folder / path.name)))
+    # ``file_name`` first: the reader gives it to the first column of pictures.
+    known = {key for mine in rows.values() for row in mine for key, value in row.items() if value is not None}
+    columns = sorted(known, key=lambda key: (key != "file_name", key))
     for split, mine in rows.items():
-        columns = sorted({key for row in mine for key in row})
         lines = [json.dumps({key: row.get(key) for key in columns}, allow_nan=False) for row in mine]
         written.append(_text(out / split / "metadata.jsonl", "\n".join(lines) + "\n"))
     return [*written, _text(out / "README.md", _card(frames, rows, options))]
@@ -67,7 +71,7 @@ def _row(frame: Frame) -> dict[str, Any]:
         raise ArgumentError(f"{frame.key}: {wanted}; got {colour.name}; make it with image_format: png")
     row: dict[str, Any] = {"file_name": colour.name}
     for kind, path in frame.files.items():
-        if kind != "lit":
+        if kind not in ("lit", IMAGE):
             row[f"{kind}_file_name" if path.suffix in _PICTURES else f"{kind}_path"] = path.name
     return row | {
         "key": frame.key,
