@@ -71,8 +71,8 @@ class Job:
         for _, name, stem, pose in self._images():
             yield stem, self.cameras[name], pose
 
-    def shots(self) -> Iterator[Shot]:
-        """Yield what every frame of a dataset is, pose by pose: an image, its time, place and split.
+    def shots(self, scene: str = "") -> Iterator[Shot]:
+        """Yield what every frame of a dataset is, pose by pose: image, time, place, split and scene.
 
         Raises:
             ArgumentError: a camera's name that cannot start a key.
@@ -82,7 +82,7 @@ class Job:
         for index, name, stem, pose in self._images():
             time = None if self.times is None else self.times[index]
             place = places[index]
-            yield Shot(stem, name, self.cameras[name], pose, time, place, split.of(place))
+            yield Shot(stem, name, self.cameras[name], pose, time, place, split.of(place), scene)
 
     def _images(self) -> Iterator[tuple[int, str, str, Pose]]:
         """The index of the pose, the camera's name, the stem and the pose of every image."""
