@@ -79,14 +79,9 @@ def _list_faults(folder: Path, entries: list[FrameEntry]) -> Iterator[str]:
         if entry.place and split_of.setdefault(entry.place, entry.split) != entry.split:
             wanted = split_of[entry.place]
             yield f"{entry.key}: expected the split {wanted!r} of its place, got {entry.split!r}"
-    listed = {file.path for entry in entries for file in entry.files.values()}
-    for path in sorted(folder.glob("*.*")):
-        if (
-            path.is_file()
-            and path.name not in (manifest.DATASET, manifest.FRAMES, *listed)
-            and path.name[0] != "."
-        ):
-            yield f"{path.name}: expected a file that {manifest.FRAMES} lists, got another one"
+    for path in sorted(folder.glob("*.json")):
+        if path.stem not in keys and "." not in path.stem and path.name != manifest.DATASET:
+            yield f"{path.name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
 def _frame_faults(folder: Path, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:

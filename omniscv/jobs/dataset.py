@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from itertools import chain
 from threading import Lock
@@ -17,7 +17,7 @@ from omniscv import modalities
 from omniscv.arguments import whole_number
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset import exporting, reading, truths
+from omniscv.dataset import exporting, manifest, reading, truths
 from omniscv.dataset.manifest import Manifest
 from omniscv.dataset.observing import derive
 from omniscv.dataset.truths import Observation
@@ -76,7 +76,7 @@ def make(
     whole_number("shard", index, least=0, most=count - 1)
     job.recipe.check(job.cameras, job.modes)
     with job.open() as source:
-        moments = list(job.shots())
+        moments = list(job.shots(_scene(source)))
         shots = [shot for moment in moments for shot in moment]
         mine = [shot for shot in shots if _hash(shot.key) % count == index]
         begun = Manifest(job.cameras, _names(job, source), job.recipe.classes, _settings(job))
@@ -89,13 +89,26 @@ def make(
         )
         wanted = [shot for shot in mine if not writer.has(shot)]
         _Making(job, source, writer, workers, warn).run(moments, wanted, progress)
+    if any(not writer.has(shot) for shot in shots):
+        writer.take_up()  # what other shards wrote meanwhile
     missing = sum(not writer.has(shot) for shot in shots)
     if not missing:
-        writer.finish()
-        frames = reading.open(job.out)
+        _finish(job, writer, warn)
+    return Made(len(wanted), len(mine) - len(wanted), missing)
+
+
+def _finish(job: Job, writer: Writer, warn: Callable[[str], None] | None) -> None:
+    """Write the list of frames, and the exports."""
+    entries = writer.finish()
+    found = {entry.split for entry in entries}
+    for split, share in job.recipe.split.shares.items() if job.recipe.split else ():
+        if warn and share > 0 and split not in found:
+            places = len({entry.place for entry in entries})
+            warn(f"split: {split} has no frames: they are of {places} places, and places are not divided")
+    frames = reading.open(job.out)
+    with manifest.locked(job.out):
         for each in job.recipe.exports:
             exporting.write(each, frames, job.out)
-    return Made(len(wanted), len(mine) - len(wanted), missing)
 
 
 class _Making:
@@ -192,6 +205,11 @@ def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iter
 
 def _hash(key: str) -> int:
     return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big")
+
+
+def _scene(source: Source) -> str:
+    """The identity of the source's scene, as text."""
+    return "/".join(part for part in astuple(source.scene_identity) if part)
 
 
 def _names(job: Job, source: Source) -> dict[str, int]:

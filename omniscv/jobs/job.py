@@ -83,8 +83,8 @@ class Job:
         for i in range(len(self.poses)):
             yield [(stem, self.cameras[name], pose) for name, stem, pose in self._images(i)]
 
-    def shots(self) -> Iterator[list[Shot]]:
-        """Yield what the frames of a dataset are, those of each pose: an image, its time, place and split.
+    def shots(self, scene: str = "") -> Iterator[list[Shot]]:
+        """Yield what the frames of a dataset are, those of each pose: image, time, place, split and scene.
 
         Raises:
             ArgumentError: a camera's name that cannot start a key.
@@ -93,7 +93,7 @@ class Job:
         places = split.places(np.array([pose.position for pose in self.poses]), self.places or ())
         for i, place in enumerate(places):
             yield [
-                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place))
+                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place), scene)
                 for name, stem, pose in self._images(i)
             ]
 
