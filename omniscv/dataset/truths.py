@@ -64,7 +64,9 @@ class Truth:
     file: str = "truth.json"
 
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    "layout": "layout",
+}
 """The truths of this package, and the modules of :mod:`omniscv.dataset.deriving` that register them."""
 
 _TRUTHS: dict[str, Truth] = {}
