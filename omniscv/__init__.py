@@ -7,7 +7,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from omniscv import cameras
+    from omniscv import cameras, dataset, truth
     from omniscv.compose.image import OmniImage
     from omniscv.compose.renderer import Renderer, render
     from omniscv.errors import OmniscvError
@@ -25,12 +25,14 @@ _HOMES = {
     "RenderOptions": "omniscv.planning:RenderOptions",
     "Renderer": "omniscv.compose.renderer:Renderer",
     "cameras": "omniscv.cameras",
+    "dataset": "omniscv.dataset",
     "modalities": "omniscv.modalities",
     "open_source": "omniscv.sources.registry:open_source",
     "planning": "omniscv.planning",
     "record": "omniscv.sources.recording:record",
     "render": "omniscv.compose.renderer:render",
     "sources": "omniscv.sources",
+    "truth": "omniscv.truth",
 }
 
 __all__ = [
@@ -41,9 +43,11 @@ __all__ = [
     "Renderer",
     "__version__",
     "cameras",
+    "dataset",
     "open_source",
     "record",
     "render",
+    "truth",
 ]
 
 

@@ -93,18 +93,37 @@ def write(
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     check_format(image_format)
     listed = None if objects is None else _merged(out / OBJECTS, objects)
+    written = list(write_layers(layers, out, stem, image_format).values())
+    written.append(write_json(out / f"{stem}.json", {**description, "versions": versions()}))
+    if listed is not None:
+        written.append(write_json(out / OBJECTS, listed))
+    return written
+
+
+def write_layers(
+    layers: Mapping[str, NDArray[Any]], out: Path, stem: str, image_format: str = "png"
+) -> dict[str, Path]:
+    """Write layers as ``STEM.LAYER.SUFFIX`` into a folder, which is made if it is not there.
+
+    Returns:
+        The files by layer, each written whole or not at all.
+
+    Raises:
+        OmniscvError: a file cannot be written.
+    """
     out.mkdir(parents=True, exist_ok=True)
+    rows = [row for row in modalities.layers() if row.name in layers]
     pictures = [
         (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
-        for row in modalities.layers()
-        if row.name in layers
+        for row in rows
     ]
-    written = side_by_side(lambda picture: _picture(*picture), pictures)
-    versions = {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
-    written.append(_text(out / f"{stem}.json", {**description, "versions": versions}))
-    if listed is not None:
-        written.append(_text(out / OBJECTS, listed))
-    return written
+    written = side_by_side(lambda picture: write_picture(*picture), pictures)
+    return {row.name: path for row, path in zip(rows, written, strict=True)}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that the pixels of a file depend on."""
+    return {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
 
 
 def read(path: Path, name: str) -> NDArray[Any]:
@@ -167,8 +186,8 @@ def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -
 
 
 @contextmanager
-def _part(path: Path) -> Iterator[Path]:
-    """A file beside the place, moved there when it is complete, so that no half file is ever seen."""
+def whole_file(path: Path) -> Iterator[Path]:
+    """A file to write beside the place, moved there when it is complete: no half file is ever seen."""
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
@@ -177,8 +196,9 @@ def _part(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def _picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
-    with _part(path) as part:
+def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
+    """Write one layer (H, W) or (H, W, C) in the form of the path's suffix, and return the path."""
+    with whole_file(path) as part:
         _writers[path.suffix.removeprefix(".")](part, pixels, row)
     return path
 
@@ -218,9 +238,18 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
 
 
-def _text(path: Path, data: Mapping[str, Any]) -> Path:
-    with _part(path) as part:
-        part.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+def write_json(path: Path, data: Mapping[str, Any]) -> Path:
+    """Write plain values as a file, whole or not at all, and return its path.
+
+    Raises:
+        ArgumentError: values that JSON does not have, such as NaN or arrays.
+    """
+    try:
+        text = json.dumps(data, indent=2, allow_nan=False)
+    except (TypeError, ValueError) as cause:
+        raise ArgumentError(f"{path.name}: expected finite, plain values for JSON, got: {cause}") from cause
+    with whole_file(path) as part:
+        part.write_text(text + "\n", encoding="utf-8")
     return path
 
 

@@ -7,14 +7,15 @@
     cameras:                            # stem of the files: model and parameters
       fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
     poses:                              # metres and degrees; yaw to the left +, nose up +
-      - {position: [0, 0, 1.5], yaw_deg: 90}
+      - {position: [0, 0, 1.5], yaw_deg: 90}  # and, for datasets, time: seconds, place: NAME
     modes: [lit, object_mask, depth]
     out: images                         # folder, relative to this file
     strategy: auto                      # and the other options of omniscv.RenderOptions
     image_format: png                   # or jxl, jpg
     source_options: {timeout_s: 60}     # as omniscv.open_source
 
-``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``.
+``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``. The keys that datasets have
+beyond these are in :mod:`omniscv.dataset.recipe`.
 """
 
 import os
@@ -24,12 +25,12 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from omniscv import yaml_text
-from omniscv.arguments import Reader, flag, number, numbers, shown, text, texts, whole_number, within
+from omniscv.arguments import Reader, flag, number, shown, text, texts, whole_number, within
 from omniscv.arguments import fields as fields_of
 from omniscv.cameras import Camera, from_dict
+from omniscv.dataset import recipe
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
-from omniscv.geometry.trajectory import read_trajectory
+from omniscv.jobs import poses
 from omniscv.jobs.job import Job
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
@@ -49,13 +50,12 @@ def load(path: Path) -> Job:
             if given.get(key) is not None:
                 given[key] = folder / given[key]
         options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
-        if isinstance(poses := given.pop("poses"), str):
-            poses = read_trajectory(folder / poses)
+        recipe_of = {key: given.pop(key) for key in recipe.FIELDS if key in given}
         return Job(
             source=_addresses(source, folder),
-            poses=poses,
             options=RenderOptions(**options),
-            **{"out": folder / "out", **given},
+            recipe=recipe.read(recipe_of, folder),
+            **{"out": folder / "out", **given, **poses.opened(given["poses"], folder)._asdict()},
         )
 
 
@@ -99,17 +99,6 @@ def _cameras(name: str, value: object) -> dict[str, Camera]:
     return found
 
 
-def _poses(name: str, value: object) -> str | tuple[Pose, ...]:
-    """The poses, or the name of a trajectory's file."""
-    if isinstance(value, str):
-        return text(name, value)
-    if not isinstance(value, list) or not value:
-        wanted = "expected a list of poses or the name of a trajectory file"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    given = [fields_of(f"{name}[{i}]", each, _POSE, needed=("position",)) for i, each in enumerate(value)]
-    return tuple(Pose.from_angles(**each) for each in given)
-
-
 def _source_options(name: str, value: object) -> dict[str, Any]:
     """Options of any opener; those that are known are checked here, the opener checks all."""
     if not isinstance(value, dict):
@@ -136,19 +125,14 @@ _OPTION_READERS: dict[object, Reader] = {
     int: partial(whole_number, least=0),
     bool: flag,
 }
-_POSE: dict[str, Reader] = {
-    "position": partial(numbers, shape=(3,)),
-    "yaw_deg": number,
-    "pitch_deg": number,
-    "roll_deg": number,
-}
 _FIELDS: dict[str, Reader] = {
     "source": _source,
     "record": _record,
     "cameras": _cameras,
-    "poses": _poses,
+    "poses": poses.read,
     "modes": texts,
     "out": text,
     "image_format": text,
     "source_options": _source_options,
+    **recipe.FIELDS,
 } | dict.fromkeys(sorted(_OPTIONS), _as_given)

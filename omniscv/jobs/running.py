@@ -47,10 +47,10 @@ def run(
     with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
         renderer, saving = Renderer(source), None
         for done, (stem, camera, pose) in enumerate(job.items()):
-            part = _part_of(progress, done, len(job))
+            part = part_of(progress, done, len(job))
             image = renderer.render(camera, pose, job.modes, job.options, progress=part)
             if warn:
-                for line in _warnings(stem, image):
+                for line in warnings_of(stem, image):
                     warn(line)
             written += saving.result() if saving else []
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
@@ -64,14 +64,16 @@ _WARNINGS = {
 }
 
 
-def _warnings(stem: str, image: OmniImage) -> Iterator[str]:
+def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
+    """Yield a line for each layer that marks pixels of an image as unsure or occluded."""
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
-def _part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
+def part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
+    """Return the progress of one image of several, to be called with (captures done, captures needed)."""
     return progress and (lambda part, whole: progress(done + part / max(1, whole), total))
 
 
