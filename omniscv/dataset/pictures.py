@@ -1,11 +1,13 @@
-"""Pictures for programs that want colour files and masks in folders of their own."""
+"""Pictures as other programs read them: colours and masks in folders of their own."""
 
 from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
 from omniscv.compose.files import whole_file, write_picture
@@ -41,3 +43,21 @@ def write_mask(camera: Camera, path: Path) -> Path | None:
         return None
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_picture(path, np.asarray(valid), _MASK)
+
+
+def color(frame: Frame) -> NDArray[np.uint8]:
+    """Return (H, W, 3) the colours of a frame, RGB of 8 bits; of floating point, 0 to 1 becomes 0 to 255.
+
+    Raises:
+        ArgumentError: the frame has no colours.
+    """
+    lit = frame.layer("lit")
+    if lit.dtype != np.uint8:
+        lit = np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
+    return lit
+
+
+def write_pixels(path: Path, pixels: NDArray[Any]) -> Path:
+    """Write uint8 (H, W) or (H, W, 3), or uint16 (H, W), as the file's suffix has it; return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return write_picture(path, np.ascontiguousarray(pixels), Modality("pixels", (pixels.dtype.name,)))

@@ -40,6 +40,9 @@ _MODULES: tuple[str, ...] = (
     "nerfstudio",
     "kalibr",
     "flow",
+    "cfl",
+    "horizonnet",
+    "structured3d",
     "webdataset",
     "hf",
 )

@@ -70,6 +70,7 @@ class Truth:
 
 _MODULES: dict[str, str] = {
     "poses": "poses",
+    "layout": "layout",
 }
 """The truths of this package, and the modules of :mod:`omniscv.dataset.deriving` that register them."""
 

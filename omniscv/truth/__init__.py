@@ -1,6 +1,47 @@
-"""Ground truth as records: pure functions from images and scenes; nothing here reads or writes files."""
+"""Ground truth as records: pure functions from images and scenes; nothing here reads or writes files.
 
-from omniscv.truth.flow import Flow, flow
-from omniscv.truth.points import Points, merged, points
+Public names are imported when they are first used.
+"""
 
-__all__ = ["Flow", "Points", "flow", "merged", "points"]
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from omniscv.truth.optical_flow import Flow, flow
+    from omniscv.truth.point_cloud import Points, merged, points
+    from omniscv.truth.room_layout import RoomLayout, layout, project_layout, room_of
+
+_HOMES = {
+    "Flow": "omniscv.truth.optical_flow:Flow",
+    "Points": "omniscv.truth.point_cloud:Points",
+    "RoomLayout": "omniscv.truth.room_layout:RoomLayout",
+    "flow": "omniscv.truth.optical_flow:flow",
+    "layout": "omniscv.truth.room_layout:layout",
+    "merged": "omniscv.truth.point_cloud:merged",
+    "points": "omniscv.truth.point_cloud:points",
+    "project_layout": "omniscv.truth.room_layout:project_layout",
+    "room_of": "omniscv.truth.room_layout:room_of",
+}
+
+__all__ = [
+    "Flow",
+    "Points",
+    "RoomLayout",
+    "flow",
+    "layout",
+    "merged",
+    "points",
+    "project_layout",
+    "room_of",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'omniscv.truth' has no attribute {name!r}")
+    globals()[name] = resolve_name(_HOMES[name])
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

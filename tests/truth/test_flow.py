@@ -9,7 +9,7 @@ from support.traced_frames import traced
 import mock_server
 from omniscv import Pose, cameras, truth
 from omniscv.errors import ArgumentError
-from omniscv.truth.flow import AT_INFINITY, INVALID, OCCLUDED, VALID, motion
+from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID, motion
 
 CAMERAS = example_cameras()
 SCENE = mock_server.load_scene("six-wall")

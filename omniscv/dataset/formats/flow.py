@@ -39,7 +39,7 @@ from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
-from omniscv.truth.flow import INVALID, Wrap, motion
+from omniscv.truth.optical_flow import INVALID, Wrap, motion
 
 name = "flow"
 needs = ("depth",)
