@@ -7,7 +7,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from omniscv import cameras
+    from omniscv import cameras, dataset, truth
     from omniscv.cameras.rig import Rig, RigCamera
     from omniscv.compose.image import OmniImage
     from omniscv.compose.renderer import Renderer, render
@@ -29,6 +29,7 @@ _HOMES = {
     "Rig": "omniscv.cameras.rig:Rig",
     "RigCamera": "omniscv.cameras.rig:RigCamera",
     "cameras": "omniscv.cameras",
+    "dataset": "omniscv.dataset",
     "modalities": "omniscv.modalities",
     "open_source": "omniscv.sources.registry:open_source",
     "planning": "omniscv.planning",
@@ -36,6 +37,7 @@ _HOMES = {
     "render": "omniscv.compose.renderer:render",
     "render_rig": "omniscv.compose.rigs:render_rig",
     "sources": "omniscv.sources",
+    "truth": "omniscv.truth",
 }
 
 __all__ = [
@@ -48,10 +50,12 @@ __all__ = [
     "RigCamera",
     "__version__",
     "cameras",
+    "dataset",
     "open_source",
     "record",
     "render",
     "render_rig",
+    "truth",
 ]
 
 

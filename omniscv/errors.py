@@ -1,5 +1,6 @@
-"""The family of errors: arguments, sources, recordings."""
+"""The family of errors: arguments, sources, recordings, datasets."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from omniscv.texts import LONGEST_LINE, one_line
@@ -65,3 +66,29 @@ class MissingCaptureError(RecordingError):
     """The recording does not hold the capture; the message describes it and the nearest one."""
 
     longest = 2 * LONGEST_LINE
+
+
+class DatasetError(OmniscvError):
+    """A dataset cannot be used: files of it are missing, damaged, or not what its manifest lists."""
+
+
+class UnmatchedNamesError(DatasetError):
+    """Objects whose names no rule of ``classes.yaml`` matches.
+
+    Attributes:
+        names: of the objects, all of them; the message lists as many as fit.
+    """
+
+    longest = 2 * LONGEST_LINE
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        wanted = f"classes: expected a rule for every object, got {len(self.names)} without one"
+        listed = ", ".join(self.names)
+        advice = "; add rules, or unmatched: other or ignore"
+        super().__init__(
+            f"{wanted}: {one_line(listed, self.longest - len(wanted) - len(advice) - 2)}{advice}"
+        )
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return UnmatchedNamesError, (self.names,)

@@ -17,7 +17,7 @@ import omniscv
 from omniscv.cli import console, signals
 from omniscv.errors import ArgumentError, OmniscvError
 
-COMMANDS = ("demo", "render", "record", "plan", "serve", "cameras", "captures", "chart", "doctor")
+COMMANDS = ("demo", "render", "record", "plan", "serve", "cameras", "captures", "dataset", "chart", "doctor")
 """Each is a module of this package with an ``app``."""
 
 

@@ -124,7 +124,7 @@ class OmniImage:
         """
         from omniscv.compose.files import write
 
-        return write(self.layers, self._description(), self.objects, Path(out), stem, image_format)
+        return write(self.layers, self.description(), self.objects, Path(out), stem, image_format)
 
     def __repr__(self) -> str:
         size = f"{self.camera.width}x{self.camera.height}"
@@ -137,7 +137,7 @@ class OmniImage:
         shown = next((layer for layer in self.layers.values() if layer.dtype == np.uint8), None)
         return None if shown is None else cv2.imencode(".png", shown[..., ::-1])[1].tobytes()
 
-    def _description(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         return {
             "camera": self.camera.to_dict(),
             "pose": self.pose.to_dict(),

@@ -1,6 +1,7 @@
 """Camera, rays, plan, source, compose, image: one pipeline, for central and non-central cameras alike."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any, Unpack
@@ -126,17 +127,25 @@ class Renderer:
         modes: Sequence[str] = ("lit",),
         options: RenderOptions | None = None,
         *,
+        only: Collection[int] | None = None,
         progress: Progress | None = None,
     ) -> Iterator[OmniImage]:
         """Yield the images of several cameras at one moment, in their order, as :meth:`render` makes them.
 
         What several of them need is captured once: see :func:`omniscv.planning.together`.
+
+        Args:
+            shots: cameras and their poses.
+            modes, options, progress: as :meth:`render`.
+            only: those of the shots, by index, whose images are made; all if not given. The others count for
+                how they are captured, so that an image is the same whichever others are made.
         """
-        tasks = [self.task(camera, pose, options) for camera, pose in shots]
         chosen = modalities.chosen(modes)
-        tasks, needed = together(tasks, sampled(chosen, tasks[0].options) if tasks else chosen)
-        source = SharedCaptures(self.source, needed) if needed else self.source
-        for task in tasks:
+        tasks = [self.task(camera, pose, options) for camera, pose in shots]
+        tasks, wanted = together(tasks, sampled(chosen, options or RenderOptions()))
+        made = [i for i in range(len(tasks)) if only is None or i in only]
+        source = SharedCaptures(self.source, Counter(request for i in made for request in wanted[i]))
+        for task in (tasks[i] for i in made):
             rays = self._rays(task.rays.camera)
             composition = Composition(task, rays, chosen, source, self._sampler_of, progress)
             drive(rounds(task), composition.capture)

@@ -1,7 +1,23 @@
 """Datasets: images with all their truth, as files that other programs read."""
 
+from omniscv.dataset.checking import check
+from omniscv.dataset.exporting import export
 from omniscv.dataset.frames import Frame
+from omniscv.dataset.reading import open
 from omniscv.dataset.registry import Format, get, names, register
 from omniscv.dataset.truths import Observation, Truth
+from omniscv.dataset.writer import Writer
 
-__all__ = ["Format", "Frame", "Observation", "Truth", "get", "names", "register"]
+__all__ = [
+    "Format",
+    "Frame",
+    "Observation",
+    "Truth",
+    "Writer",
+    "check",
+    "export",
+    "get",
+    "names",
+    "open",
+    "register",
+]

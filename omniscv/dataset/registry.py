@@ -15,7 +15,12 @@ from omniscv.errors import ArgumentError
 
 @runtime_checkable
 class Format(Protocol):
-    """What a format is: a module, or any object, with a name and two functions."""
+    """What a format is: a module, or any object, with a name and two functions.
+
+    It may also have ``needs``, the kinds of files that its frames must have; ``keys``, those of a job that it
+    takes among its options, such as ``seam``; ``check_options(options, cameras)``, which raises ArgumentError
+    before anything is captured; and ``check(frames, out)``, which returns a line for each fault of an export.
+    """
 
     name: str
 
@@ -35,6 +40,8 @@ _MODULES: tuple[str, ...] = (
     "nerfstudio",
     "kalibr",
     "flow",
+    "webdataset",
+    "hf",
 )
 """The formats of this package: modules of :mod:`omniscv.dataset.formats`, ``-`` as ``_``, imported on use."""
 
@@ -59,15 +66,15 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> Format:
-    """Return a format by its name.
+    """Return a format by its name; ``-`` and ``_`` are alike.
 
     Raises:
         ArgumentError: no format has that name.
     """
-    if name not in _FORMATS and name in _MODULES:
-        register(import_module(f"omniscv.dataset.formats.{name.replace('-', '_')}"))
-    if name not in _FORMATS:
-        plugins.load()
-    if name not in _FORMATS:
+    plugins.load()
+    found = next((each for each in names() if each.replace("-", "_") == name.replace("-", "_")), None)
+    if found is None:
         raise ArgumentError(f"format: expected one of {', '.join(names())}; got {name!r}")
-    return _FORMATS[name]
+    if found not in _FORMATS:
+        register(import_module(f"omniscv.dataset.formats.{found.replace('-', '_')}"))
+    return _FORMATS[found]

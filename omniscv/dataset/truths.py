@@ -56,12 +56,16 @@ class Truth:
         needs: the modalities that the image must have.
         file: the suffix of the file that holds the record; several may share ``truth.json``, each under its
             name; in a file of its own a record is the whole file.
+        keys: those of a job that it takes among its options: ``tolerance``, ``seam``, ``layout``.
+        captures: whether it uses the renderer, and so must not run beside the next image.
     """
 
     name: str
     derive: Callable[[Observation, Mapping[str, Any]], Mapping[str, Any] | list[Any]]
     needs: tuple[str, ...] = ()
     file: str = "truth.json"
+    keys: tuple[str, ...] = ()
+    captures: bool = False
 
 
 _MODULES: dict[str, str] = {

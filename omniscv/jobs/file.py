@@ -7,7 +7,7 @@
     cameras:                            # stem of the files: model and parameters
       fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
     poses:                              # metres and degrees; yaw to the left +, nose up +
-      - {position: [0, 0, 1.5], yaw_deg: 90}
+      - {position: [0, 0, 1.5], yaw_deg: 90}  # and, for datasets, time: seconds, place: NAME
     modes: [lit, object_mask, depth]
     out: images                         # folder, relative to this file
     strategy: auto                      # and the other options of omniscv.RenderOptions
@@ -15,7 +15,8 @@
     source_options: {timeout_s: 60}     # as omniscv.open_source
     rig: camchain.yaml                  # with cameras or in their place: see omniscv.jobs.rigs
 
-``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``.
+``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``. The keys that datasets have
+beyond these are in :mod:`omniscv.dataset.recipe`.
 """
 
 import os
@@ -25,12 +26,12 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from omniscv import yaml_text
-from omniscv.arguments import Reader, flag, number, numbers, shown, text, texts, whole_number, within
+from omniscv.arguments import Reader, flag, number, shown, text, texts, whole_number, within
 from omniscv.arguments import fields as fields_of
 from omniscv.cameras import Camera, from_dict
+from omniscv.dataset import recipe
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
-from omniscv.geometry.trajectory import read_trajectory
+from omniscv.jobs import poses
 from omniscv.jobs.job import Job
 from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
@@ -46,20 +47,19 @@ def load(path: Path) -> Job:
     with within(path):
         data = yaml_text.parse(yaml_text.read_text(path))
         given = fields_of("", data, _FIELDS, needed=("source", "poses"))
-        folder, source = path.parent, given.pop("source")
+        folder, source, given_poses = path.parent, given.pop("source"), given.pop("poses")
         for key in ("out", "record"):
             if given.get(key) is not None:
                 given[key] = folder / given[key]
         options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
-        if isinstance(poses := given.pop("poses"), str):
-            trajectory = read_trajectory(folder / poses)
-            poses, given["times"] = trajectory.poses, trajectory.times
         given["rig"] = rig_of(given.get("rig"), folder)
+        recipe_of = {key: given.pop(key) for key in recipe.FIELDS if key in given}
         return Job(
             source=_addresses(source, folder),
-            poses=poses,
             options=RenderOptions(**options),
+            recipe=recipe.read(recipe_of, folder),
             **{"out": folder / "out", "cameras": {}, **given},
+            **poses.opened(given_poses, folder)._asdict(),
         )
 
 
@@ -103,17 +103,6 @@ def _cameras(name: str, value: object) -> dict[str, Camera]:
     return found
 
 
-def _poses(name: str, value: object) -> str | tuple[Pose, ...]:
-    """The poses, or the name of a trajectory's file."""
-    if isinstance(value, str):
-        return text(name, value)
-    if not isinstance(value, list) or not value:
-        wanted = "expected a list of poses or the name of a trajectory file"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    given = [fields_of(f"{name}[{i}]", each, _POSE, needed=("position",)) for i, each in enumerate(value)]
-    return tuple(Pose.from_angles(**each) for each in given)
-
-
 def _source_options(name: str, value: object) -> dict[str, Any]:
     """Options of any opener; those that are known are checked here, the opener checks all."""
     if not isinstance(value, dict):
@@ -140,20 +129,15 @@ _OPTION_READERS: dict[object, Reader] = {
     int: partial(whole_number, least=0),
     bool: flag,
 }
-_POSE: dict[str, Reader] = {
-    "position": partial(numbers, shape=(3,)),
-    "yaw_deg": number,
-    "pitch_deg": number,
-    "roll_deg": number,
-}
 _FIELDS: dict[str, Reader] = {
     "source": _source,
     "record": _record,
     "cameras": _cameras,
-    "poses": _poses,
+    "poses": poses.read,
     "modes": texts,
     "out": text,
     "image_format": text,
     "source_options": _source_options,
     "rig": read_rig,
+    **recipe.FIELDS,
 } | dict.fromkeys(sorted(_OPTIONS), _as_given)

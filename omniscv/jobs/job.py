@@ -1,13 +1,18 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from omniscv import modalities
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.compose.files import check_format
+from omniscv.dataset.recipe import Recipe
+from omniscv.dataset.splits import Split
+from omniscv.dataset.writer import Shot
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.jobs.rigs import cameras_of, poses_of
@@ -21,8 +26,9 @@ from omniscv.sources.registry import SourceOptions, open_sources
 class Job:
     """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
 
-    ``times`` of the poses are seconds. ``cameras`` are at the poses themselves, and with a ``rig`` they are
-    joined by its cameras.
+    ``cameras`` are at the poses themselves; those of a ``rig``, whose poses they then are, join them.
+    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``recipe`` is
+    what a dataset holds beyond images.
 
     Raises:
         ArgumentError: an unknown mode or image format, or a rig that does not fit the rest.
@@ -37,8 +43,10 @@ class Job:
     options: RenderOptions = field(default_factory=RenderOptions)
     image_format: str = "png"
     source_options: SourceOptions = field(default_factory=SourceOptions)
-    rig: Rig | None = None
     times: tuple[float, ...] | None = None
+    places: tuple[str, ...] | None = None
+    recipe: Recipe = field(default_factory=Recipe)
+    rig: Rig | None = None
 
     def __post_init__(self) -> None:
         apart = {name: each for name, each in self.cameras.items() if not self._mounted(name, each)}
@@ -70,14 +78,39 @@ class Job:
         for frame in self.frames():
             yield from frame
 
-    def frames(self) -> Iterator[Sequence[tuple[str, Camera, Pose]]]:
-        """Yield the images of each pose: stem, camera and pose of every camera."""
+    def frames(self) -> Iterator[list[tuple[str, Camera, Pose]]]:
+        """Yield stem, camera and pose of the images of each pose, which share captures."""
+        for i in range(len(self.poses)):
+            yield [(stem, self.cameras[name], pose) for name, stem, pose in self._images(i)]
+
+    def shots(self) -> Iterator[list[Shot]]:
+        """Yield what the frames of a dataset are, those of each pose: an image, its time, place and split.
+
+        Raises:
+            ArgumentError: a camera's name that cannot start a key.
+        """
+        split = self.recipe.split or Split({"": 1.0})
+        places = split.places(np.array([pose.position for pose in self.poses]), self.places or ())
+        for i, place in enumerate(places):
+            yield [
+                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place))
+                for name, stem, pose in self._images(i)
+            ]
+
+    def _images(self, i: int) -> Iterator[tuple[str, str, Pose]]:
+        """The camera's name, the stem and the pose of every image at a pose."""
         digits = len(str(max(0, len(self.poses) - 1)))
-        trajectory = Trajectory(self.poses, self.times)
-        for i, pose in enumerate(self.poses):
-            own = poses_of(self.rig, trajectory, i)
-            suffix = f"-{i:0{digits}d}" if len(self.poses) > 1 else ""
-            yield [(f"{name}{suffix}", each, own.get(name, pose)) for name, each in self.cameras.items()]
+        mounted = poses_of(self.rig, Trajectory(self.poses, self.times), i)
+        for name in self.cameras:
+            stem = f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name
+            yield name, stem, mounted.get(name, self.poses[i])
+
+    def _time(self, i: int, name: str) -> float | None:
+        """When a camera takes its image at a pose, seconds."""
+        if self.times is None:
+            return None
+        late = self.rig.cameras[name].time_offset if self.rig and name in self.rig.cameras else 0.0
+        return self.times[i] + late
 
     def _mounted(self, name: str, camera: Camera) -> bool:
         """Whether a camera is one of the rig's already, as in a copy of a job."""

@@ -48,7 +48,7 @@ def run(
         saving = None
         for stem, image in _images(job, Renderer(source), progress):
             if warn:
-                for line in _warnings(stem, image):
+                for line in warnings_of(stem, image):
                     warn(line)
             written += saving.result() if saving else []
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
@@ -80,11 +80,17 @@ _WARNINGS = {
 }
 
 
-def _warnings(stem: str, image: OmniImage) -> Iterator[str]:
+def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
+    """Yield a line for each layer that marks pixels of an image as unsure or occluded."""
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
+
+
+def part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
+    """Return the progress of one image of several, to be called with (captures done, captures needed)."""
+    return progress and (lambda part, whole: progress(done + part / max(1, whole), total))
 
 
 def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px: int | None = None) -> int:

@@ -4,7 +4,8 @@ Central cameras at one optical centre share a cube map, made for the finest of t
 than views of each one's own. Cameras of which each needs a narrow view of its own do not gain from it.
 """
 
-from collections import Counter
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,7 +23,7 @@ _SAME_M = 1e-9
 Wanted = dict[Request, None]
 
 
-def together(tasks: Sequence[Task], modes: Sequence[str]) -> tuple[list[Task], Counter[Request]]:
+def together(tasks: Sequence[Task], modes: Sequence[str]) -> tuple[list[Task], list[Wanted]]:
     """Return the tasks of several cameras at one moment with options by which they share captures.
 
     Args:
@@ -30,21 +31,20 @@ def together(tasks: Sequence[Task], modes: Sequence[str]) -> tuple[list[Task], C
         modes: what is captured.
 
     Returns:
-        The tasks in their order, and how many of them need each request that several of them need. What
-        depends on captured depth is not in it.
+        The tasks in their order, and what each of them needs as far as it does not depend on captured depth;
+        nothing for a task that shares no optical centre.
 
     Raises:
         ArgumentError: the source cannot do what a task's strategy needs.
     """
-    found, needed = list(tasks), Counter[Request]()
+    found, needed = list(tasks), [Wanted() for _ in tasks]
     for group in _groups(tasks):
         center_w = tasks[group[0]].pose.position
         mine = [replace(tasks[i], pose=Pose(center_w, tasks[i].pose.rotation)) for i in group]
         mine, wanted = _cheapest(mine, modes)
         for i, task, requests in zip(group, mine, wanted, strict=True):
-            found[i] = task
-            needed.update(requests.keys())
-    return found, Counter({request: count for request, count in needed.items() if count > 1})
+            found[i], needed[i] = task, requests
+    return found, needed
 
 
 def _groups(tasks: Sequence[Task]) -> list[list[int]]:

@@ -1,0 +1,141 @@
+"""``omniscv dataset``: make, export, check, pack and describe datasets."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Exit, Option, Typer
+
+from omniscv.cli import console, options
+from omniscv.errors import ArgumentError
+
+_HELP = "Images with all their truth, as files that other programs read."
+app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=False)
+
+Dataset = Annotated[Path, Argument(metavar="DIR", help="A dataset.")]
+Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
+
+
+@app.command(epilog="Example: omniscv dataset make job.yaml --resume")
+def make(
+    job: Annotated[Path, Argument(metavar="JOB.yaml", help="A job; its dataset is made below its 'out'.")],
+    resume: Annotated[bool, Option("--resume", help="Go on with a dataset that is there.")] = False,
+    shard: Annotated[
+        str | None, Option(help="I/N: only this part of the frames, I from 0; finish with --resume.")
+    ] = None,
+    workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
+) -> None:
+    """Make a dataset: images, labels, classes, truths, the manifest and exports.
+
+    The same job gives the same bytes, whatever the workers, shards and interruptions.
+    """
+    from omniscv import jobs
+
+    wanted = jobs.load(job)
+    with console.progress_bar("frames") as progress:
+        made = jobs.make(
+            wanted,
+            resume=resume,
+            shard=None if shard is None else _shard(shard),
+            workers=workers,
+            progress=progress,
+            warn=console.error,
+        )
+    state = f"{made.missing} frames are missing: finish with --resume" if made.missing else "complete"
+    console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; {state}")
+
+
+@app.command(epilog="Example: omniscv dataset export images --to webdataset --option max_count=100")
+def export(
+    folder: Dataset,
+    to: Annotated[str, Option(help="A format.")],
+    out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    given: Given = None,
+) -> None:
+    """Write a dataset in the form of another program, without its source."""
+    from omniscv.dataset import export
+
+    for path in export(folder, to, out, **_options(given or [])):
+        console.line(path)
+
+
+@app.command(epilog="Example: omniscv dataset check images --deep")
+def check(
+    folder: Dataset,
+    format: Annotated[str | None, Option(help="Check an export to a format too.")] = None,
+    deep: Annotated[bool, Option("--deep", help="Read all layers, records and exports.")] = False,
+) -> None:
+    """Check a dataset against its manifest: one line for each fault. Exit code 1 if there is any."""
+    from omniscv.dataset import check, open
+
+    faults = check(folder, deep=deep, format=format)
+    for fault in faults:
+        console.line(fault)
+    if not faults:
+        console.line(f"{folder}: {len(open(folder))} frames, no faults")
+    raise Exit(1 if faults else 0)
+
+
+@app.command(epilog="Example: omniscv dataset info images")
+def info(folder: Dataset, as_json: options.AsJson = False) -> None:
+    """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
+    from omniscv.dataset.summary import info
+
+    found = info(folder)
+    if as_json:
+        console.document(json.dumps(found, indent=2))
+        return
+    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in found.items()}
+    console.table(("", ""), list(texts.items()))
+
+
+@app.command(epilog="Example: omniscv dataset classes scene://four-wall classes.yaml")
+def classes(
+    scene: Annotated[
+        str, Argument(metavar="SCENE", help="A scene, the address of a source, a recording, or a dataset.")
+    ],
+    file: Annotated[Path, Argument(metavar="CLASSES.yaml", help="The rules; see docs/datasets.md.")],
+) -> None:
+    """List the class of every object. Exit code 1 if an object has none and the rules make that an error."""
+    from omniscv.dataset.classes import class_rules, object_names
+
+    rules = class_rules(file)
+    found = {name: rules.class_of(name) for name in object_names(scene)}
+    ids = {name: each.id for name, each in rules.classes.items()}
+    rows = [(name, each or f"({rules.unmatched})", ids.get(each or "", "")) for name, each in found.items()]
+    console.table(("object", "class", "id"), rows)
+    rules.table(found)
+
+
+@app.command(epilog="Example: omniscv dataset pack images --as webdataset")
+def pack(
+    folder: Dataset,
+    as_: Annotated[str, Option("--as", help="webdataset or hf.")],
+    out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    given: Given = None,
+) -> None:
+    """Write a dataset as what people train from: WebDataset shards, or a Hugging Face ImageFolder."""
+    from omniscv.arguments import one_of
+
+    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, given)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    """``0/4`` as (0, 4)."""
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
+        raise ArgumentError(f"--shard: expected I/N with I from 0 to N - 1, such as 0/4, got {text!r}")
+    return int(index), int(count)
+
+
+def _options(given: list[str]) -> dict[str, Any]:
+    """``NAME=VALUE`` as options; values are YAML."""
+    from omniscv import yaml_text
+
+    found = {}
+    for each in given:
+        name, equals, value = each.partition("=")
+        if not (name.isidentifier() and equals):
+            raise ArgumentError(f"--option: expected NAME=VALUE, got {each!r}")
+        found[name] = yaml_text.parse(value)
+    return found

@@ -1,0 +1,170 @@
+"""Checks of a dataset: every fault as one line; no line where it is as it was made."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from omniscv.arguments import shown
+from omniscv.dataset import manifest, registry
+from omniscv.dataset.exporting import EXPORTS, Export
+from omniscv.dataset.frames import Frame
+from omniscv.dataset.layer_checks import layer_faults
+from omniscv.dataset.manifest import FrameEntry, Manifest
+from omniscv.dataset.reading import frame
+from omniscv.dataset.writer import check_key
+from omniscv.errors import DatasetError, OmniscvError
+from omniscv.parallel import side_by_side
+
+_MOST_ID = (1 << 16) - 1
+
+
+def check(out: str | Path, deep: bool = False, format: str | None = None) -> list[str]:
+    """Return what is wrong with a dataset, a line for each fault.
+
+    Args:
+        out: the dataset.
+        deep: whether layers and records are read, and compared with each other and with the manifest.
+        format: an export to check too; with ``deep``, all that the manifest lists are.
+
+    Raises:
+        ArgumentError: no dataset is there, or no such format.
+    """
+    folder = Path(out)
+    try:
+        whole = manifest.read(folder)
+        entries = manifest.read_frames(folder)
+    except DatasetError as damaged:
+        return [str(damaged)]
+    faults = [*_manifest_faults(folder, whole), *_list_faults(folder, entries)]
+    for found in side_by_side(lambda entry: list(_frame_faults(folder, whole, entry, deep)), entries):
+        faults += found
+    wanted = [Export(each["format"], each["options"], each["out"]) for each in whole.settings["exports"]]
+    if format is not None:
+        name = registry.get(format).name
+        wanted = [each for each in wanted if each.format == name] or [Export(name)]
+    if not faults:  # of damaged frames, every export would have faults
+        frames = [frame(folder, whole, entry) for entry in entries]
+        for each in wanted:
+            faults += _export_faults(folder, frames, each, deep or format is not None)
+    return faults
+
+
+def _manifest_faults(folder: Path, whole: Manifest) -> Iterator[str]:
+    said = json.loads((folder / manifest.DATASET).read_bytes())
+    ids = list(whole.names.values())
+    if len(set(ids)) != len(ids) or any(not 1 <= each <= _MOST_ID for each in ids):
+        yield f"{manifest.DATASET}: names: expected an id from 1 to {_MOST_ID} for each, all different"
+    try:
+        made = whole.to_dict()
+    except OmniscvError as wrong:
+        yield f"{manifest.DATASET}: {wrong}"
+        return
+    for key, value in made.items():
+        if said.get(key) != value:
+            got = shown(said.get(key))
+            yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {got}"
+
+
+def _list_faults(folder: Path, entries: list[FrameEntry]) -> Iterator[str]:
+    """Faults of ``frames.jsonl`` as a whole."""
+    keys = [entry.key for entry in entries]
+    if keys != sorted(set(keys)):
+        yield f"{manifest.FRAMES}: expected every key once, in their order"
+    split_of: dict[str, str] = {}
+    for entry in entries:
+        if entry.place and split_of.setdefault(entry.place, entry.split) != entry.split:
+            wanted = split_of[entry.place]
+            yield f"{entry.key}: expected the split {wanted!r} of its place, got {entry.split!r}"
+    listed = {file.path for entry in entries for file in entry.files.values()}
+    for path in sorted(folder.glob("*.*")):
+        if (
+            path.is_file()
+            and path.name not in (manifest.DATASET, manifest.FRAMES, *listed)
+            and path.name[0] != "."
+        ):
+            yield f"{path.name}: expected a file that {manifest.FRAMES} lists, got another one"
+
+
+def _frame_faults(folder: Path, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
+    try:
+        check_key("key", entry.key)
+        found = frame(folder, whole, entry)
+    except OmniscvError as wrong:
+        yield f"{manifest.FRAMES}: {wrong}"
+        return
+    faults = [f"{file.path}: {fault}" for file in entry.files.values() if (fault := file.fault(folder))]
+    yield from faults
+    if faults:
+        return
+    own = folder / f"{entry.key}.json"
+    try:
+        if manifest.read_entry(own).to_dict() != entry.to_dict():
+            yield f"{own.name}: expected what {manifest.FRAMES} says of it, got something else"
+    except DatasetError as wrong:
+        yield str(wrong)
+    if deep:
+        yield from layer_faults(found)
+        yield from _record_faults(found)
+
+
+def _record_faults(found: Frame) -> Iterator[str]:
+    """Faults of the records of truths: no JSON, no numbers, objects that the manifest does not have."""
+    instances = set(found.instances.values())
+    for kind, path in found.files.items():
+        if path.suffix != ".json":
+            continue
+        try:
+            record = json.loads(path.read_bytes(), parse_constant=_refused)
+        except ValueError as wrong:
+            yield f"{path.name}: expected records in JSON, got: {wrong}"
+            continue
+        strange = {each for each in _values(record, "instance_id") if each not in instances}
+        if strange:
+            got = shown(sorted(strange, key=str))
+            yield f"{path.name}: {kind}: expected instance ids of {manifest.DATASET}, got {got}"
+
+
+def _refused(word: str) -> None:
+    raise ValueError(f"{word}, which JSON does not have")
+
+
+def _values(record: Any, key: str) -> Iterator[Any]:
+    """Every value of a key in nested records."""
+    parts: Iterable[Any] = record if isinstance(record, list) else ()
+    if isinstance(record, dict):
+        parts = record.values()
+        if key in record:
+            yield record[key]
+    for part in parts:
+        yield from _values(part, key)
+
+
+def _export_faults(folder: Path, frames: list[Frame], wanted: Export, deep: bool) -> list[str]:
+    """Faults of an export: those that its format finds, else how it differs from a new one."""
+    place = folder / EXPORTS / wanted.folder
+    if not place.is_dir():
+        return [f"{EXPORTS}/{wanted.folder}: expected an export to {wanted.format}, it is missing"]
+    if not deep:
+        return []
+    format = registry.get(wanted.format)
+    if own := getattr(format, "check", None):
+        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in own(frames, place)]
+    with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
+        format.write(frames, Path(again), wanted.options)
+        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _differences(Path(again), place)]
+
+
+def _differences(wanted: Path, got: Path) -> Iterator[str]:
+    """How the files below a folder differ from those below another."""
+    files = {path.relative_to(wanted) for path in wanted.rglob("*") if path.is_file()}
+    for name in sorted(files | {path.relative_to(got) for path in got.rglob("*") if path.is_file()}):
+        if name not in files:
+            yield f"{name}: expected no such file"
+        elif not (got / name).is_file():
+            yield f"{name}: expected a file, it is missing"
+        elif (got / name).read_bytes() != (wanted / name).read_bytes():
+            yield f"{name}: expected what the frames give, got other bytes"

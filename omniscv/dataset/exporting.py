@@ -1,0 +1,141 @@
+"""Exports: what other programs read, written from the frames of a dataset."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omniscv.arguments import text, within
+from omniscv.cameras import Camera
+from omniscv.dataset import registry
+from omniscv.dataset.frames import Frame
+from omniscv.dataset.reading import open
+from omniscv.errors import ArgumentError
+
+EXPORTS = "exports"
+"""The folder of a dataset in which exports are, each in a folder of its own."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """A format, its options, and the folder below ``exports/`` that it is written into.
+
+    Raises:
+        ArgumentError: no such format, or a folder that is no name.
+    """
+
+    format: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    folder: str = ""
+
+    def __post_init__(self) -> None:
+        name = registry.get(self.format).name
+        folder = text("out", self.folder or name)
+        if folder != Path(folder).name or folder.startswith("."):
+            raise ArgumentError(f"out: expected the name of a folder, got {folder!r}")
+        vars(self).update(format=name, folder=folder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {"format": self.format, "out": self.folder, "options": dict(self.options)}
+
+
+def check_cameras(wanted: Export, cameras: Mapping[str, Camera]) -> None:
+    """Refuse cameras that a format cannot carry, and options that it does not have.
+
+    Raises:
+        ArgumentError: the first that it refuses, and why.
+    """
+    format = registry.get(wanted.format)
+    for name, camera in cameras.items():
+        if reason := format.refuses(camera):
+            raise ArgumentError(f"export: {wanted.format}: cannot carry camera {name!r}: {reason}")
+    if check := getattr(format, "check_options", None):
+        with within(f"export: {wanted.format}"):
+            check(wanted.options, cameras)
+
+
+def check_kinds(format: str, kinds: Iterable[str]) -> None:
+    """Refuse frames without what a format needs: its ``needs``, if it has them.
+
+    Raises:
+        ArgumentError: what is missing.
+    """
+    have = set(kinds)
+    if missing := [kind for kind in getattr(registry.get(format), "needs", ()) if kind not in have]:
+        wanted = f"expected frames with {', '.join(missing)}"
+        raise ArgumentError(
+            f"export: {format}: {wanted}, they have {', '.join(sorted(have))}; make them with it"
+        )
+
+
+def export(out: str | Path, to: str, into: str | Path | None = None, **options: Any) -> list[Path]:
+    """Export a dataset to a format.
+
+    Args:
+        out: the dataset.
+        to: a name of :func:`omniscv.dataset.names`.
+        into: the folder to write into; ``exports/NAME`` in the dataset if not given.
+        options: of the format.
+
+    Returns:
+        The files.
+
+    Raises:
+        ArgumentError: no dataset, no such format, a camera that it cannot carry, or an unknown option.
+        DatasetError: the dataset is not complete, or damaged.
+    """
+    wanted = Export(to, options)
+    frames = open(out)
+    check_cameras(wanted, {frame.camera_name: frame.camera for frame in frames})
+    if frames:
+        check_kinds(wanted.format, set.intersection(*(set(frame.files) for frame in frames)))
+    if into is None:
+        return write(wanted, frames, Path(out))
+    return _written(wanted, frames, Path(into), _merge)
+
+
+def write(wanted: Export, frames: Sequence[Frame], out: Path) -> list[Path]:
+    """Write an export into its folder of a dataset; one that is there is replaced by the complete new one.
+
+    Raises:
+        ArgumentError: as the format.
+    """
+    return _written(wanted, frames, out / EXPORTS / wanted.folder, _replace)
+
+
+def _written(
+    wanted: Export, frames: Sequence[Frame], folder: Path, place: Callable[[Path, Path], None]
+) -> list[Path]:
+    """The files of an export, written beside a folder, and put there when they are complete."""
+    target = Path(os.path.abspath(folder))
+    part = target.with_name(f".{target.name}.part")  # beside it: relative paths out of it stay true
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        with within(wanted.format):
+            written = registry.get(wanted.format).write(frames, part, wanted.options)
+        place(part, target)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return [folder / path.relative_to(part) for path in written]
+
+
+def _replace(part: Path, target: Path) -> None:
+    shutil.rmtree(target, ignore_errors=True)
+    os.replace(part, target)
+
+
+def _merge(part: Path, target: Path) -> None:
+    """Move files into a folder, each whole; others that are there stay."""
+    for path in sorted(part.rglob("*")):
+        moved = target / path.relative_to(part)
+        if path.is_dir():
+            moved.mkdir(parents=True, exist_ok=True)
+        else:
+            moved.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(path, moved)

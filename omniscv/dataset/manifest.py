@@ -1,0 +1,258 @@
+"""The manifest of a dataset: ``dataset.json``, what all frames share, and ``frames.jsonl``, a line for each.
+
+``dataset.json`` is there before the first frame, so that object names and their ids are frozen; it grows when
+an object or camera comes that it does not have. ``STEM.json`` is the last file of a frame: a frame is whole
+when it is there. ``frames.jsonl`` is written last of all, in the order of keys. No file holds a time of a
+clock, an address, or a path outside the dataset: the same frames make the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from omniscv.arguments import shown
+from omniscv.cameras import Camera, from_dict
+from omniscv.compose.files import versions, whole_file, write_json
+from omniscv.errors import ArgumentError, DatasetError
+from omniscv.geometry import Pose
+from omniscv.truth.classes import ClassRules, ClassTable
+
+DATASET, FRAMES = "dataset.json", "frames.jsonl"
+FORMAT = 1
+CONVENTIONS = {
+    "units": "metre",
+    "world": "right-handed: X forward, Y left, Z up",
+    "camera": "x right, y down, z forward",
+    "pose": "camera to world",
+    "pixels": "edge",
+    "depth": "ray metres",
+    "labels": "instance id of names; 0 nothing known",
+}
+"""``pixels: edge``: (0, 0) is the image's corner, pixel centres are at +0.5."""
+
+IMAGE = "image"
+"""The kind of ``STEM.json`` among the files of a frame."""
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """A file of a frame.
+
+    Attributes:
+        path: its name in the dataset's folder.
+        bytes: its size.
+        sha256: of its bytes, hexadecimal.
+    """
+
+    path: str
+    bytes: int
+    sha256: str
+
+    def __post_init__(self) -> None:
+        if self.path != Path(self.path).name or self.path.startswith("."):
+            raise ArgumentError(f"path: expected the name of a file of the dataset, got {shown(self.path)}")
+
+    @classmethod
+    def of(cls, path: Path) -> FileEntry:
+        """Return the entry of a file as it is."""
+        return cls(path.name, path.stat().st_size, checksum(path))
+
+    def fault(self, folder: Path, deep: bool = True) -> str | None:
+        """Return what is wrong with the file below a folder, in a few words; None where nothing is.
+
+        Args:
+            folder: of the dataset.
+            deep: whether its bytes are read.
+        """
+        path = folder / self.path
+        if not path.is_file():
+            return "expected a file, it is missing"
+        if (size := path.stat().st_size) != self.bytes:
+            return f"expected {self.bytes} bytes, got {size}"
+        if deep and checksum(path) != self.sha256:
+            return "expected the bytes of its checksum, got other ones"
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEntry:
+    """A line of ``frames.jsonl``; the fields are those of :class:`omniscv.dataset.Frame`."""
+
+    key: str
+    camera: str
+    pose: Pose
+    files: Mapping[str, FileEntry]
+    time: float | None = None
+    place: str = ""
+    split: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "key": self.key,
+            "camera": self.camera,
+            "pose": self.pose.to_dict(),
+            "time": self.time,
+            "place": self.place,
+            "split": self.split,
+            "files": {kind: asdict(entry) for kind, entry in sorted(self.files.items())},
+        }
+
+    @classmethod
+    def from_dict(cls, data: Any) -> FrameEntry:
+        """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
+        try:
+            files = {str(kind): FileEntry(**each) for kind, each in data["files"].items()}
+            plain = {key: data[key] for key in ("key", "camera", "time", "place", "split")}
+            return cls(pose=Pose.from_dict(data["pose"]), files=files, **plain)
+        except (TypeError, KeyError, AttributeError) as cause:
+            wanted = "expected a frame with key, camera, pose, time, place, split and files"
+            raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What ``dataset.json`` holds.
+
+    Attributes:
+        cameras: by name.
+        names: object name to the instance id that labels hold.
+        rules: of its classes; None without classes.
+        settings: how it was made: ``splits``, ``exports``, ``options``, as plain values.
+        versions: of the packages that began it.
+    """
+
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
+    names: Mapping[str, int] = field(default_factory=dict)
+    rules: ClassRules | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=versions)
+
+    @cached_property
+    def classes(self) -> ClassTable | None:
+        """The classes of the objects; None without classes.
+
+        Raises:
+            UnmatchedNamesError: no rule matches some names.
+        """
+        return None if self.rules is None else self.rules.table(self.names)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        table = self.classes
+        classes = None
+        if self.rules is not None and table is not None:
+            listed = [asdict(each) for each in table.classes.values()]
+            of_object = {name: table.of_object[name] for name in self.names if name in table.of_object}
+            classes = {**self.rules.to_dict(), "classes": listed, "of_object": of_object}
+        return {
+            "format": FORMAT,
+            "omniscv": self.versions["omniscv"],
+            "versions": dict(self.versions),
+            "conventions": CONVENTIONS,
+            "cameras": {name: camera.to_dict() for name, camera in self.cameras.items()},
+            "names": dict(self.names),
+            "classes": classes,
+            "splits": self.settings.get("splits"),
+            "exports": self.settings.get("exports", []),
+            "options": self.settings.get("options", {}),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Manifest:
+        """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            got = data.get("format") if isinstance(data, dict) else data
+            raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
+        try:
+            cameras = {name: from_dict(each) for name, each in data["cameras"].items()}
+            names = {str(name): int(instance) for name, instance in data["names"].items()}
+            said = data["classes"]
+            rules = None
+            if said is not None:
+                said = {key: value for key, value in said.items() if key not in ("classes", "of_object")}
+                rules = ClassRules.from_dict(said)
+            settings = {key: data[key] for key in ("splits", "exports", "options")}
+            return cls(cameras, names, rules, settings, data["versions"])
+        except (TypeError, KeyError, AttributeError) as cause:
+            wanted = "expected cameras, names, classes, splits, exports, options"
+            raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+def read(out: Path) -> Manifest:
+    """Return what ``dataset.json`` holds.
+
+    Raises:
+        ArgumentError: no dataset is there.
+        DatasetError: the file is damaged, or missing beside frames.
+    """
+    path = out / DATASET
+    if not path.is_file() and not (out / FRAMES).is_file():
+        raise ArgumentError(f"{out}: expected the folder of a dataset, got none: it has no {DATASET}")
+    with _damage(path):
+        return Manifest.from_dict(json.loads(path.read_bytes()))
+
+
+def write(out: Path, manifest: Manifest) -> None:
+    """Write ``dataset.json``, whole or not at all.
+
+    Raises:
+        UnmatchedNamesError: no rule of the classes matches some names.
+    """
+    write_json(out / DATASET, manifest.to_dict())
+
+
+def read_frames(out: Path) -> list[FrameEntry]:
+    """Return the lines of ``frames.jsonl``, in their order.
+
+    Raises:
+        DatasetError: the file is damaged, or missing: the dataset is not complete.
+    """
+    path = out / FRAMES
+    if not path.is_file():
+        advice = "finish it by 'omniscv dataset make JOB --resume'"
+        raise DatasetError(f"{out}: expected a complete dataset, got no {FRAMES} in it; {advice}")
+    with _damage(path):
+        lines = path.read_bytes().decode("utf-8").splitlines()
+        return [FrameEntry.from_dict(json.loads(line)) for line in lines]
+
+
+def write_frames(out: Path, frames: Iterable[FrameEntry]) -> None:
+    """Write ``frames.jsonl`` in the order of keys, whole or not at all."""
+    lines = [json.dumps(each.to_dict(), allow_nan=False) for each in sorted(frames, key=lambda f: f.key)]
+    with whole_file(out / FRAMES) as part:
+        part.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def read_entry(path: Path) -> FrameEntry:
+    """Return the frame that its ``STEM.json`` describes, that file among its files.
+
+    Raises:
+        DatasetError: the file is no such description.
+    """
+    with _damage(path):
+        data = json.loads(path.read_bytes())
+        entry = FrameEntry.from_dict(data["frame"])
+        return replace(entry, files={**entry.files, IMAGE: FileEntry.of(path)})
+
+
+def checksum(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Raise what is wrong with a file as a DatasetError that names it."""
+    try:
+        yield
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as cause:
+        raise DatasetError(f"{path}: expected a file of a dataset, got: {cause}") from cause

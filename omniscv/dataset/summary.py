@@ -1,0 +1,44 @@
+"""What a dataset holds, counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from omniscv.dataset import manifest
+
+
+def info(out: str | Path) -> dict[str, Any]:
+    """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind of file.
+
+    Raises:
+        ArgumentError: no dataset is there.
+        DatasetError: its manifest is damaged.
+    """
+    folder = Path(out)
+    whole = manifest.read(folder)
+    complete = (folder / manifest.FRAMES).is_file()
+    entries = manifest.read_frames(folder) if complete else []
+    sizes: Counter[str] = Counter()
+    missing: Counter[str] = Counter()
+    for entry in entries:
+        for kind, file in entry.files.items():
+            sizes[kind] += file.bytes
+            missing[kind] += not (folder / file.path).is_file()
+    classes = whole.classes
+    objects = Counter() if classes is None else Counter(classes.of_object.values())
+    return {
+        "complete": complete,
+        "frames": len(entries),
+        "cameras": dict(Counter(entry.camera for entry in entries)),
+        "splits": dict(sorted(Counter(entry.split for entry in entries if entry.split).items())),
+        "places": len({entry.place for entry in entries if entry.place}),
+        "objects": len(whole.names),
+        "taxonomy": None if classes is None else classes.taxonomy,
+        "classes": {} if classes is None else {name: objects[name] for name in classes.classes},
+        "exports": [each["out"] for each in whole.settings["exports"]],
+        "bytes": dict(sorted(sizes.items())),
+        "missing": {kind: count for kind, count in sorted(missing.items()) if count},
+        "versions": dict(whole.versions),
+    }

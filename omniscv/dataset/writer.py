@@ -1,0 +1,280 @@
+"""Writes frames into a dataset: instance ids frozen by name, every file whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from omniscv.arguments import number, shown
+from omniscv.cameras import Camera
+from omniscv.compose.files import check_format, write_json, write_layers
+from omniscv.compose.image import OmniImage
+from omniscv.dataset import manifest
+from omniscv.dataset.classes import class_rules
+from omniscv.dataset.manifest import FileEntry, FrameEntry, Manifest
+from omniscv.errors import ArgumentError, DatasetError
+from omniscv.geometry import Pose
+from omniscv.truth.classes import ClassRules
+
+_MOST_NAMES = np.iinfo(np.uint16).max
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What a frame shows, and where it belongs; the fields are those of :class:`omniscv.dataset.Frame`.
+
+    Raises:
+        ArgumentError: a key that cannot start a file name, or has a dot, which ends it in WebDataset.
+    """
+
+    key: str
+    camera_name: str
+    camera: Camera
+    pose: Pose
+    time: float | None = None
+    place: str = ""
+    split: str = ""
+
+    def __post_init__(self) -> None:
+        check_key("key", self.key)
+        if self.time is not None:
+            object.__setattr__(self, "time", number("time", self.time))
+        for name in ("place", "split"):
+            if not isinstance(value := getattr(self, name), str):
+                raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+
+
+def check_key(name: str, key: object) -> None:
+    """Raise ArgumentError unless a key can start the names of a frame's files."""
+    if not isinstance(key, str) or not key or key != Path(key).name or "." in key or "\0" in key:
+        raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(key)}")
+
+
+class Writer:
+    """A dataset that frames are added to; a context manager. Safe to use from several threads.
+
+    The list of frames is written when it is left without an error, or by :meth:`finish`. A process that is
+    killed leaves whole files; what it had added is taken up with ``resume``.
+
+    Args:
+        out: the folder; made if it is not there.
+        classes: path or content of a ``classes.yaml``, or :class:`omniscv.truth.classes.ClassRules`; those of
+            a dataset that is resumed if not given.
+        resume: go on with a dataset that is there.
+        image_format: of colour.
+        begun: what the manifest holds from the start: cameras, names, settings.
+        closed: refuse objects that the manifest does not have, as where several processes write one dataset.
+
+    Raises:
+        ArgumentError: a dataset is there and ``resume`` is not set, or it was begun with other cameras,
+            classes or settings.
+        DatasetError: its manifest is damaged.
+        UnmatchedNamesError: no rule of the classes matches some names.
+    """
+
+    def __init__(
+        self,
+        out: str | Path,
+        classes: str | Path | Mapping[str, Any] | ClassRules | None = None,
+        resume: bool = False,
+        image_format: str = "png",
+        begun: Manifest | None = None,
+        closed: bool = False,
+    ) -> None:
+        check_format(image_format)
+        self.out, self._image_format, self._closed = Path(out), image_format, closed
+        self._lock = Lock()
+        wanted = begun or Manifest()
+        if classes is not None:
+            wanted = replace(wanted, rules=class_rules(classes))
+        there = (self.out / manifest.DATASET).exists()
+        if there and not resume:
+            raise ArgumentError(
+                f"{self.out}: expected a new folder, got a dataset; resume it, or write elsewhere"
+            )
+        self.manifest = _resumed(manifest.read(self.out), wanted, self.out) if there else wanted
+        self._entries: dict[str, FrameEntry] = {}
+        self._written: set[str] = set()
+        if there:
+            self._take_up()
+        self.out.mkdir(parents=True, exist_ok=True)
+        if not there or self.manifest.to_dict() != manifest.read(self.out).to_dict():
+            manifest.write(self.out, self.manifest)
+
+    def has(self, shot: Shot) -> bool:
+        """Return whether a frame is there, whole, as it was written."""
+        entry = self._entries.get(shot.key)
+        return entry is not None and entry.to_dict() == _entry(shot, entry.files).to_dict()
+
+    def add(
+        self,
+        key: str,
+        image: OmniImage,
+        pose: Pose | None = None,
+        split: str = "",
+        time: float | None = None,
+        place: str = "",
+        truth: Mapping[str, Any] | None = None,
+    ) -> bool:
+        """Write an image as a frame, unless a resumed dataset has it.
+
+        Args:
+            key: start of its file names, unique, without a dot.
+            image: its labels become instance ids of the dataset; with classes, it gets a layer ``classes``.
+            pose: of its camera, world frame; the image's if not given.
+            split: ``train``, ``val``, ``test``, or another word.
+            time: seconds.
+            place: frames of one place belong in one split.
+            truth: records by name, for ``STEM.truth.json``.
+
+        Returns:
+            Whether it was written.
+
+        Raises:
+            ArgumentError: a key that is none or was added before, or a truth that is no plain JSON.
+            UnmatchedNamesError: no rule of the classes matches some of its objects.
+            OmniscvError: a file cannot be written.
+        """
+        shot = Shot(
+            key, self._camera_name(image.camera), image.camera, pose or image.pose, time, place, split
+        )
+        return not self.has(shot) and self.write(
+            shot, self.frozen(shot, image), {"truth": truth} if truth else {}
+        )
+
+    def frozen(self, shot: Shot, image: OmniImage) -> OmniImage:
+        """Return an image whose labels are instance ids of the dataset, with its classes where it has some.
+
+        Raises:
+            ArgumentError: more objects than labels can tell apart.
+            DatasetError: an object that a closed dataset does not have.
+            UnmatchedNamesError: no rule of the classes matches some of its objects.
+        """
+        names = [] if image.objects is None or image.labels is None else image.objects.names()
+        held = self._freeze(names, shot.camera_name, shot.camera)
+        if image.labels is None:
+            return image
+        id_of = np.zeros(_MOST_NAMES + 1, np.uint16)
+        id_of[1 : len(names) + 1] = [held.names[name] for name in names]
+        layers = {**image.layers, "labels": id_of[image.labels]}
+        if held.classes is not None:
+            layers["classes"] = held.classes.ids(held.names)[layers["labels"]]
+        return replace(image, layers=layers)
+
+    def write(self, shot: Shot, image: OmniImage, records: Mapping[str, Any]) -> bool:
+        """Write a frame, and return True.
+
+        Args:
+            shot: what it is.
+            image: as :meth:`frozen` returns it.
+            records: by kind: the content of ``STEM.KIND.json``.
+
+        Raises:
+            ArgumentError: a key that was written before, or a record that is no plain JSON.
+            OmniscvError: a file cannot be written.
+        """
+        with self._lock:
+            if shot.key in self._written:
+                raise ArgumentError(f"key: expected one that no other frame has, got {shown(shot.key)} again")
+            self._written.add(shot.key)
+        files = write_layers(image.layers, self.out, shot.key, self._image_format)
+        for kind, record in records.items():
+            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record)
+        entries = {kind: FileEntry.of(path) for kind, path in files.items()}
+        said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
+        path = write_json(self.out / f"{shot.key}.json", said)
+        with self._lock:
+            self._entries[shot.key] = manifest.read_entry(path)
+        return True
+
+    def finish(self) -> list[FrameEntry]:
+        """Write ``frames.jsonl``, and return its lines in the order of keys."""
+        entries = [self._entries[key] for key in sorted(self._entries)]
+        manifest.write_frames(self.out, entries)
+        return entries
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.finish()
+
+    def _take_up(self) -> None:
+        """Find the frames that are whole; the others are made again."""
+        for path in sorted(self.out.glob("*.json")):
+            if path.name.count(".") > 1 or path.name == manifest.DATASET:
+                continue
+            try:
+                entry = manifest.read_entry(path)
+            except DatasetError:
+                continue
+            if path.stem == entry.key and not any(each.fault(self.out) for each in entry.files.values()):
+                self._entries[entry.key] = entry
+
+    def _camera_name(self, camera: Camera) -> str:
+        """The name of a camera; a new one after its model where the dataset does not have it."""
+        with self._lock:
+            known = self.manifest.cameras
+            for name, each in known.items():
+                if each == camera:
+                    return name
+            fresh = (f"{camera.name}-{i}" if i else camera.name for i in range(len(known) + 1))
+            return next(name for name in fresh if name not in known)
+
+    def _freeze(self, names: list[str], camera_name: str, camera: Camera) -> Manifest:
+        """The manifest with all names and the camera, on disk before a file that needs it."""
+        with self._lock:
+            had = self.manifest
+            fresh = [name for name in names if name not in had.names]
+            if not fresh and camera_name in had.cameras:
+                return had
+            if fresh and self._closed:
+                got = f"{len(fresh)} others such as {shown(fresh[0])}"
+                raise DatasetError(f"names: expected the objects that the dataset was begun with, got {got}")
+            if len(had.names) + len(fresh) > _MOST_NAMES:
+                raise ArgumentError(f"names: expected at most {_MOST_NAMES} objects in a dataset, got more")
+            numbered = {name: i for i, name in enumerate(sorted(fresh), start=len(had.names) + 1)}
+            self.manifest = replace(
+                had, names={**had.names, **numbered}, cameras={**had.cameras, camera_name: camera}
+            )
+            manifest.write(self.out, self.manifest)
+            return self.manifest
+
+
+def _resumed(had: Manifest, wanted: Manifest, out: Path) -> Manifest:
+    """The manifest of a dataset that goes on; ArgumentError where it was begun otherwise."""
+    for name, camera in wanted.cameras.items():
+        if had.cameras.get(name, camera) != camera:
+            raise _other(out, f"camera {name!r} as {had.cameras[name]!r}")
+    if wanted.rules is not None and had.rules != wanted.rules:
+        raise _other(out, "other classes" if had.rules else "no classes")
+    if wanted.settings and dict(had.settings) != dict(wanted.settings):
+        differ = [key for key, value in wanted.settings.items() if had.settings.get(key) != value]
+        raise _other(out, f"other {', '.join(differ)}")
+    fresh = [name for name in wanted.names if name not in had.names]
+    numbered = {name: i for i, name in enumerate(sorted(fresh), start=len(had.names) + 1)}
+    return replace(had, names={**had.names, **numbered}, cameras={**had.cameras, **wanted.cameras})
+
+
+def _other(out: Path, had: str) -> ArgumentError:
+    return ArgumentError(
+        f"{out}: expected the dataset that is resumed to be the same, it has {had}; write elsewhere"
+    )
+
+
+def _entry(shot: Shot, files: Mapping[str, FileEntry]) -> FrameEntry:
+    return FrameEntry(shot.key, shot.camera_name, shot.pose, files, shot.time, shot.place, shot.split)
+
+
+def _described(image: OmniImage) -> dict[str, Any]:
+    """What an image's own file says of it, without where and when its captures came from."""
+    return {**image.description(), "source": {"scene": str(image.provenance.get("scene", ""))}}

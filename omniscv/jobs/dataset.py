@@ -1,0 +1,207 @@
+"""Make the dataset that a job describes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import chain
+from threading import Lock
+from typing import Any, TypeVar
+
+from omniscv import modalities
+from omniscv.arguments import whole_number
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
+from omniscv.dataset import exporting, reading, truths
+from omniscv.dataset.manifest import Manifest
+from omniscv.dataset.observing import derive
+from omniscv.dataset.truths import Observation
+from omniscv.dataset.writer import Shot, Writer
+from omniscv.jobs.job import Job
+from omniscv.jobs.running import part_of, warnings_of
+from omniscv.sources.base import Source
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Made:
+    """What :func:`make` did.
+
+    Attributes:
+        written: frames that were made.
+        kept: frames that were there.
+        missing: frames of the job that other shards have still to make; exports wait for them.
+    """
+
+    written: int
+    kept: int
+    missing: int
+
+
+def make(
+    job: Job,
+    *,
+    resume: bool = False,
+    shard: tuple[int, int] | None = None,
+    workers: int = 1,
+    progress: Callable[[float, int], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Made:
+    """Make the dataset of a job below its ``out``: the same bytes, however often it was interrupted.
+
+    Args:
+        job: what to make.
+        resume: go on with a dataset that is there; frames whose files have their checksums are kept.
+        shard: (i, n): only the frames whose key's hash is i modulo n, into a dataset that may be there. The
+            folders of shards are joined by copying them into one, and are finished by ``resume``.
+        workers: images that are composed at a time.
+        progress: called with (frames done, frames of this shard).
+        warn: called with a line for what is worth a look.
+
+    Raises:
+        ArgumentError: the dataset cannot be made of this job, or another one is there.
+        UnmatchedNamesError: no rule of the classes matches some objects.
+        OmniscvError: as :func:`omniscv.render`, a truth or a format; frames that were made stay.
+    """
+    index, count = (0, 1) if shard is None else shard
+    whole_number("workers", workers, most=256)
+    whole_number("shard", count, least=1)
+    whole_number("shard", index, least=0, most=count - 1)
+    job.recipe.check(job.cameras, job.modes)
+    with job.open() as source:
+        moments = list(job.shots())
+        shots = [shot for moment in moments for shot in moment]
+        mine = [shot for shot in shots if _hash(shot.key) % count == index]
+        begun = Manifest(job.cameras, _names(job, source), job.recipe.classes, _settings(job))
+        writer = Writer(
+            job.out,
+            resume=resume or shard is not None,
+            image_format=job.image_format,
+            begun=begun,
+            closed=count > 1,
+        )
+        wanted = [shot for shot in mine if not writer.has(shot)]
+        _Making(job, source, writer, workers, warn).run(moments, wanted, progress)
+    missing = sum(not writer.has(shot) for shot in shots)
+    if not missing:
+        writer.finish()
+        frames = reading.open(job.out)
+        for each in job.recipe.exports:
+            exporting.write(each, frames, job.out)
+    return Made(len(wanted), len(mine) - len(wanted), missing)
+
+
+class _Making:
+    """Composes and writes frames: one is composed while the one before is derived from and written."""
+
+    def __init__(
+        self,
+        job: Job,
+        source: Source,
+        writer: Writer,
+        workers: int,
+        warn: Callable[[str], None] | None,
+    ) -> None:
+        self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
+        self._renderer, self._geometry = Renderer(source), source.geometry()
+        # A truth that captures may hide objects: no image is captured beside it.
+        alone = any(truths.get(name).captures for name in job.recipe.truth)
+        self._turn = Lock() if alone else nullcontext()
+
+    def run(
+        self,
+        moments: Sequence[Sequence[Shot]],
+        wanted: Sequence[Shot],
+        progress: Callable[[float, int], None] | None,
+    ) -> None:
+        """Make those frames that are wanted, written in their order: so objects that come late get the same
+        ids every time."""
+        number_of = {shot.key: number for number, shot in enumerate(wanted)}
+        some = [moment for moment in moments if any(shot.key in number_of for shot in moment)]
+        compose = partial(self._compose, number_of=number_of, progress=progress)
+        with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+            saving: Future[None] | None = None
+            for shot, image in chain.from_iterable(_ahead(compose, some, self._workers)):
+                if saving:
+                    saving.result()
+                saving = saver.submit(self._save, shot, image)
+            if saving:
+                saving.result()
+
+    def _compose(
+        self,
+        moment: Sequence[Shot],
+        number_of: Mapping[str, int],
+        progress: Callable[[float, int], None] | None,
+    ) -> list[tuple[Shot, OmniImage]]:
+        """The frames of a moment, of captures that its cameras share."""
+        only = [i for i, shot in enumerate(moment) if shot.key in number_of]
+        places = [(shot.camera, shot.pose) for shot in moment]
+        part = part_of(progress, number_of[moment[only[0]].key], len(number_of))
+        job = self._job
+        with self._turn:
+            images = self._renderer.render_together(places, job.modes, job.options, only=only, progress=part)
+            return [(moment[i], image) for i, image in zip(only, images, strict=True)]
+
+    def _save(self, shot: Shot, composed: OmniImage) -> None:
+        image = self._writer.frozen(shot, composed)
+        if self._warn:
+            for line in warnings_of(shot.key, image):
+                self._warn(line)
+        held = self._writer.manifest
+        observation = Observation(
+            key=shot.key,
+            image=image,
+            labels=image.labels,
+            instances=held.names,
+            classes=held.classes,
+            geometry=self._geometry,
+            renderer=self._renderer,
+            time=shot.time,
+        )
+        with self._turn:
+            records = derive(observation, self._job.recipe.truth)
+        self._writer.write(shot, image, records)
+
+
+def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
+    """Results of a function, in order, as many computed at a time as there are workers."""
+    if workers == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(workers, thread_name_prefix="compose") as pool:
+        pending: deque[Future[R]] = deque()
+        try:
+            for item in items:
+                pending.append(pool.submit(function, item))
+                if len(pending) > workers:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
+
+
+def _hash(key: str) -> int:
+    return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big")
+
+
+def _names(job: Job, source: Source) -> dict[str, int]:
+    """The ids of the objects that the source has when the dataset is begun, where labels show them."""
+    labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
+    return {name: i for i, name in enumerate(source.objects().names(), start=1)} if labelled else {}
+
+
+def _settings(job: Job) -> dict[str, Any]:
+    """What the manifest holds of a job: all that its frames depend on, but addresses and paths."""
+    found = job.recipe.settings()
+    options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
+    return {**found, "options": {**options, **found["options"]}}

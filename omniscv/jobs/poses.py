@@ -1,0 +1,73 @@
+"""The poses of a job's file: a list, with places and times where it gives them, or a trajectory's file."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from omniscv.arguments import Reader, fields, number, numbers, shown, text
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.geometry.trajectory import read_trajectory
+
+
+class Posed(NamedTuple):
+    """Poses, with the fields that :class:`omniscv.jobs.Job` has of them.
+
+    Attributes:
+        poses: of the cameras.
+        times: of the poses, seconds; None where not all have one.
+        places: of the poses, empty for a pose without one; None where no pose has one.
+    """
+
+    poses: tuple[Pose, ...]
+    times: tuple[float, ...] | None = None
+    places: tuple[str, ...] | None = None
+
+
+def read(name: str, value: object) -> str | Posed:
+    """Return the poses that a list describes, or the name of a trajectory's file.
+
+    Raises:
+        ArgumentError: anything else, or a pose with an unknown, missing or wrong field.
+    """
+    if isinstance(value, str):
+        return text(name, value)
+    if not isinstance(value, list) or not value:
+        wanted = "expected a list of poses or the name of a trajectory file"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    given = [fields(f"{name}[{i}]", each, _POSE, needed=("position",)) for i, each in enumerate(value)]
+    times = [each.pop("time", None) for each in given]
+    places = [each.pop("place", "") for each in given]
+    if None in times and any(time is not None for time in times):
+        raise ArgumentError(
+            f"{name}: expected a time for every pose or for none, got {times.count(None)} without"
+        )
+    return Posed(
+        tuple(Pose.from_angles(**each) for each in given),
+        None if None in times else tuple(times),
+        tuple(places) if any(places) else None,
+    )
+
+
+def opened(found: str | Posed, folder: Path) -> Posed:
+    """Return poses, those of a trajectory's file read from it.
+
+    Raises:
+        ArgumentError: the file cannot be read.
+    """
+    if isinstance(found, Posed):
+        return found
+    trajectory = read_trajectory(folder / found)
+    return Posed(trajectory.poses, trajectory.times)
+
+
+_POSE: dict[str, Reader] = {
+    "position": partial(numbers, shape=(3,)),
+    "yaw_deg": number,
+    "pitch_deg": number,
+    "roll_deg": number,
+    "time": number,
+    "place": text,
+}
