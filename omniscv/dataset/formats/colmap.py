@@ -25,7 +25,7 @@ from omniscv.compose.files import whole_file
 from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, write_mask
-from omniscv.dataset.rigs import Rig, rigs
+from omniscv.dataset.rigs import RigFrames, rigs
 from omniscv.truth import Points
 
 name = "colmap"
@@ -55,11 +55,10 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     """
     voxel_m = fields("", options, _OPTIONS).get("points")
     found = rigs(frames)
-    camera_ids = {each: i for i, each in enumerate((each for rig in found for each in rig.sensors), start=1)}
-    moments = [moment for rig in found for moment, _ in rig.moments]
-    ordered = [frame for moment in moments for frame in moment.values()]
+    cameras = {each: mounted.camera for one in found for each, mounted in one.rig.cameras.items()}
+    camera_ids = {camera_name: i for i, camera_name in enumerate(cameras, start=1)}
+    ordered = [frame for one in found for moment, _ in one.moments for frame in moment.values()]
     image_ids = {frame.key: i for i, frame in enumerate(ordered, start=1)}
-    cameras = {frame.camera_name: frame.camera for frame in ordered}
     model = colmap.write_colmap({str(i): cameras[each] for each, i in camera_ids.items()})
 
     written = [copy_lit(frame, out / "images" / frame.camera_name) for frame in ordered]
@@ -87,17 +86,17 @@ def _lines(lines: Iterable[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _rig_lines(found: Sequence[Rig], camera_ids: Mapping[str, int]) -> Iterator[str]:
-    for rig_id, rig in enumerate(found, start=1):
-        yield colmap.rig_line(rig_id, {camera_ids[each]: pose for each, pose in rig.sensors.items()})
+def _rig_lines(found: Sequence[RigFrames], camera_ids: Mapping[str, int]) -> Iterator[str]:
+    for rig_id, one in enumerate(found, start=1):
+        yield colmap.rig_line(rig_id, {camera_ids[each]: m.pose for each, m in one.rig.cameras.items()})
 
 
 def _frame_lines(
-    found: Sequence[Rig], camera_ids: Mapping[str, int], image_ids: Mapping[str, int]
+    found: Sequence[RigFrames], camera_ids: Mapping[str, int], image_ids: Mapping[str, int]
 ) -> Iterator[str]:
     frame_id = 0
-    for rig_id, rig in enumerate(found, start=1):
-        for moment, pose in rig.moments:
+    for rig_id, one in enumerate(found, start=1):
+        for moment, pose in one.moments:
             frame_id += 1
             images = {camera_ids[each]: image_ids[frame.key] for each, frame in moment.items()}
             yield colmap.frame_line(frame_id, rig_id, pose, images)

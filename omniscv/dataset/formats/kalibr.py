@@ -20,7 +20,7 @@ from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.rigs import relative, rigs
+from omniscv.dataset.rigs import rigs
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 
@@ -51,14 +51,12 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         ArgumentError: a camera that Kalibr cannot carry, or an option.
     """
     fields("", options, {})
-    cameras = {frame.camera_name: frame.camera for frame in frames}
     out.mkdir(parents=True, exist_ok=True)
     found, written = rigs(frames), []
     for each in found:
-        suffix = f"-{next(iter(each.sensors))}" if len(found) > 1 else ""
-        rig = Rig({name: RigCamera(cameras[name], pose) for name, pose in each.sensors.items()})
+        suffix = f"-{next(iter(each.rig.cameras))}" if len(found) > 1 else ""
         with whole_file(path := out / f"camchain{suffix}.yaml") as part:
-            part.write_text(_chain(rig), encoding="utf-8")
+            part.write_text(_chain(each.rig), encoding="utf-8")
         written.append(path)
     return written
 
@@ -67,18 +65,15 @@ def _chain(rig: Rig) -> str:
     numbered = {f"cam{i}": mounted for i, mounted in enumerate(rig.cameras.values())}
     chain = yaml.safe_load(rig_to_kalibr(Rig(numbered)))
     for camera_name, entry, mounted in zip(rig.cameras, chain.values(), numbered.values(), strict=True):
+        others = [(i, each) for i, each in enumerate(numbered.values()) if each is not mounted]
         entry["rostopic"] = f"/{camera_name}"
-        entry["cam_overlaps"] = [
-            i
-            for i, other in enumerate(numbered.values())
-            if other is not mounted and _overlap(mounted, other)
-        ]
+        entry["cam_overlaps"] = [i for i, other in others if _overlap(mounted, other)]
     return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
 
 
 def _overlap(mounted: RigCamera, other: RigCamera) -> bool:
     """Whether a camera sees, far away, some of what another one does."""
-    camera, R_other_camera = mounted.camera, relative(other.pose, mounted.pose).rotation
+    camera, R_other_camera = mounted.camera, other.pose.rotation.T @ mounted.pose.rotation
     u, v = np.meshgrid(np.linspace(0, camera.width, _SAMPLES), np.linspace(0, camera.height, _SAMPLES))
     rays = camera.unproject(np.stack([u, v], axis=-1))
     directions: Array = rays.directions[rays.valid] @ R_other_camera.T
