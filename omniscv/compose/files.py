@@ -99,11 +99,11 @@ def write(
         for row in modalities.layers()
         if row.name in layers
     ]
-    written = side_by_side(lambda picture: _picture(*picture), pictures)
+    written = side_by_side(lambda picture: write_picture(*picture), pictures)
     versions = {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
-    written.append(_text(out / f"{stem}.json", {**description, "versions": versions}))
+    written.append(write_json(out / f"{stem}.json", {**description, "versions": versions}))
     if listed is not None:
-        written.append(_text(out / OBJECTS, listed))
+        written.append(write_json(out / OBJECTS, listed))
     return written
 
 
@@ -167,8 +167,8 @@ def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -
 
 
 @contextmanager
-def _part(path: Path) -> Iterator[Path]:
-    """A file beside the place, moved there when it is complete, so that no half file is ever seen."""
+def whole_file(path: Path) -> Iterator[Path]:
+    """A file to write beside the place, moved there when it is complete: no half file is ever seen."""
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
@@ -177,8 +177,9 @@ def _part(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def _picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
-    with _part(path) as part:
+def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
+    """Write one layer (H, W) or (H, W, C) in the form of the path's suffix, and return the path."""
+    with whole_file(path) as part:
         _writers[path.suffix.removeprefix(".")](part, pixels, row)
     return path
 
@@ -218,8 +219,9 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
 
 
-def _text(path: Path, data: Mapping[str, Any]) -> Path:
-    with _part(path) as part:
+def write_json(path: Path, data: Mapping[str, Any]) -> Path:
+    """Write plain values as JSON, whole or not at all, and return the path."""
+    with whole_file(path) as part:
         part.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
     return path
 

@@ -26,7 +26,10 @@ class Format(Protocol):
         """Return why the format cannot carry a camera, in one line; None where it can."""
 
 
-_MODULES: tuple[str, ...] = ()
+_MODULES: tuple[str, ...] = (
+    "coco",
+    "omni3d",
+)
 """The formats of this package: modules of :mod:`omniscv.dataset.formats`, ``-`` as ``_``, imported on use."""
 
 _FORMATS: dict[str, Format] = {}

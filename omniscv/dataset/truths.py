@@ -45,6 +45,16 @@ class Observation:
     object_poses: Mapping[str, Pose] = field(default_factory=dict)
     time: float | None = None
 
+    def seen(self) -> NDArray[np.uint16]:
+        """Return the labels.
+
+        Raises:
+            ArgumentError: there are none.
+        """
+        if self.labels is None:
+            raise ArgumentError("expected an image with labels, got none; render with object_mask")
+        return self.labels
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -56,15 +66,24 @@ class Truth:
         needs: the modalities that the image must have.
         file: the suffix of the file that holds the record; several may share ``truth.json``, each under its
             name; in a file of its own a record is the whole file.
+        keys: those of a job that it takes among its options: ``tolerance``, ``seam``, ``layout``.
+        captures: whether it uses the renderer, and so must not run beside the next image.
     """
 
     name: str
     derive: Callable[[Observation, Mapping[str, Any]], Mapping[str, Any] | list[Any]]
     needs: tuple[str, ...] = ()
     file: str = "truth.json"
+    keys: tuple[str, ...] = ()
+    captures: bool = False
 
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    "boxes": "boxes",
+    "bfov": "bfov",
+    "boxes3d": "boxes3d",
+    "amodal": "amodal",
+}
 """The truths of this package, and the modules of :mod:`omniscv.dataset.deriving` that register them."""
 
 _TRUTHS: dict[str, Truth] = {}
