@@ -124,7 +124,8 @@ class SceneSource(Source):
     def _trace(self, view: View) -> dict[str, NDArray[Any]]:
         from mock_server.render import pinhole_rays
 
-        where = None if not self._hidden or self.scene.sky is None else self._reached(view)
+        sky = self.scene.sky
+        where = None if not self._hidden or sky is None else self._reached(view)
         rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
         hits = self.scene.trace(view.pose.position, rays, self._hidden)
         self.made += 1
@@ -135,9 +136,9 @@ class SceneSource(Source):
             "depth": (hits.distance / lengths).astype(np.float32),
             "normals": hits.normal.astype(np.float32),
         }
-        if where is not None:
-            sky = self.scene.sky if self._lit == "float32" else np.round(255 * self.scene.sky)
-            beyond = {"lit": sky, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
+        if where is not None and sky is not None:
+            shown = sky if self._lit == "float32" else np.round(255 * sky)
+            beyond = {"lit": shown, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
             pixels = {mode: _spread(some, where, beyond[mode]) for mode, some in pixels.items()}
         for array in pixels.values():
             array.flags.writeable = False

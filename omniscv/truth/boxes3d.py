@@ -1,4 +1,4 @@
-"""Boxes of objects in space: records in the frames of the world and of the camera, how much is in the image."""
+"""Boxes of objects in space: where they are for the world and for the camera, how much is in the image."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ def encode(mask: Mask) -> dict[str, Any]:
     runs = mask[:, first:last].ravel(order="F")
     starts = np.flatnonzero(np.diff(runs, prepend=False, append=False)) + first * height
     ends = [] if len(starts) and starts[-1] == mask.size else [mask.size]
-    counts = np.diff(np.concatenate([[0], starts, ends]).astype(np.int64))
-    return {"size": [height, width], "counts": _text(counts)}
+    edges = np.concatenate([[0], starts, ends]).astype(np.int64)
+    return {"size": [height, width], "counts": _text(edges[1:] - edges[:-1])}
 
 
 def decode(rle: Mapping[str, Any]) -> Mask:

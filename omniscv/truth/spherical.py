@@ -2,8 +2,8 @@
 
 A box has a centre and two angles. Its region is where the angles in its tangent frame (x right, y down, z to
 its centre) are small: ``|atan(x/z)| <= fov_h/2`` and ``|atan(y/z)| <= fov_v/2``, z > 0: inside four great
-circles. Longitude is positive to the right, latitude up; ``rot`` turns the frame clockwise as seen in the image.
-An object too wide for that has the kind ``lonlat``: the ranges of its longitudes and latitudes.
+circles. Longitude is positive to the right, latitude up; ``rot`` turns the frame clockwise as the image shows
+it. An object too wide for that has the kind ``lonlat``: the ranges of its longitudes and latitudes.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ import numpy as np
 from omniscv.geometry import Array
 
 Kind = Literal["perspective", "lonlat"]
-Bfov = "SphericalBox | Mapping[str, Any]"
-
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 _FLAT = 1e-12
 """Of products of unit vectors: rounding."""
@@ -54,7 +52,7 @@ class SphericalBox:
     @property
     def R_c_b(self) -> Array:
         """(3, 3) from the box's tangent frame to the camera's: its columns are right, down, forward."""
-        return frames(np.radians([self.lon]), np.radians([self.lat]), np.radians([self.rot]))[0]
+        return np.asarray(frames(*np.radians([[self.lon], [self.lat], [self.rot]]))[0])
 
     @property
     def area(self) -> float:

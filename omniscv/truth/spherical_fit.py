@@ -169,8 +169,8 @@ def _at(points: Array, middle: Array, turns: Array) -> SphericalBox:
     x, y, z = np.moveaxis(points @ frames(lon, lat, turns), -1, 0)
     half_h, half_v = (np.abs(np.arctan2(each, z)).max(axis=1) for each in (x, y))
     best = int((np.sin(half_h) * np.sin(half_v)).argmin())
-    angles = (lon, lat, 2 * half_h, 2 * half_v, turns)
-    return SphericalBox(*(float(np.degrees(each[best])) for each in angles))
+    angles = np.degrees([each[best] for each in (lon, lat, 2 * half_h, 2 * half_v, turns)])
+    return SphericalBox(*angles.tolist())
 
 
 def _middle(angles: Array) -> Array:

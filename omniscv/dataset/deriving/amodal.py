@@ -66,11 +66,9 @@ def _shown(observation: Observation, renderer: Renderer, names: Iterable[str]) -
     others = set(renderer.source.objects().names()) - set(names)
     with renderer.source.without(sorted(others)) as source:
         alone = renderer.of(source).render(image.camera, image.pose, ("object_mask",), image.options)
-    table = alone.objects
-    assert table is not None and alone.labels is not None  # of an object mask
-    ranks = table.names()
+    ranks = () if alone.objects is None else alone.objects.names()
     ids = np.array([0, *(instances.get(name, 0) if name in names else 0 for name in ranks)], np.uint16)
-    found: Labels = ids[alone.labels]
+    found: Labels = ids[alone["labels"]]
     return found
 
 

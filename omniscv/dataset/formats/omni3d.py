@@ -1,9 +1,9 @@
 """Omni3D: ``omni3d.json``, boxes in space in the frame of the camera, in the form of COCO.
 
 Coordinates are those of the camera: x right, y down, z forward, metres. ``dimensions`` are width, height and
-length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``. The
-corners of ``bbox3D_cam`` are in the order of Omni3D: (-, -, -), (+, -, -), (+, +, -), (-, +, -), then the same
-with z positive. What is not known is -1.
+length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``.
+The corners of ``bbox3D_cam`` are in the order of Omni3D: (-, -, -), (+, -, -), (+, +, -), (-, +, -), then the
+same with z positive. What is not known is -1.
 
 Cameras other than ``pinhole`` have no matrix ``K``; every image has its ``camera``, as omniscv writes it.
 A file that readers of Omni3D load as it is comes of pinhole cameras alone.
@@ -36,7 +36,7 @@ name = "omni3d"
 needs = ("labels", "truth")
 
 _UNKNOWN = -1
-_NO_BOX = [-1, -1, -1, -1]
+_NO_BOX = [-1.0, -1.0, -1.0, -1.0]
 
 
 def refuses(camera: Camera) -> str | None:
