@@ -69,6 +69,7 @@ class Scene:
         name: as given.
         objects: names of the objects, sorted.
         solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
+        sky: (3,) float64, 0..1, the colour of rays that hit nothing; None where a pattern gives it.
         room: the room; None without one, or once a wall of it was moved.
 
     Raises:
@@ -87,6 +88,7 @@ class Scene:
         self._texture_of = np.array([textures_used[each] for each in parts.textures] + [-1], dtype=np.int64)
         self._owner = np.array(parts.names, dtype=object)
         self._sky, self._pattern = np.array(parts.sky), parts.pattern
+        self.sky = None if self._pattern else self._sky
         self.room: Room | None = parts.room
 
     def label(self, name: str) -> int:

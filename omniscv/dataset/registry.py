@@ -45,6 +45,8 @@ _MODULES: tuple[str, ...] = (
     "structured3d",
     "webdataset",
     "hf",
+    "coco",
+    "omni3d",
 )
 """The formats of this package: modules of :mod:`omniscv.dataset.formats`, ``-`` as ``_``, imported on use."""
 

@@ -20,6 +20,9 @@ BoxSource = Literal["scene", "vertices", "bounds", "points"]
 _CORNERS = 0.5 * np.array(
     [(x, y, z) for z in (-1.0, 1.0) for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))]
 )
+BOX_EDGES = np.array([e for i in range(4) for e in ((i, (i + 1) % 4), (4 + i, 4 + (i + 1) % 4), (i, 4 + i))])
+"""(12, 2): which of the corners of :meth:`ObjectBox.corners_w` are joined."""
+
 _ORDERS = tuple(itertools.permutations(range(3)))
 _SIGNS = tuple(itertools.product((1.0, -1.0), repeat=3))
 _ORTHONORMAL = 1e-6

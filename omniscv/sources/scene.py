@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
-from omniscv.geometry.scene_geometry import ObjectBox, Room, SceneGeometry
+from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
 
+_NEAR = 1e-3
+"""Metres in front of a camera from which on boxes are projected."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
 
 
@@ -122,7 +124,9 @@ class SceneSource(Source):
     def _trace(self, view: View) -> dict[str, NDArray[Any]]:
         from mock_server.render import pinhole_rays
 
-        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height)
+        sky = self.scene.sky
+        where = None if not self._hidden or sky is None else self._reached(view)
+        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
         hits = self.scene.trace(view.pose.position, rays, self._hidden)
         self.made += 1
         lit = hits.color if self._lit == "float32" else np.round(255 * np.clip(hits.color, 0, 1))
@@ -132,9 +136,47 @@ class SceneSource(Source):
             "depth": (hits.distance / lengths).astype(np.float32),
             "normals": hits.normal.astype(np.float32),
         }
+        if where is not None and sky is not None:
+            shown = sky if self._lit == "float32" else np.round(255 * sky)
+            beyond = {"lit": shown, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
+            pixels = {mode: _spread(some, where, beyond[mode]) for mode, some in pixels.items()}
         for array in pixels.values():
             array.flags.writeable = False
         return pixels
+
+    def _reached(self, view: View) -> NDArray[np.bool_]:
+        """(H, W) the pixels whose rays may meet an object that is not hidden: around the boxes' corners."""
+        found = np.zeros((view.height, view.width), bool)
+        for name in set(self.scene.objects) - self._hidden:
+            corners = ObjectBox.of(*self.scene.box(name), "scene").corners_w()
+            found[_around(view, corners)] = True
+        return found
+
+
+def _around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
+    """Rows and columns of a view that hold all of a box that is in front, by its corners (8, 3)."""
+    points_c = view.pose.to_camera(corners_w)
+    ends = points_c[BOX_EDGES]  # (12, 2, 3)
+    a, b = ends[:, 0, 2] - _NEAR, ends[:, 1, 2] - _NEAR
+    crossed = a * b < 0
+    share = (a / np.where(crossed, a - b, 1.0))[crossed, None]
+    points = np.concatenate(
+        [points_c[points_c[:, 2] >= _NEAR], ends[crossed, 0] * (1 - share) + ends[crossed, 1] * share]
+    )
+    if not len(points):
+        return slice(0), slice(0)
+    size = np.array([view.width, view.height])
+    pixels = np.clip(size / 2 + view.focal_px * points[:, :2] / points[:, 2:], -1, size + 1)
+    (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
+    return slice(max(0, int(v0)), max(0, int(v1))), slice(max(0, int(u0)), max(0, int(u1)))
+
+
+def _spread(some: NDArray[Any], where: NDArray[np.bool_], beyond: Any) -> NDArray[Any]:
+    """An image (H, W, ...) of pixels ``some`` where they are known, and of one value elsewhere."""
+    image = np.empty((*where.shape, *some.shape[1:]), some.dtype)
+    image[...] = beyond
+    image[where] = some
+    return image
 
 
 def geometry_of(scene: Scene) -> SceneGeometry:
