@@ -208,15 +208,6 @@ class Camera(ABC):
         pixels[..., 1] = np.arange(self.height)[:, None] + 0.5
         return pixels
 
-    @cached_property
-    def wraps(self) -> bool:
-        """Whether the left and the right border show the same rays, as those of a full panorama do."""
-        v = np.arange(self.height) + 0.5
-        left, right = (self.unproject(np.stack([np.full_like(v, u), v], -1)) for u in (0.0, self.width))
-        both = left.valid & right.valid
-        off = np.abs(np.concatenate([left.directions - right.directions, left.origins - right.origins], -1))
-        return bool(both.any() and (off[both] <= _ROUNDING).all())
-
     def parameters(self) -> dict[str, Any]:
         """The model's own constructor arguments, beyond width, height and center, JSON-ready."""
         return {k: v for k, v in self._arguments().items() if k not in ("width", "height", "center")}

@@ -8,12 +8,17 @@ from __future__ import annotations
 
 import struct
 import zlib
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from omniscv.arguments import number
 from omniscv.cameras import Camera
+from omniscv.compose.files import whole_file
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+
+SUFFIXES = ("png", "jpg")
+"""Of the files that can hold the metadata."""
 
 _NAMESPACE = "http://ns.google.com/photos/1.0/panorama/"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -93,6 +98,13 @@ def tagged(picture: bytes, camera: Camera, pose: Pose, north_deg: float = 0.0) -
         segment = b"\xff\xe1" + struct.pack(">H", 2 + len(_JPEG_XMP) + len(xmp)) + _JPEG_XMP + xmp
         return picture[:start] + segment + picture[start:]
     raise ArgumentError(f"picture: expected a PNG or JPEG file, got one that starts with {picture[:8]!r}")
+
+
+def tag(path: Path, camera: Camera, pose: Pose, north_deg: float = 0.0) -> None:
+    """Add Photo Sphere metadata to a file; see :func:`tagged`."""
+    found = tagged(path.read_bytes(), camera, pose, north_deg)
+    with whole_file(path) as part:
+        part.write_bytes(found)
 
 
 def _degrees(value: float) -> str:

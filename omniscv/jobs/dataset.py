@@ -76,6 +76,7 @@ def make(
     whole_number("shard", index, least=0, most=count - 1)
     job.recipe.check(job.cameras, job.modes)
     with job.open() as source:
+        job = job.posed(source)
         moments = list(job.shots(_scene(source)))
         shots = [shot for moment in moments for shot in moment]
         mine = [shot for shot in shots if _hash(shot.key) % count == index]
@@ -86,6 +87,7 @@ def make(
             image_format=job.image_format,
             begun=begun,
             closed=count > 1,
+            media=job.recipe.media,
         )
         wanted = [shot for shot in mine if not writer.has(shot)]
         _Making(job, source, writer, workers, warn).run(moments, wanted, progress)

@@ -1,8 +1,9 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from omniscv.dataset.writer import Shot
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.jobs.rigs import cameras_of, poses_of
+from omniscv.jobs.sampled_poses import SampledPoses
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
 from omniscv.sources.recording import record
@@ -27,8 +29,8 @@ class Job:
     """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
 
     ``cameras`` are at the poses themselves; those of a ``rig``, whose poses they then are, join them.
-    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``recipe`` is
-    what a dataset holds beyond images.
+    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``sampling``
+    chooses poses in an open source, see :meth:`posed`; ``recipe`` is what a dataset holds beyond images.
 
     Raises:
         ArgumentError: an unknown mode or image format, or a rig that does not fit the rest.
@@ -47,6 +49,7 @@ class Job:
     places: tuple[str, ...] | None = None
     recipe: Recipe = field(default_factory=Recipe)
     rig: Rig | None = None
+    sampling: SampledPoses | None = None
 
     def __post_init__(self) -> None:
         apart = {name: each for name, each in self.cameras.items() if not self._mounted(name, each)}
@@ -72,6 +75,17 @@ class Job:
         except BaseException:
             source.close()
             raise
+
+    def posed(self, source: Source) -> Self:
+        """Return this job with the poses that it samples in its source.
+
+        Raises:
+            OmniscvError: there are no such poses, or depth cannot be captured.
+        """
+        if self.sampling is None:
+            return self
+        found = self.sampling.poses(source)
+        return replace(self, poses=found.poses, times=found.times, sampling=None)
 
     def items(self) -> Iterator[tuple[str, Camera, Pose]]:
         """Yield stem, camera and pose of every image, pose by pose."""

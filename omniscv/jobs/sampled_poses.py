@@ -51,9 +51,16 @@ Angle = float | tuple[float, float]
 
 
 class SampledPoses(Protocol):
-    """How poses are chosen once the job's source is open."""
+    """How poses are chosen.
 
-    def poses(self, source: Source) -> Trajectory:
+    Attributes:
+        captures: whether the scene decides: a source is needed then.
+    """
+
+    @property
+    def captures(self) -> bool: ...
+
+    def poses(self, source: Source | None = None) -> Trajectory:
         """Return the poses; the same ones for the same scene, every time."""
 
 
@@ -97,15 +104,19 @@ class RandomPoses:
             **angles,
         )
 
-    def poses(self, source: Source) -> Trajectory:
+    @property
+    def captures(self) -> bool:
+        """True: free space is found by looking."""
+        return True
+
+    def poses(self, source: Source | None = None) -> Trajectory:
         """Return the poses.
 
         Raises:
-            ArgumentError: the box has too little free space.
+            ArgumentError: no source, or the box has too little free space.
             OmniscvError: depth cannot be captured.
         """
-        assert self.start is not None
-        space, draw = FreeSpace(source, self.start, self.clearance), np.random.default_rng(self.seed)
+        space, draw = _space(source, self.start, self.clearance), np.random.default_rng(self.seed)
         found: list[Pose] = []
         for _ in range(_TRIES * self.count):
             position = draw.uniform(np.asarray(self.low), np.asarray(self.high))
@@ -151,16 +162,19 @@ class GridPoses:
         clearance = optional_number("clearance", self.clearance, above=0)
         vars(self).update(low=low, high=high, step=steps, yaws_deg=yaws, clearance=clearance, start=start)
 
-    def poses(self, source: Source) -> Trajectory:
+    @property
+    def captures(self) -> bool:
+        """Whether only free places are wanted."""
+        return self.clearance is not None
+
+    def poses(self, source: Source | None = None) -> Trajectory:
         """Return the poses.
 
         Raises:
-            ArgumentError: no point of the grid is free.
+            ArgumentError: a clearance but no source, or no point of the grid is free.
             OmniscvError: depth cannot be captured.
         """
-        space = None
-        if self.clearance is not None and self.start is not None:
-            space = FreeSpace(source, self.start, self.clearance)
+        space = None if self.clearance is None else _space(source, self.start, self.clearance)
         free = [each for each in self._points() if space is None or space.holds(each)]
         if not free:
             wanted = f"expected points with a clearance of {self.clearance} m"
@@ -217,6 +231,11 @@ class PathPoses:
             closed=flag("closed", self.closed),
             look=look,
         )
+
+    @property
+    def captures(self) -> bool:
+        """False: a path is what its waypoints say, free or not."""
+        return False
 
     def poses(self, source: Source | None = None) -> Trajectory:
         """Return the poses and their times, from 0 s; nothing is captured.
@@ -276,6 +295,12 @@ def _angle(name: str, value: Any) -> Angle:
     if low > high:
         raise ArgumentError(f"{name}: expected a number or [low, high], got {shown(value)}")
     return low, high
+
+
+def _space(source: Source | None, start: ArrayLike | None, clearance: float) -> FreeSpace:
+    if source is None or start is None:
+        raise ArgumentError("poses: expected a source in which free space is found, got none")
+    return FreeSpace(source, start, clearance)
 
 
 def _counts(low: Array, high: Array, steps: Array) -> Array:

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 import omniscv
+from omniscv import dataset
 from omniscv.dataset import photo_sphere
 from omniscv.errors import ArgumentError
 
@@ -59,3 +60,24 @@ def test_other_cameras_and_files_are_refused():
         photo_sphere.fields(fisheye, POSE)
     with pytest.raises(ArgumentError, match="expected a PNG or JPEG file, got one that starts with b'GIF"):
         photo_sphere.tagged(encoded("GIF"), CAMERA, POSE)
+
+
+def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
+    fisheye = omniscv.cameras.create("fisheye-equidistant", width=32, height=32, fov_deg=180)
+    with omniscv.open_source("scene://four-wall") as source:
+        images = {
+            each.name: omniscv.render(each, POSE, source, ("lit", "depth"), face_size=32)
+            for each in (CAMERA, fisheye)
+        }
+    with dataset.Writer(tmp_path, media={"xmp": True, "north": 10}) as writer:
+        for key, image in images.items():
+            writer.add(key, image)
+    assert dataset.check(tmp_path, deep=True) == []
+    headings = {}
+    for frame in dataset.open(tmp_path):
+        np.testing.assert_array_equal(frame.layer("lit"), images[frame.key].lit)
+        with pyexiv2.Image(str(frame.files["lit"])) as file:
+            headings[frame.key] = file.read_xmp().get("Xmp.GPano.PoseHeadingDegrees")
+    assert headings == {"equirectangular": "280", "fisheye-equidistant": None}
+    with pytest.raises(ArgumentError, match=r"media\.xmp: expected image_format png or jpg, got jxl"):
+        dataset.Writer(tmp_path / "other", image_format="jxl", media={"xmp": True})

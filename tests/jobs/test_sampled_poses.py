@@ -5,6 +5,7 @@ import pytest
 
 import mock_server
 import omniscv
+from omniscv import jobs
 from omniscv.errors import ArgumentError
 from omniscv.jobs import sampled_poses
 from omniscv.jobs.sampled_poses import GridPoses, PathPoses, RandomPoses
@@ -131,3 +132,35 @@ def test_nothing_is_free_outside_the_room(source):
         ArgumentError, match=r"expected 2 places with a clearance of 0\.1 m in the box, got 0"
     ):
         RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)).poses(source)
+
+
+JOB = """
+source: scene://four-wall
+cameras: {eye: {model: pinhole, width: 48, height: 32, fov_deg: 80}}
+poses: {random: {count: 2, low: [-2, -2, 1], high: [2, 2, 2], clearance: 0.3, start: [0, 0, 1.5]}}
+face_size: 64
+record: room.sqlite
+out: images
+"""
+
+
+def test_a_job_samples_its_poses_when_its_source_is_open(tmp_path):
+    path = tmp_path / "job.yaml"
+    path.write_text(JOB)
+    job = jobs.load(path)
+    planned = {cost.strategy: cost.requests for cost in jobs.costs(job)}
+    assert jobs.capture(job, job.record) == planned["auto"]
+    live = {file.name: file.read_bytes() for file in jobs.run(job)}
+    assert {"eye-0.lit.png", "eye-1.lit.png"} <= set(live)
+    path.write_text(JOB.replace("scene://four-wall", "room.sqlite").replace("record: room.sqlite\n", ""))
+    replayed = {file.name: file.read_bytes() for file in jobs.run(jobs.load(path))}
+    assert replayed["eye-1.lit.png"] == live["eye-1.lit.png"]
+
+
+def test_paths_and_open_grids_need_no_source(tmp_path):
+    path = tmp_path / "job.yaml"
+    sampled = "poses: {path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 4}}"
+    path.write_text("\n".join(sampled if line.startswith("poses") else line for line in JOB.splitlines()))
+    job = jobs.load(path)
+    assert job.sampling is None
+    assert job.times == (0, 0.25, 0.5, 0.75, 1.0)
