@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
@@ -34,6 +33,8 @@ def read_trajectory(path: Path) -> tuple[Pose, ...]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as cause:
         raise ArgumentError(f"{path}: expected a trajectory file in TUM format, got {cause}") from cause
+    from scipy.spatial.transform import Rotation  # takes as long as the rest of a command's start
+
     poses = []
     for number, line in enumerate(lines, start=1):
         if text := line.partition("#")[0].strip():
