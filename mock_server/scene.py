@@ -164,7 +164,7 @@ class Scene:
         missed = row < 0
         color[missed] = self._sky if self._pattern is None else self._pattern(d[missed])
         texture_of = self._texture_of[row]
-        for index in np.unique(texture_of[~missed]):
+        for index in np.flatnonzero(np.bincount(texture_of[~missed])):
             mine = np.flatnonzero(texture_of == index)
             points = o[mine] + distance[mine, None] * d[mine]
             color[mine] = textures.paint(self._textures[index], points, normal[mine])
