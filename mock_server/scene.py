@@ -187,9 +187,9 @@ class Scene:
         """
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
-            o, d = np.broadcast_arrays(o, d / np.linalg.norm(d, axis=-1, keepdims=True))
-        shape = d.shape
-        o, d = (np.ascontiguousarray(each.reshape(-1, 3)) for each in (o, d))
+            d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        shape = np.broadcast_shapes(o.shape, d.shape)
+        o, d = (np.array(np.broadcast_to(each, shape), order="C").reshape(-1, 3) for each in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
         solids, count = np.ascontiguousarray(self.solids[kept]), len(d)
         color, normal = np.empty((count, 3)), np.zeros((count, 3))
@@ -221,7 +221,7 @@ class Scene:
         missed = row < 0
         color[missed] = self._sky if self._pattern is None else self._pattern(d[missed])
         texture_of = self._texture_of[row]
-        for index in np.unique(texture_of[~missed]):
+        for index in np.flatnonzero(np.bincount(texture_of[~missed])):
             mine = np.flatnonzero(texture_of == index)
             points = o[mine] + distance[mine, None] * d[mine]
             color[mine] = textures.paint(self._textures[index], points, normal[mine])

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import overload
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
@@ -94,6 +93,8 @@ class Trajectory(Sequence[Pose]):
         """
         if self.times is None:
             raise ArgumentError("trajectory: expected times of the poses to interpolate, it has none")
+        from scipy.spatial.transform import Rotation, Slerp
+
         first, last = self.times[0], self.times[-1]
         wanted = np.array([number("time", each, least=first, most=last) for each in times])
         places = np.array([pose.position for pose in self.poses])
@@ -167,6 +168,8 @@ def write_kitti_times(trajectory: Trajectory) -> str:
 
 def quaternion(rotation: Array) -> list[float]:
     """Return x, y, z, w of a rotation (3, 3), w >= 0."""
+    from scipy.spatial.transform import Rotation
+
     return list(Rotation.from_matrix(rotation).as_quat(canonical=True).tolist())
 
 
@@ -197,6 +200,8 @@ def _euroc(words: list[str]) -> tuple[float, Pose]:
 
 
 def _kitti(words: list[str]) -> tuple[float, Pose]:
+    from scipy.spatial.transform import Rotation
+
     matrix = np.array([float(word) for word in words]).reshape(3, 4)
     turned = matrix[:, :3]
     if not np.abs(turned @ turned.T - np.eye(3)).max() < _KITTI_ROUNDING:
@@ -217,6 +222,8 @@ def _kitti_times(path: Path) -> tuple[float, ...] | None:
 
 
 def _pose(position: Sequence[float], turn: Sequence[float]) -> Pose:
+    from scipy.spatial.transform import Rotation
+
     if len(turn) != 4:
         raise ValueError("expected four numbers of a quaternion")
     return Pose(np.array(position), Rotation.from_quat(turn).as_matrix())
