@@ -1,5 +1,6 @@
 """Boxes drawn over an image: in the image, on the sphere, in space; curves where the camera bends lines."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
@@ -51,7 +52,7 @@ def _rectangle(camera: Camera, record: Mapping[str, Any]) -> list[Array]:
     """The four sides, which may go over the right border: their columns are counted on."""
     x, y, w, h = record.get("bbox_wrap", record["bbox"])
     corners = np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)], dtype=float)
-    sides = [np.linspace(a, b, _STEPS) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    sides = [np.linspace(a, b, _STEPS) for a, b in itertools.pairwise(corners)]
     return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in sides]
 
 
@@ -91,7 +92,7 @@ def _projected(camera: Camera, points_c: Array) -> Array:
 
 def _draw(picture: Picture, line: Array, color: tuple[int, int, int], width: int, wraps: bool) -> None:
     """Draw the parts of a line that are in the image; none goes across a panorama to its other end."""
-    for a, b in zip(line[:-1], line[1:], strict=True):
+    for a, b in itertools.pairwise(line):
         if np.isnan(a + b).any() or (wraps and abs(a[0] - b[0]) > picture.shape[1] / 2):
             continue
         ends = np.round((np.stack([a, b]) - 0.5) * (1 << _SUBPIXEL_BITS)).astype(int).tolist()
