@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -147,10 +147,15 @@ class SceneSource(Source):
     def _reached(self, view: View) -> NDArray[np.bool_]:
         """(H, W) the pixels whose rays may meet an object that is not hidden: around the boxes' corners."""
         found = np.zeros((view.height, view.width), bool)
-        for name in set(self.scene.objects) - self._hidden:
-            corners = ObjectBox.of(*self.scene.box(name), "scene").corners_w()
-            found[_around(view, corners)] = True
+        for corners_w in self._shown_corners:
+            found[_around(view, corners_w)] = True
         return found
+
+    @cached_property
+    def _shown_corners(self) -> list[NDArray[np.float64]]:
+        """The corners (8, 3) of the boxes of objects that are not hidden."""
+        names = set(self.scene.objects) - self._hidden
+        return [ObjectBox.of(*self.scene.box(name), "scene").corners_w() for name in names]
 
 
 def _around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:

@@ -51,7 +51,7 @@ def boxes(
         record: dict[str, Any] = {"instance_id": instance, "name": name, "class": found and found.name}
         record |= {"area": int(areas[instance]), "bbox": _box(*place)}
         if wrap:
-            across = wrapped(labels[place[0]] == instance, *place)
+            across = wrapped(labels[place] == instance, place[0], place[1], labels.shape[1])
             record |= {"bbox_wrap": across, "crosses_seam": _crosses(across, labels.shape[1])}
         if nearest is not None:
             distance = float(nearest[instance])
@@ -65,22 +65,20 @@ def ids(names: Names) -> dict[str, int]:
     return dict(names) if isinstance(names, Mapping) else {name: i for i, name in enumerate(names, start=1)}
 
 
-def wrapped(band: NDArray[np.bool_], rows: slice, columns: slice) -> Box:
-    """Return the smallest box around a mask whose left and right border are neighbours.
+def wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) -> Box:
+    """Return the smallest box around a mask in an image whose left and right border are neighbours.
 
     Args:
-        band: (h, W) the rows of the mask.
-        rows, columns: its place in the image, without wrapping.
+        mask: (h, w) within its box without wrapping.
+        rows, columns: that box.
+        width: of the image, px.
     """
-    width = band.shape[1]
-    if (columns.start, columns.stop) != (0, width):
-        return _box(rows, columns)
-    occupied = np.flatnonzero(band.any(axis=0))
+    occupied = columns.start + np.flatnonzero(mask.any(axis=0))
     gaps = np.diff(occupied, append=occupied[0] + width)
     last = int(gaps.argmax())  # the column before the widest gap
-    start = int(occupied[(last + 1) % len(occupied)])
-    across = int((occupied[last] - start) % width) + 1
-    return [start if across < width else 0, rows.start, across, rows.stop - rows.start]
+    across = width - int(gaps[last]) + 1
+    start = int(occupied[(last + 1) % len(occupied)]) if across < width else 0
+    return [start, rows.start, across, rows.stop - rows.start]
 
 
 def _crosses(box: Box, width: int) -> bool:

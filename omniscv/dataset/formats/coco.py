@@ -1,9 +1,10 @@
 """COCO: ``annotations.json`` with run-length encoded masks, and one such file for each split.
 
-An annotation is an object in an image. Its ``bbox`` and ``area`` are what pycocotools makes of its mask. There
-is more than COCO has, which its readers ignore: ``instance_id``, ``name``; of a panorama ``bbox_wrap`` and
-``crosses_seam``; from the frame's truth ``bfov``, ``rbfov``, ``distance``, ``truncated``, ``visib_fract``,
-``area_amodal``, ``bbox_amodal``; of an image ``camera``, ``pose``, ``split``, ``place`` and ``time``.
+An annotation is an object in an image. Its ``bbox`` and ``area`` are what pycocotools makes of its mask.
+There is more than COCO has, which its readers ignore: ``instance_id``, ``name``; of a panorama ``bbox_wrap``
+and ``crosses_seam``; from the frame's truth ``bfov``, ``rbfov``, ``distance``, ``truncated``,
+``visib_fract``, ``area_amodal``, ``bbox_amodal``; of an image ``camera``, ``pose``, ``split``, ``place`` and
+``time``.
 
 Categories are the classes that are no stuff; without classes every object's name is a category of its own,
 with its instance id. Objects without a class, and stuff, have no annotation.
