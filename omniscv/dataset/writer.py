@@ -193,7 +193,7 @@ class Writer:
             self._written.add(shot.key)
         files = write_layers(image.layers, self.out, shot.key, self._image_format)
         for kind, record in records.items():
-            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record)
+            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)  # curves are long
         entries = {kind: FileEntry.of(path) for kind, path in files.items()}
         said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
         path = write_json(self.out / f"{shot.key}.json", said)

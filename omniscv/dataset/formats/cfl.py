@@ -26,14 +26,49 @@ from omniscv.errors import ArgumentError
 from omniscv.truth.layout_maps import VISIBILITIES, exact_maps, original_maps
 
 name = "cfl"
+needs = ("layout", "lit")
+keys = ("layout",)
 
-_READERS: dict[str, Reader] = {
-    "image_format": lambda key, value: one_of(key, value, ("jpg", "png")),
-    "visibility": lambda key, value: one_of(key, value, VISIBILITIES),
-    "recipe": lambda key, value: one_of(key, value, ("exact", "original")),
+_MAPS: dict[str, Reader] = {
     "edge_sigma": partial(number, above=0, most=1),
     "corner_sigma": partial(number, above=0, most=1),
+    "visibility": lambda key, value: one_of(key, value, VISIBILITIES),
 }
+_READERS: dict[str, Reader] = {
+    "image_format": lambda key, value: one_of(key, value, ("jpg", "png")),
+    "recipe": lambda key, value: one_of(key, value, ("exact", "original")),
+    "layout": lambda key, value: fields(key, value, {"source": _any, "maps": _maps}).get("maps", {}),
+    **_MAPS,
+}
+
+
+def _any(key: str, value: Any) -> Any:
+    return value
+
+
+def _maps(key: str, value: Any) -> Any:
+    return fields(key, value, _MAPS)
+
+
+def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
+    """Refuse options that the format does not have; see the module."""
+    _chosen(options)
+
+
+def refuses(camera: Camera) -> str | None:
+    """Return None: maps can be drawn in the images of every camera."""
+    return None
+
+
+def _chosen(options: Mapping[str, Any]) -> tuple[str, str, dict[str, Any]]:
+    """Suffix, recipe, and the options of exact maps."""
+    chosen = fields("", options, _READERS)
+    maps = {**chosen.get("layout", {}), **{key: chosen[key] for key in _MAPS if key in chosen}}
+    recipe = chosen.get("recipe", "exact")
+    if recipe == "original" and maps:
+        wanted = "the original recipe, which has its own numbers, without others"
+        raise ArgumentError(f"recipe: expected {wanted}; got {', '.join(maps)}")
+    return chosen.get("image_format", "jpg"), recipe, maps
 
 
 def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
@@ -43,18 +78,14 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         ArgumentError: an unknown option, one of the exact maps for the original recipe, a frame without a
             layout or colours, or one of which the original recipe makes no maps.
     """
-    chosen = fields(name, options, _READERS)
-    suffix, recipe = chosen.pop("image_format", "jpg"), chosen.pop("recipe", "exact")
-    if recipe == "original" and chosen:
-        wanted = "the original recipe, which has its own numbers, without others"
-        raise ArgumentError(f"cfl: expected {wanted}; got {', '.join(chosen)}")
+    suffix, recipe, maps = _chosen(options)
     written = []
     for frame in frames:
-        with within(f"{frame.key}: {name}"):
+        with within(frame.key):
             if recipe == "original":
                 edges, corners = original_maps(frame.layout, frame.camera, frame.pose)
             else:
-                edges, corners = exact_maps(frame.layout, frame.camera, **chosen)
+                edges, corners = exact_maps(frame.layout, frame.camera, **maps)
         for folder, ending, picture in (
             ("RGB", "", color(frame)),
             ("EM_gt", "_EM", edges),
@@ -62,8 +93,3 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         ):
             written.append(write_picture(out / folder / f"{frame.key}{ending}.{suffix}", picture))
     return written
-
-
-def refuses(camera: Camera) -> str | None:
-    """Return None: maps can be drawn in the images of every camera."""
-    return None
