@@ -193,7 +193,8 @@ class Writer:
             self._written.add(shot.key)
         files = write_layers(image.layers, self.out, shot.key, self._image_format)
         for kind, record in records.items():
-            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)  # curves are long
+            # Not indented: curves are long lists.
+            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)
         entries = {kind: FileEntry.of(path) for kind, path in files.items()}
         said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
         path = write_json(self.out / f"{shot.key}.json", said)
