@@ -21,7 +21,7 @@ from typing import Any
 from omniscv.arguments import Reader, fields, number, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import color, write_picture
+from omniscv.dataset.plain_pictures import color, write_picture
 from omniscv.errors import ArgumentError
 from omniscv.truth.layout_maps import VISIBILITIES, exact_maps, original_maps
 

@@ -14,7 +14,7 @@ from typing import Any
 from omniscv.arguments import Reader, fields, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import color, write_picture
+from omniscv.dataset.plain_pictures import color, write_picture
 from omniscv.truth.cor_id import cor_id, refused
 from omniscv.truth.room_layout import room_of
 

@@ -27,7 +27,7 @@ from omniscv.arguments import shown, within
 from omniscv.cameras import Camera
 from omniscv.dataset.formats.horizonnet import corner_lines
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import color, write_picture
+from omniscv.dataset.plain_pictures import color, write_picture
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
