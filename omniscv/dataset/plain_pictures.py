@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,26 @@ from numpy.typing import NDArray
 from omniscv.dataset.frames import Frame
 
 _JPEG_QUALITY = 95
+_PNG_COMPRESSION = 2
 
 
-def color(frame: Frame) -> NDArray[np.uint8]:
-    """Return (H, W, 3) the colours of a frame, RGB of 8 bits; of floating point, 0 to 1 becomes 0 to 255.
+def write_color(path: Path, frame: Frame) -> Path:
+    """Write the colours of a frame as the file's suffix has it, and return the path.
+
+    The frame's own file is copied where it is of that kind; of floating point, 0 to 1 becomes 0 to 255.
 
     Raises:
         ArgumentError: the frame has no colours.
     """
+    own = frame.files.get("lit")
+    if own is not None and own.suffix == path.suffix:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(own, path)
+        return path
     lit = frame.layer("lit")
     if lit.dtype != np.uint8:
         lit = np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
-    return lit
+    return write_picture(path, lit)
 
 
 def write_picture(path: Path, pixels: NDArray[Any]) -> Path:
@@ -30,5 +39,7 @@ def write_picture(path: Path, pixels: NDArray[Any]) -> Path:
     from PIL import Image
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.ascontiguousarray(pixels)).save(path, quality=_JPEG_QUALITY)  # PNG has no quality
+    # Each of both options is for one of the suffixes.
+    image = Image.fromarray(np.ascontiguousarray(pixels))
+    image.save(path, quality=_JPEG_QUALITY, compress_level=_PNG_COMPRESSION)
     return path

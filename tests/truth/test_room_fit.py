@@ -6,9 +6,13 @@ from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, room_of_scene, scene_of_pla
 
 import mock_server
 from omniscv import Pose, Renderer, cameras, open_source
+from omniscv.dataset import truths
+from omniscv.dataset.truths import Observation
 from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.sources.base import SourceWrapper
 from omniscv.sources.scene import SceneSource
-from omniscv.truth import layout
+from omniscv.truth import layout, room_of
 from omniscv.truth.classes import ClassTable, SemanticClass
 from omniscv.truth.room_fit import Picture, fit_room
 
@@ -126,12 +130,7 @@ def test_images_that_do_not_show_enough_are_refused():
         fit_room([Picture(seen.camera, seen.pose, flat, seen.instances)])
 
 
-def test_a_source_without_a_room_is_fitted_to_what_it_shows_without_furniture(tmp_path):
-    """The truth of a dataset, where the source knows no room: from the image, here from the scene's."""
-    from omniscv.dataset import truths
-    from omniscv.dataset.truths import Observation
-    from omniscv.geometry.scene_geometry import SceneGeometry
-
+def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     source = SceneSource(mock_server.load_scene("four-wall"))
     image = Renderer(source).render(
         PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")
@@ -152,3 +151,35 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows_without_furniture(tm
     )
     with pytest.raises(ArgumentError, match="expected fields among source, tolerance"):
         truth.derive(observed, {"sources": 1})
+
+
+class Hides(SourceWrapper):
+    """A live engine of sorts: it knows no shapes, but shows the room without what is in it."""
+
+    def __init__(self, source, empty):
+        super().__init__(source)
+        self.hidden, self._empty = [], empty
+
+    def geometry(self):
+        return SceneGeometry()
+
+    def without(self, objects):
+        self.hidden.append(sorted(objects))
+        return SceneSource(self._empty)
+
+
+def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
+    furnished = mock_server.load_scene("six-wall")
+    source = Hides(SceneSource(furnished), scene_of_plan(L_SHAPE))
+    lens = cameras.create("fisheye-equidistant", 128, 128, fov_deg=120)
+    renderer = Renderer(source)
+    image = renderer.render(lens, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals"))
+    instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
+    known = ("a", image, image.labels, instances, None, SceneGeometry())
+    with pytest.raises(ArgumentError, match="walls that do not close"):
+        truths.get("layout").derive(Observation(*known), {})
+    record = truths.get("layout").derive(Observation(*known, renderer), {})
+    assert source.hidden == [[name for name in furnished.objects if not name.startswith("Layout")]]
+    same_room(room_of(record), np.array(L_SHAPE), [f"Layout_Wall_{i + 1}" for i in range(6)], 0.002)
+    visible = [piece["visible"] for edge in record["edges"] for piece in edge["pieces"]]
+    assert {True, False} <= set(visible)  # the image's own depth decides what furniture hides

@@ -14,7 +14,7 @@ from typing import Any
 from omniscv.arguments import Reader, fields, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.plain_pictures import color, write_picture
+from omniscv.dataset.plain_pictures import write_color
 from omniscv.truth.cor_id import cor_id, refused
 from omniscv.truth.room_layout import room_of
 
@@ -41,7 +41,7 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     texts = {frame.key: corner_lines(frame) for frame in frames}  # refused before anything is written
     written = []
     for frame in frames:
-        written.append(write_picture(out / "img" / f"{frame.key}.{suffix}", color(frame)))
+        written.append(write_color(out / "img" / f"{frame.key}.{suffix}", frame))
         path = out / "label_cor" / f"{frame.key}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(texts[frame.key], encoding="ascii")

@@ -27,7 +27,7 @@ from omniscv.arguments import shown, within
 from omniscv.cameras import Camera
 from omniscv.dataset.formats.horizonnet import corner_lines
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.plain_pictures import color, write_picture
+from omniscv.dataset.plain_pictures import write_color, write_picture
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -183,13 +183,13 @@ def _panorama(frame: Frame, folder: Path, room: Room, lines: str, R_s_w: Array) 
         (folder / file).write_text(text, encoding="ascii")
     with within(frame.key):
         pictures: dict[str, NDArray[Any]] = {}
-        if "lit" in frame.files:
-            pictures["rgb_rawlight"] = color(frame)
         if "labels" in frame.files:
             pictures["semantic"], pictures["instance"] = _semantic(frame, room), _instances(frame, room)
         if "depth" in frame.files:
             pictures["depth"] = _millimetres(frame.layer("depth"))
-    saved = [write_picture(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
+        saved = [write_picture(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
+        if "lit" in frame.files:
+            saved.append(write_color(full / "rgb_rawlight.png", frame))
     return [*(folder / file for file in texts), *saved]
 
 
