@@ -79,18 +79,9 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     return written
 
 
-def points_of(frame: Frame, rays: Rays, more: Mapping[str, NDArray[Any]] | None = None) -> Points:
-    """Return the points that a frame sees, with all that it knows of them.
-
-    Args:
-        frame: with depth.
-        rays: its camera's.
-        more: further layers (H, W, ...), by name.
-
-    Raises:
-        ArgumentError: the frame has no depth.
-    """
-    layers = frame.has("normals", "lit", "labels", "classes") | dict(more or {})
+def points_of(frame: Frame, rays: Rays) -> Points:
+    """Return the points that a frame with depth sees, with all its layers; ``rays`` are its camera's."""
+    layers = frame.has("normals", "lit", "labels", "classes")
     if "lit" in layers and layers["lit"].dtype.kind == "f":
         layers["lit"] = np.rint(255 * layers["lit"].clip(0, 1)).astype(np.uint8)
     unsure = frame.has("unsure").get("unsure")
