@@ -28,7 +28,7 @@ known, but the second image shows something nearer there."""
 _ENDLESS_M = 1e12
 """Metres to points at infinity: optical centres a metre apart see them less than 1e-11 rad apart."""
 
-_PART_PX = 1 << 16
+_PART_PX = 1 << 14
 """Pixels that are worked on together, in the processor's cache."""
 
 
@@ -165,11 +165,15 @@ class _Moving:
 
         Where that is not known, both are NaN; points at infinity do not move, and have NaN too.
         """
-        endless = np.isposinf(depth)[:, None]
-        points_c0 = np.where(endless, _ENDLESS_M, depth[:, None]) * directions
-        points_c0 += np.where(endless, 0.0, origins)
-        points_c1 = points_c0 @ self._T_c1_c0.rotation.T + np.where(endless, 0.0, self._T_c1_c0.position)
-        scene = np.where(endless, np.nan, np.zeros_like(points_c0))
+        endless = np.isposinf(depth)
+        points_c0 = directions * np.where(endless, _ENDLESS_M, depth)[:, None]
+        points_c0 += origins
+        points_c1 = points_c0 @ self._T_c1_c0.rotation.T
+        points_c1 += self._T_c1_c0.position
+        scene = np.zeros_like(points_c0)
+        if endless.any():
+            points_c1[endless] = _ENDLESS_M * (directions[endless] @ self._T_c1_c0.rotation.T)
+            scene[endless] = np.nan
         for label, motion in self._motions.items():
             mine = labels == label
             if motion is None:

@@ -16,7 +16,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.parallel import side_by_side
 
 _CELL_BITS = 21  # three of them in 63 bits
-_PART_PX = 1 << 16  # pixels that are worked on together, in the processor's cache
+_PART_PX = 1 << 14  # pixels that are worked on together, in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)

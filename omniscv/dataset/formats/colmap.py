@@ -29,6 +29,7 @@ from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
+from omniscv.planning.viewpoints import unproject
 from omniscv.truth import Points
 
 name = "colmap"
@@ -145,7 +146,7 @@ def _points(sources: Sequence[tuple[Frame, list[tuple[int, Frame]]]], voxel_m: f
 
     def clouds() -> Iterator[Points]:
         for frame, views in sources:
-            cloud = points_of(frame, frame.camera.unproject())
+            cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()))
             image, pixel = np.zeros(len(cloud), np.int64), np.zeros((len(cloud), 2))
             for image_id, view in views:
                 points_c = view.pose.to_camera(cloud.positions_w)

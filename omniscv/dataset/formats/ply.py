@@ -23,6 +23,7 @@ from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
+from omniscv.planning.viewpoints import unproject
 from omniscv.texts import printable
 from omniscv.truth import Points
 
@@ -64,7 +65,9 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         rays: dict[Camera, Rays] = {}
         for frame in frames:
             if frame.camera not in rays:
-                rays = {frame.camera: frame.camera.unproject()}  # one at a time: rays are large
+                rays = {
+                    frame.camera: unproject(frame.camera, frame.camera.pixels())
+                }  # one at a time: rays are large
             cloud = points_of(frame, rays[frame.camera])
             if given["frames"]:
                 written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
