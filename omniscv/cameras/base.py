@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import numbers, shown, whole_number
+from omniscv.cameras.arrays import blanked, replaced
 from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
@@ -140,9 +141,11 @@ class Camera(ABC):
         u, v = uv[..., 0], uv[..., 1]
         with np.errstate(all="ignore"):
             inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
-            origins, directions, valid = self._unproject(_where(inside, uv, self.center))
+            origins, directions, valid = self._unproject(replaced(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
-        return Rays(_blank(origins, valid), _blank(directions, valid), valid)
+        if origins.shape != directions.shape:  # those of a grid's columns or rows
+            origins = np.array(np.broadcast_to(origins, directions.shape))
+        return Rays(blanked(origins, valid), blanked(directions, valid), valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, Mask]:
         """Return the pixels that see points.
@@ -159,12 +162,12 @@ class Camera(ABC):
             x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
             largest = np.maximum(np.maximum(x, y), z)
             placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= _FARTHEST))
-            pixels, valid = self._project(_where(placed, xyz, 1.0))
+            pixels, valid = self._project(replaced(placed, xyz, 1.0))
             pixels, inside = self._within_image(pixels)
             valid = np.asarray(valid & placed & inside)
             if self._unresolved_px:
                 valid = self._seen_by_their_pixels(xyz, pixels, valid)
-        return _where(valid, pixels, np.nan), valid
+        return replaced(valid, pixels, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
         """(...) bool: which pixels have a ray; (H, W) for the whole image if not given."""
@@ -329,21 +332,6 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
     return array.astype(np.float64, copy=False)
 
 
-def _blank(vectors: Array, valid: Mask) -> Array:
-    """``vectors`` (..., 3), which nobody else needs, with NaN where not valid."""
-    if not valid.all():
-        from omniscv.cameras import kernels  # slow to load
-
-        vectors = np.require(vectors, requirements=("C", "W"))
-        kernels.blank(vectors.reshape(-1, 3), valid.reshape(-1))
-    return vectors
-
-
-def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:
-    """``vectors`` (..., n), and ``instead`` where ``keep`` (...) is False; no copy where all are kept."""
-    return vectors if keep.all() else np.where(keep[..., None], vectors, instead)
-
-
 # -- geometry that models share -----------------------------------------------------------------
 
 
@@ -368,8 +356,3 @@ def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Arra
     at_center = r < _NEAREST
     safe = np.where(at_center, 1.0, r)
     return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)
-
-
-def turned_about_axis(across: Array, along: Array, cos_a: Array, sin_a: Array) -> Array:
-    """(..., 3) the vector with these parts across and along the axis z, at an azimuth."""
-    return np.stack([across * cos_a, across * sin_a, along], axis=-1)

@@ -55,7 +55,8 @@ class Distortion:
         last = float(reached[-1])
         table = np.interp(np.linspace(0.0, last, _TABLE + 1), reached, radii)
         table.flags.writeable = False
-        self.solver = (self.coefficients, end, last, 4 * rounding, table)
+        farthest = float(kernels.farthest_of_rim(self.coefficients, end))
+        self.solver = (self.coefficients, end, last, farthest, 4 * rounding, table)
         return end if np.isfinite(table).all() and last > 0 else np.nan
 
     def _radial(self, r: Array) -> Array:

@@ -90,11 +90,10 @@ def turn(
 def invert(values: Array, coefficients: Array, table: Array, last: float) -> Array:
     """Return x with ``p(x) = y`` for values y (N,) in [0, last], where p increases from 0.
 
-    Newton's steps from a table of x at equal steps of y, within an interval that holds the root: where p
-    turns, and Newton's steps would leave the interval, it is halved.
+    Halley's steps from a table of x at equal steps of y, mostly one, within an interval that holds the root:
+    where p turns, and a step would leave the interval, it is halved.
     """
-    out = np.empty(len(values))
-    cells = len(table) - 1
+    out, cells = np.empty(len(values)), len(table) - 1
     for n in range(len(values)):
         y = values[n]
         place = min(max(y / last * cells, 0.0), float(cells))
@@ -102,33 +101,36 @@ def invert(values: Array, coefficients: Array, table: Array, last: float) -> Arr
         low, high = table[max(j - 1, 0)], table[min(j + 2, cells)]
         x = table[j] + (place - j) * (table[j + 1] - table[j])
         for _ in range(100):
-            value, slope = _value_and_slope(coefficients, x)
+            value, slope, bend = _value_slope_bend(coefficients, x)
             if value > y:
                 high = x
             else:
                 low = x
-            step = (value - y) / slope
-            if abs(value - y) <= 1e-16 * abs(y):
-                break
-            if not low <= x - step <= high:
+            newton = (value - y) / slope
+            turned = newton * bend / slope  # what the slope changes over a step, relative: half of it
+            step = newton / (1 - turned)
+            if not (abs(turned) < 0.5 and low <= x - step <= high):
                 x = (low + high) / 2
                 if high - low <= 4e-16 * high:
                     break
                 continue
             x -= step
-            if abs(step) <= 2e-16 * abs(x):
+            # What is left is about the third power of the step.
+            if (turned * turned * x * x + step * step) * abs(step) <= 1e-18 * x * x * x:
                 break
         out[n] = x
     return out
 
 
 @njit(cache=True, nogil=True)
-def _value_and_slope(coefficients: Array, x: float) -> tuple[float, float]:
-    value, slope = coefficients[-1], 0.0
+def _value_slope_bend(coefficients: Array, x: float) -> tuple[float, float, float]:
+    """p, p' and p'' / 2 at x."""
+    value, slope, bend = coefficients[-1], 0.0, 0.0
     for k in range(len(coefficients) - 2, -1, -1):
+        bend = bend * x + slope
         slope = slope * x + value
         value = value * x + coefficients[k]
-    return value, slope
+    return value, slope, bend
 
 
 # -- distortion ---------------------------------------------------------------------------------
@@ -136,6 +138,11 @@ def _value_and_slope(coefficients: Array, x: float) -> tuple[float, float]:
 Coefficients = tuple[float, ...]  # twelve, in OpenCV's order
 Moved = tuple[float, float, float, float, float, float]  # x'', y'', and their slopes by x and y, row by row
 
+Solver = tuple[Coefficients, float, float, float, float, Array]
+"""The coefficients; the disc's radius, where the radial terms put it, and the farthest that it comes to; what
+rounding may add; and the radii that the radial terms put at equal steps."""
+
+_STEPS = 3  # of Newton's, that mostly do
 _RADII, _AZIMUTHS, _FINE_AZIMUTHS = 512, 64, 720
 
 
@@ -144,9 +151,10 @@ def _moved(k: Coefficients, x: float, y: float) -> Moved:
     """Where distortion puts (x, y), and its derivative there; see :class:`distortion.Distortion`."""
     r2 = x * x + y * y
     above, below = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])), 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
-    c = above / below
+    share = 1 / below
+    c = above * share
     above_slope, below_slope = k[0] + r2 * (2 * k[1] + 3 * r2 * k[4]), k[5] + r2 * (2 * k[6] + 3 * r2 * k[7])
-    steep = 2 * (above_slope - c * below_slope) / below  # twice c by r2
+    steep = 2 * (above_slope - c * below_slope) * share  # twice c by r2
     p1, p2 = k[2], k[3]
     prism_x, prism_y = k[8] + k[9] * r2, k[10] + k[11] * r2
     bent_x, bent_y = 2 * (k[8] + 2 * k[9] * r2), 2 * (k[10] + 2 * k[11] * r2)
@@ -199,56 +207,94 @@ def first_turn(k: Coefficients, end: float) -> float:
     return end
 
 
+@njit(cache=True, nogil=True)
+def farthest_of_rim(k: Coefficients, end: float) -> float:
+    """Return how far from (0, 0) the circle of radius ``end`` comes, and a little more."""
+    most = 0.0
+    for j in range(_FINE_AZIMUTHS):
+        a = 2 * math.pi * j / _FINE_AZIMUTHS
+        x, y, _, _, _, _ = _moved(k, end * math.cos(a), end * math.sin(a))
+        most = max(most, length(x, y))
+    return 1.001 * most
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def undistorted_within(
-    pixels: Array,
-    center: tuple[float, float],
-    plane: Plane,
-    solver: tuple[Coefficients, float, float, float, Array],
-    found: Found,
+    pixels: Array, center: tuple[float, float], plane: Plane, solver: Solver, found: Found
 ) -> int:
     """Enter the pixels (N, 2) that distortion makes of places in its disc, as those; return how many."""
-    n = 0
+    k, end, last, farthest, _, table = solver
+    where, wanted_x, wanted_y = np.empty(len(pixels), np.int64), np.empty(len(pixels)), np.empty(len(pixels))
+    count = 0
     for i in range(len(pixels)):
         x, y = in_plane(pixels, i, center, plane)
-        x, y, good = _undistorted(x, y, solver)
+        if length(x, y) <= farthest:
+            where[count], wanted_x[count], wanted_y[count] = i, x, y
+            count += 1
+    found_x, found_y = np.empty(count), np.empty(count)
+    for m in range(count):
+        found_x[m], found_y[m] = _start(wanted_x[m], wanted_y[m], last, table)
+    for _ in range(_STEPS):
+        _newton_steps(k, wanted_x[:count], wanted_y[:count], found_x, found_y)
+    n = 0
+    for m in range(count):
+        x, y = found_x[m], found_y[m]
+        to_x, to_y, _, _, _, _ = _moved(k, x, y)
+        off, r = abs(to_x - wanted_x[m]) + abs(to_y - wanted_y[m]), length(x, y)
+        good = off <= 1e-15 * length(wanted_x[m], wanted_y[m]) and r <= end
+        if not good:
+            x, y, good = _undistorted(wanted_x[m], wanted_y[m], solver)
+            r = min(length(x, y), end)
         if good:
-            n = store(found, n, i, x, y, min(length(x, y), solver[1]))
+            n = store(found, n, where[m], x, y, r)
     return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _undistorted(
-    wanted_x: float, wanted_y: float, solver: tuple[Coefficients, float, float, float, Array]
-) -> tuple[float, float, bool]:
-    """The place that distortion puts at the one wanted, and whether there is one: Newton's steps within the
-    disc, from the place that the radial terms alone would have moved there."""
-    k, end, last, slack, table = solver
-    reached = length(wanted_x, wanted_y)
-    near = slack + 4e-16 * reached
-    cells = len(table) - 1
+def _start(wanted_x: float, wanted_y: float, last: float, table: Array) -> tuple[float, float]:
+    """The place that the radial terms alone would have moved to the one wanted."""
+    reached, cells = length(wanted_x, wanted_y), len(table) - 1
     at = min(reached / last, 1.0) * cells
     j = min(int(at), cells - 1)
+    scale = (table[j] + (at - j) * (table[j + 1] - table[j])) / reached if reached > 0 else 0.0
+    return wanted_x * scale, wanted_y * scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _newton_steps(k: Coefficients, wanted_x: Array, wanted_y: Array, x: Array, y: Array) -> None:
+    """One step of Newton's for every place: no branch, so that the processor takes several at once."""
+    for m in range(len(x)):
+        to_x, to_y, xx, xy, yx, yy = _moved(k, x[m], y[m])
+        off_x, off_y, scale = to_x - wanted_x[m], to_y - wanted_y[m], 1 / (xx * yy - xy * yx)
+        x[m] -= (yy * off_x - xy * off_y) * scale
+        y[m] -= (xx * off_y - yx * off_x) * scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _undistorted(wanted_x: float, wanted_y: float, solver: Solver) -> tuple[float, float, bool]:
+    """The place in the disc that distortion puts at the one wanted, and whether there is one: Newton's steps
+    that do not leave the disc."""
+    k, end, last, _, slack, table = solver
+    x, y = _start(wanted_x, wanted_y, last, table)
     # Left of a root next to a turn Newton's steps approach it; right of it they might go anywhere.
-    r = min(table[j] + (at - j) * (table[j + 1] - table[j]), 0.9 * end)
-    scale = r / reached if reached > 0 else 0.0
-    x, y = wanted_x * scale, wanted_y * scale
+    inward = min(0.9 * end / max(length(x, y), 1e-300), 1.0)
+    x, y = x * inward, y * inward
+    at_the_rim = 0
     for _ in range(100):
         to_x, to_y, xx, xy, yx, yy = _moved(k, x, y)
-        off_x, off_y = to_x - wanted_x, to_y - wanted_y
-        if abs(off_x) + abs(off_y) <= 1e-16 * reached:
-            return x, y, True
-        determinant = xx * yy - xy * yx
-        step_x, step_y = (yy * off_x - xy * off_y) / determinant, (xx * off_y - yx * off_x) / determinant
+        off_x, off_y, scale = to_x - wanted_x, to_y - wanted_y, 1 / (xx * yy - xy * yx)
+        step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - yx * off_x) * scale
         step = length(step_x, step_y)
         if not step <= end:
-            step_x, step_y, step = step_x * end / step, step_y * end / step, end
+            step_x, step_y = step_x * end / step, step_y * end / step
         before_x, before_y = x, y
         x, y = x - step_x, y - step_y
         r = length(x, y)
+        at_the_rim = at_the_rim + 1 if r > end else 0
         if r > end:
             x, y = x * end / r, y * end / r
-        if length(x - before_x, y - before_y) <= 2e-16 * end:
+        if at_the_rim > 4 or length(x - before_x, y - before_y) <= 2e-16 * end:
             break
     to_x, to_y, _, _, _, _ = _moved(k, x, y)
+    near = slack + 4e-16 * length(wanted_x, wanted_y)
     return x, y, abs(to_x - wanted_x) + abs(to_y - wanted_y) <= near

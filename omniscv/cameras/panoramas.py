@@ -5,6 +5,7 @@ from typing import ClassVar, Literal, Self, get_args
 import numpy as np
 
 from omniscv.arguments import number, one_of
+from omniscv.cameras.arrays import grid_axes, vectors
 from omniscv.cameras.base import Array, Camera, CentralCamera, Mask, sin_cos_of_half
 from omniscv.cameras.registry import register
 
@@ -21,13 +22,15 @@ class AngularGrid(Camera):
         return cls(width, max(1, width // 2), **cls.typical)
 
     def _angles(self, pixels: Array) -> tuple[Array, Array]:
-        across, up = 2 * pixels[..., 0] / self.width - 1, 1 - 2 * pixels[..., 1] / self.height
+        """Azimuth and elevation of pixels; of a grid's columns and of its rows."""
+        u, v = grid_axes(pixels)
+        across, up = 2 * u / self.width - 1, 1 - 2 * v / self.height
         return across * self._half[0], up * self._half[1]
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
         theta, phi = self._angles(pixels)
         level = np.cos(phi)
-        return np.stack([level * np.sin(theta), -np.sin(phi), level * np.cos(theta)], axis=-1), True
+        return vectors(level * np.sin(theta), -np.sin(phi), level * np.cos(theta)), True
 
     def _pixels_at(self, theta: Array, up: Array) -> Array:
         """The pixels at azimuths and at parts ``up`` of the image's upper half."""
@@ -90,10 +93,10 @@ class Cylindrical(AngularGrid, CentralCamera):
         if self.profile == "angular":
             return super()._directions(pixels)
         # Not by way of phi, which has lost the wall's height when it is nearly straight up.
-        theta, _ = self._angles(pixels)
-        height = (1 - 2 * pixels[..., 1] / self.height) * self._wall
+        theta, phi = self._angles(pixels)
+        height = phi / self._half[1] * self._wall
         level = 1 / np.hypot(1.0, height)
-        return np.stack([level * np.sin(theta), -(height * level), level * np.cos(theta)], axis=-1), True
+        return vectors(level * np.sin(theta), -(height * level), level * np.cos(theta)), True
 
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
         if self.profile == "angular":
