@@ -147,17 +147,16 @@ def test_colmap_fisheyes_turn_pixels_beyond_90_degrees_to_the_front(model, more)
     np.testing.assert_allclose(ray, (np.sin(1.7), 0, np.cos(1.7)), rtol=0, atol=1e-15)
 
 
-def test_colmap_division_loses_the_sign_beyond_90_degrees():
-    """``cam_from_img`` answers x / z, which a ray behind the camera shares with one ahead; its
-    ``cam_ray_from_img`` and its ``img_from_cam`` are right."""
+def test_colmap_division_unprojects_pixels_beyond_90_degrees_to_the_opposite_ray():
+    """``cam_from_img`` answers x / z, and ``cam_ray_from_img`` takes (x / z, 1) for the ray; ``img_from_cam``
+    is right."""
     camera = cameras.create("division", **SIZE, focal=F, cx=CX, cy=CY, k=-0.6)
     lens = colmap("DIVISION", -0.6)
     pixel, seen = camera.project(AT_100)
     assert seen
     np.testing.assert_allclose(lens.img_from_cam(AT_100), pixel, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(lens.cam_ray_from_img(pixel), AT_100, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(lens.cam_from_img(pixel), AT_100[:2] / AT_100[2], rtol=0, atol=1e-9)
-    assert lens.cam_from_img(pixel)[0] < 0 < AT_100[0]
+    np.testing.assert_allclose(lens.cam_ray_from_img(pixel), -AT_100, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(camera.unproject(pixel).directions, AT_100, rtol=0, atol=1e-14)
 
 
 # -- Project Aria -------------------------------------------------------------------------------
@@ -185,7 +184,7 @@ def test_aria_sees_points_behind_the_camera():
 
 
 def test_the_published_domain_of_the_double_sphere_refuses_rays_that_pixels_have():
-    """xi = 0.5, alpha = 0.6: 147.4, not 153.7 degrees. ``test_double_sphere_domain.py`` has the whole of it."""
+    """xi = 0.5, alpha = 0.6: 147.4, not 153.7 degrees; ``test_double_sphere_domain.py`` has all of it."""
     camera = cameras.create("double-sphere", **SIZE, **FOCALS, xi=0.5, alpha=0.6)
     w1 = 0.4 / 0.6
     w2 = (w1 + 0.5) / np.sqrt(2 * w1 * 0.5 + 0.25 + 1)
