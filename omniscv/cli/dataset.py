@@ -120,6 +120,27 @@ def pack(
     export(folder, one_of("--as", as_, ("webdataset", "hf")), out, given)
 
 
+@app.command(epilog="Example: omniscv dataset video images --camera panorama --out panorama.mp4 --rate 10")
+def video(
+    folder: Dataset,
+    out: Annotated[Path, Option(help="The MP4 file.")],
+    camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
+    rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
+    quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
+) -> None:
+    """Write the colour of a camera's frames as a video; players show panoramas as spheres."""
+    from omniscv.arguments import one_of
+    from omniscv.dataset import open
+    from omniscv.dataset.video import write_video
+
+    every = open(folder)
+    if camera is not None:
+        one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
+    frames = [frame for frame in every if camera in (None, frame.camera_name)]
+    with console.progress_bar("frames") as progress:
+        console.line(write_video(frames, out, rate=rate, quality=quality, progress=progress))
+
+
 def _shard(text: str) -> tuple[int, int]:
     """``0/4`` as (0, 4)."""
     index, _, count = text.partition("/")

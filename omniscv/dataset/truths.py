@@ -45,6 +45,16 @@ class Observation:
     object_poses: Mapping[str, Pose] = field(default_factory=dict)
     time: float | None = None
 
+    def seen(self) -> NDArray[np.uint16]:
+        """Return the labels.
+
+        Raises:
+            ArgumentError: there are none.
+        """
+        if self.labels is None:
+            raise ArgumentError("expected an image with labels, got none; render with object_mask")
+        return self.labels
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -68,7 +78,14 @@ class Truth:
     captures: bool = False
 
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    "poses": "poses",
+    "layout": "layout",
+    "boxes": "boxes",
+    "bfov": "bfov",
+    "boxes3d": "boxes3d",
+    "amodal": "amodal",
+}
 """The truths of this package, and the modules of :mod:`omniscv.dataset.deriving` that register them."""
 
 _TRUTHS: dict[str, Truth] = {}
