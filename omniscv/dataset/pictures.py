@@ -30,10 +30,27 @@ def copy_lit(frame: Frame, folder: Path) -> Path:
     source = frame.files["lit"]
     if source.suffix not in _READABLE:
         raise ArgumentError(f"{frame.key}: expected colours as PNG or JPEG, got {source.name}")
-    folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(target := folder / f"{frame.key}{source.suffix}") as part:
-        shutil.copyfile(source, part)
-    return target
+    return write_color(folder / f"{frame.key}{source.suffix}", frame)
+
+
+def write_color(path: Path, frame: Frame) -> Path:
+    """Write the colours of a frame as the file's suffix has it, and return the path.
+
+    The frame's own file is copied where it is of that kind; of floating point, 0 to 1 becomes 0 to 255.
+
+    Raises:
+        ArgumentError: the frame has no colours.
+    """
+    own = frame.files.get("lit")
+    if own is None or own.suffix != path.suffix:
+        lit = frame.layer("lit")
+        return write_pixels(
+            path, lit if lit.dtype == np.uint8 else np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as part:
+        shutil.copyfile(own, part)
+    return path
 
 
 def write_mask(camera: Camera, path: Path) -> Path | None:
@@ -43,18 +60,6 @@ def write_mask(camera: Camera, path: Path) -> Path | None:
         return None
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_picture(path, np.asarray(valid), _MASK)
-
-
-def color(frame: Frame) -> NDArray[np.uint8]:
-    """Return (H, W, 3) the colours of a frame, RGB of 8 bits; of floating point, 0 to 1 becomes 0 to 255.
-
-    Raises:
-        ArgumentError: the frame has no colours.
-    """
-    lit = frame.layer("lit")
-    if lit.dtype != np.uint8:
-        lit = np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
-    return lit
 
 
 def write_pixels(path: Path, pixels: NDArray[Any]) -> Path:

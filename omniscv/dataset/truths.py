@@ -67,7 +67,8 @@ class Truth:
         file: the suffix of the file that holds the record; several may share ``truth.json``, each under its
             name; in a file of its own a record is the whole file.
         keys: those of a job that it takes among its options: ``tolerance``, ``seam``, ``layout``.
-        captures: whether it uses the renderer, and so must not run beside the next image.
+        captures: whether it uses the renderer, and so must not run beside the next image; or a function of
+            what the source knows of shapes that returns that.
     """
 
     name: str
@@ -75,7 +76,11 @@ class Truth:
     needs: tuple[str, ...] = ()
     file: str = "truth.json"
     keys: tuple[str, ...] = ()
-    captures: bool = False
+    captures: bool | Callable[[SceneGeometry], bool] = False
+
+    def may_capture(self, geometry: SceneGeometry) -> bool:
+        """Return whether it may use the renderer, given what the source knows of shapes."""
+        return self.captures(geometry) if callable(self.captures) else self.captures
 
 
 _MODULES: dict[str, str] = {

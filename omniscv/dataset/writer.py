@@ -202,7 +202,8 @@ class Writer:
         if self._media["xmp"] and "lit" in files and photo_sphere.refuses(shot.camera) is None:
             photo_sphere.tag(files["lit"], shot.camera, shot.pose, self._media["north"])
         for kind, record in records.items():
-            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record)
+            # Not indented: curves are long lists.
+            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)
         entries = {kind: FileEntry.of(path) for kind, path in files.items()}
         said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
         path = write_json(self.out / f"{shot.key}.json", said)

@@ -127,7 +127,7 @@ class _Making:
         self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
         self._renderer, self._geometry = Renderer(source), source.geometry()
         # A truth that captures may hide objects: no image is captured beside it.
-        alone = any(truths.get(name).captures for name in job.recipe.truth)
+        alone = any(truths.get(name).may_capture(self._geometry) for name in job.recipe.truth)
         self._turn = Lock() if alone else nullcontext()
 
     def run(

@@ -146,19 +146,16 @@ def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]
     drawn = np.zeros((camera.height, camera.width), np.uint8)
     if not len(points):
         return drawn
-    reach = sigma * _SMALLEST
-    size = np.array([camera.width, camera.height])
-    column, row = np.minimum(points.astype(int), size - 1).T
+    reach, wrap = sigma * _SMALLEST, closes(camera)
+    column, row = np.minimum(points.astype(int), [camera.width - 1, camera.height - 1]).T
     drawn[row, column] = 1
-    margin = int(np.ceil(reach)) + 1
-    wide = np.pad(drawn, ((0, 0), (margin, margin)), "wrap") if closes(camera) else drawn
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
-    near = cv2.dilate(wide, disc)
-    near = near[:, margin:-margin] if closes(camera) else near
-    rows, columns = np.nonzero((near > 0) & valid)
-    if closes(camera):
+    margin = int(np.ceil(reach)) + 2 if wrap else 0
+    beside = cv2.copyMakeBorder(1 - drawn, 0, 0, margin, margin, cv2.BORDER_WRAP)
+    away = cv2.distanceTransform(beside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    rows, columns = np.nonzero((away[:, margin : margin + camera.width] <= reach + 1) & valid)
+    if wrap:
         points = np.column_stack([points[:, 0] % camera.width, points[:, 1]])
-    tree = cKDTree(points, boxsize=np.array([float(camera.width) if closes(camera) else 0.0, 0.0]))
+    tree = cKDTree(points, boxsize=np.array([float(camera.width) if wrap else 0.0, 0.0]))
     distance, _ = tree.query(np.column_stack([columns, rows]) + 0.5, distance_upper_bound=reach)
     found = np.zeros(drawn.shape, np.uint8)
     found[rows, columns] = np.round(255 * np.exp(-0.5 * (distance / sigma) ** 2)).astype(np.uint8)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +33,48 @@ _SPLIT_M = 0.3  # of one plane, parts that are so far apart may be two walls
 
 
 class Pictured(Protocol):
-    """What a room is fitted to: an image, or a frame of a dataset."""
+    """What a room is fitted to, such as a frame of a dataset.
+
+    Attributes:
+        camera, pose: of the picture.
+        files: what layers it has.
+        instances: object name to what the layer ``labels`` holds.
+    """
 
     @property
     def camera(self) -> Camera: ...
     @property
     def pose(self) -> Pose: ...
+    @property
+    def files(self) -> Mapping[str, Any]: ...
+    @property
+    def instances(self) -> Mapping[str, int]: ...
+
+    def layer(self, name: str) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """An image in memory, and what its labels stand for; see :class:`Pictured`."""
+
+    camera: Camera
+    pose: Pose
+    files: Mapping[str, NDArray[Any]]
+    instances: Mapping[str, int]
+
+    @classmethod
+    def of(cls, image: OmniImage) -> Self:
+        """Return an image with the labels that rendering gave it."""
+        names = [] if image.objects is None else image.objects.names()
+        return cls(image.camera, image.pose, image.layers, {name: i for i, name in enumerate(names, 1)})
+
+    def layer(self, name: str) -> NDArray[Any]:
+        """Return a layer; ArgumentError without it."""
+        if name not in self.files:
+            wanted = "an image with depth, normals and labels to fit a room to"
+            have = ", ".join(self.files)
+            raise ArgumentError(f"layout: expected {wanted}, it has {have}; render with {name}, too")
+        return self.files[name]
 
 
 class _Surfaces(NamedTuple):
@@ -58,7 +95,7 @@ class _Wall(NamedTuple):
         return np.asarray((self.end - self.start) / np.linalg.norm(self.end - self.start))
 
 
-def fit_room(images: Sequence[Pictured], classes: ClassTable | None = None) -> tuple[Room, float]:
+def fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None = None) -> tuple[Room, float]:
     """Return the room that images show together, and the rms distance of its points to it, metres.
 
     Floor and ceiling are at the median height of what is level; walls are lines through what is upright, by
@@ -72,7 +109,8 @@ def fit_room(images: Sequence[Pictured], classes: ClassTable | None = None) -> t
         ArgumentError: no floor, ceiling or wall is seen, the walls do not close, or the residual is larger
             than 2 cm: the room is no such prism.
     """
-    seen = [_surfaces(image, classes) for image in images]
+    pictures = [Picture.of(image) if isinstance(image, OmniImage) else image for image in images]
+    seen = [_surfaces(picture, classes) for picture in pictures]
     surfaces = _Surfaces(*(np.concatenate(parts) for parts in zip(*seen, strict=True))) if seen else None
     if surfaces is None or not len(surfaces.names):
         wanted = "images that show objects named Layout*, or of the classes wall, floor and ceiling"
@@ -90,18 +128,15 @@ def fit_room(images: Sequence[Pictured], classes: ClassTable | None = None) -> t
     return room, residual_m
 
 
-def _surfaces(image: Any, classes: ClassTable | None) -> _Surfaces:
+def _surfaces(image: Pictured, classes: ClassTable | None) -> _Surfaces:
     """What an image shows of the objects that make the room."""
-    depth, labels, normals = (_layer(image, name) for name in ("depth", "labels", "normals"))
-    wanted = {label: name for name, label in _labels(image).items() if is_room(name, classes)}
+    depth, labels, normals = (image.layer(name) for name in ("depth", "labels", "normals"))
+    wanted = {label: name for name, label in image.instances.items() if is_room(name, classes)}
     rays = image.camera.unproject()
     use = rays.valid & np.isin(labels, list(wanted)) & np.isfinite(depth) & (depth > 0)
     use &= np.abs(np.linalg.norm(normals, axis=-1) - 1) < 1e-2
-    if not isinstance(image, OmniImage):
-        edge = image.layer("label_edge") if "label_edge" in image.files else False
-    else:
-        edge = image.layers.get("label_edge", False)
-    use &= ~np.asarray(edge)
+    if "label_edge" in image.files:
+        use &= ~image.layer("label_edge")
     chosen = np.flatnonzero(use)
     chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POINTS))]
     offsets = rays.directions.reshape(-1, 3)[chosen] * depth.reshape(-1)[chosen, None].astype(np.float64)
@@ -109,24 +144,6 @@ def _surfaces(image: Any, classes: ClassTable | None) -> _Surfaces:
     normals_w = normals.reshape(-1, 3)[chosen].astype(np.float64) @ image.pose.R_w_c.T
     names = np.array([wanted[label] for label in labels.reshape(-1)[chosen].tolist()], dtype=np.str_)
     return _Surfaces(points_w, normals_w, names)
-
-
-def _layer(image: Any, name: str) -> NDArray[Any]:
-    if not isinstance(image, OmniImage):
-        return np.asarray(image.layer(name))
-    if name not in image.layers:
-        have = ", ".join(image.layers)
-        wanted = "an image with depth, normals and labels to fit a room to"
-        raise ArgumentError(f"layout: expected {wanted}, it has {have}; render with {name}, too")
-    return np.asarray(image.layers[name])
-
-
-def _labels(image: Any) -> Mapping[str, int]:
-    """Object name to what labels hold."""
-    if not isinstance(image, OmniImage):
-        return dict(image.instances)
-    names = [] if image.objects is None else image.objects.names()
-    return {name: label for label, name in enumerate(names, 1)}
 
 
 def is_room(name: str, classes: ClassTable | None = None) -> bool:

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, shown
 from omniscv.cameras import Camera
+from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
@@ -69,7 +70,7 @@ class RoomLayout:
 
 
 def layout(
-    scene_or_frames: SceneGeometry | Sequence[Pictured], classes: ClassTable | None = None
+    scene_or_frames: SceneGeometry | Sequence[Pictured | OmniImage], classes: ClassTable | None = None
 ) -> RoomLayout:
     """Return the layout of a room, as a scene has it or fitted to images.
 

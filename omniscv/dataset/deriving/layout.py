@@ -1,7 +1,7 @@
 """The truth ``layout``: the room's corners and edges, as STEM.layout.json holds them.
 
-Options: ``source`` (``scene`` where the room is known, else ``fitted`` to the image; the default is what
-there is) and ``tolerance`` (``abs_m``, ``rel``).
+Options: ``source`` (``scene``, or ``fitted`` to the image; if not given, fitted where the scene's room is not
+known) and ``tolerance`` (``abs_m``, ``rel``).
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.truths import Observation, Truth, register
 from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.truth.layout_visibility import Tolerance
-from omniscv.truth.room_fit import is_room
+from omniscv.truth.room_fit import Picture, is_room
 from omniscv.truth.room_layout import RoomLayout, layout, project_layout
 
 _PANORAMA = "equirectangular", 1024, 512
@@ -39,18 +40,26 @@ def derive(observation: Observation, options: Mapping[str, Any]) -> Mapping[str,
 
 
 def _options(options: Mapping[str, Any]) -> dict[str, Any]:
-    readers = {
-        "source": lambda name, value: one_of(name, value, ("scene", "fitted")),
-        "tolerance": lambda name, value: Tolerance(**fields(name, value, {"abs_m": number, "rel": number})),
-    }
-    return dict(fields("layout", options, readers))
+    shared = fields("layout", options.get("layout", {}), {"source": _source, "maps": lambda _, maps: maps})
+    own = {key: value for key, value in options.items() if key != "layout"}
+    return {**shared, **fields("layout", own, {"source": _source, "tolerance": _tolerance})}
+
+
+def _source(name: str, value: object) -> str:
+    return str(one_of(name, value, ("scene", "fitted")))
+
+
+def _tolerance(name: str, value: object) -> Tolerance:
+    return Tolerance(**fields(name, value, {"abs_m": number, "rel": number}))
 
 
 def _room(observation: Observation, source: str | None) -> RoomLayout:
     if source != "fitted" and (source == "scene" or observation.geometry.room is not None):
         return layout(observation.geometry)
+    image = observation.image
     try:
-        return layout([observation.image], observation.classes)
+        shown = Picture(image.camera, image.pose, image.layers, observation.instances)
+        return layout([shown], observation.classes)
     except ArgumentError as hidden:
         empty = _panorama_without_furniture(observation)
         if empty is None:
@@ -72,4 +81,17 @@ def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
         return Renderer(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
 
 
-register(Truth("layout", derive, needs=("depth",), file="layout.json"))
+def _captures(geometry: SceneGeometry) -> bool:
+    return geometry.room is None
+
+
+register(
+    Truth(
+        "layout",
+        derive,
+        needs=("depth",),
+        file="layout.json",
+        keys=("layout", "tolerance"),
+        captures=_captures,
+    )
+)

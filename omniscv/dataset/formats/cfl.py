@@ -21,19 +21,54 @@ from typing import Any
 from omniscv.arguments import Reader, fields, number, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import color, write_pixels
+from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.truth.layout_maps import VISIBILITIES, exact_maps, original_maps
 
 name = "cfl"
+needs = ("layout", "lit")
+keys = ("layout",)
 
-_READERS: dict[str, Reader] = {
-    "image_format": lambda key, value: one_of(key, value, ("jpg", "png")),
-    "visibility": lambda key, value: one_of(key, value, VISIBILITIES),
-    "recipe": lambda key, value: one_of(key, value, ("exact", "original")),
+_MAPS: dict[str, Reader] = {
     "edge_sigma": partial(number, above=0, most=1),
     "corner_sigma": partial(number, above=0, most=1),
+    "visibility": lambda key, value: one_of(key, value, VISIBILITIES),
 }
+_READERS: dict[str, Reader] = {
+    "image_format": lambda key, value: one_of(key, value, ("jpg", "png")),
+    "recipe": lambda key, value: one_of(key, value, ("exact", "original")),
+    "layout": lambda key, value: fields(key, value, {"source": _any, "maps": _maps}).get("maps", {}),
+    **_MAPS,
+}
+
+
+def _any(key: str, value: Any) -> Any:
+    return value
+
+
+def _maps(key: str, value: Any) -> Any:
+    return fields(key, value, _MAPS)
+
+
+def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
+    """Refuse options that the format does not have; see the module."""
+    _chosen(options)
+
+
+def refuses(camera: Camera) -> str | None:
+    """Return None: maps can be drawn in the images of every camera."""
+    return None
+
+
+def _chosen(options: Mapping[str, Any]) -> tuple[str, str, dict[str, Any]]:
+    """Suffix, recipe, and the options of exact maps."""
+    chosen = fields("", options, _READERS)
+    maps = {**chosen.get("layout", {}), **{key: chosen[key] for key in _MAPS if key in chosen}}
+    recipe = chosen.get("recipe", "exact")
+    if recipe == "original" and maps:
+        wanted = "the original recipe, which has its own numbers, without others"
+        raise ArgumentError(f"recipe: expected {wanted}; got {', '.join(maps)}")
+    return chosen.get("image_format", "jpg"), recipe, maps
 
 
 def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
@@ -43,27 +78,15 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         ArgumentError: an unknown option, one of the exact maps for the original recipe, a frame without a
             layout or colours, or one of which the original recipe makes no maps.
     """
-    chosen = fields(name, options, _READERS)
-    suffix, recipe = chosen.pop("image_format", "jpg"), chosen.pop("recipe", "exact")
-    if recipe == "original" and chosen:
-        wanted = "the original recipe, which has its own numbers, without others"
-        raise ArgumentError(f"cfl: expected {wanted}; got {', '.join(chosen)}")
+    suffix, recipe, maps = _chosen(options)
     written = []
     for frame in frames:
-        with within(f"{frame.key}: {name}"):
+        with within(frame.key):
             if recipe == "original":
                 edges, corners = original_maps(frame.layout, frame.camera, frame.pose)
             else:
-                edges, corners = exact_maps(frame.layout, frame.camera, **chosen)
-        for folder, ending, picture in (
-            ("RGB", "", color(frame)),
-            ("EM_gt", "_EM", edges),
-            ("CM_gt", "_CM", corners),
-        ):
-            written.append(write_pixels(out / folder / f"{frame.key}{ending}.{suffix}", picture))
+                edges, corners = exact_maps(frame.layout, frame.camera, **maps)
+        written.append(write_color(out / "RGB" / f"{frame.key}.{suffix}", frame))
+        written.append(write_pixels(out / "EM_gt" / f"{frame.key}_EM.{suffix}", edges))
+        written.append(write_pixels(out / "CM_gt" / f"{frame.key}_CM.{suffix}", corners))
     return written
-
-
-def refuses(camera: Camera) -> str | None:
-    """Return None: maps can be drawn in the images of every camera."""
-    return None

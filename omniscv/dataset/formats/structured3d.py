@@ -23,10 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import fields, within
+from omniscv.arguments import shown, within
+from omniscv.cameras import Camera
 from omniscv.dataset.formats.horizonnet import corner_lines
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import color, write_pixels
+from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -34,6 +35,7 @@ from omniscv.truth.cor_id import refused
 from omniscv.truth.room_layout import room_of
 
 name = "structured3d"
+needs = ("layout",)
 refuses = refused
 
 _SAME_HEADING = 1e-6  # rad
@@ -51,7 +53,7 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         ArgumentError: an option, a frame without a layout, a camera that is not an upright panorama within
             the room, or panoramas that look different ways.
     """
-    fields(name, options, {})
+    check_options(options, {})
     R_s_w = _scene_frame(frames)
     lines = {frame.key: corner_lines(frame) for frame in frames}
     rooms = [room_of(frame.layout) for frame in frames]
@@ -75,6 +77,12 @@ _README = """Structured3D form, written by omniscv.
 The middle of every panorama looks along +y, right is +x, up is +z, as RoomFormer and others read it.
 Panoramas and the frames that they are:
 """
+
+
+def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
+    """Refuse options: the format has none."""
+    for key in options:
+        raise ArgumentError(f"expected no options, got {shown(key)}")
 
 
 def annotation(rooms: Sequence[Room], R_s_w: Array) -> dict[str, Any]:
@@ -144,7 +152,7 @@ def _scene_frame(frames: Sequence[Frame]) -> Array:
         if np.abs(frame.pose.R_w_c - first).max() > _SAME_HEADING:
             wanted = "panoramas that all look the same way, which the form does not keep"
             angles = ", ".join(f"{yaw:.6g}" for yaw in (frames[0].pose.angles()[0], frame.pose.angles()[0]))
-            raise ArgumentError(f"{frame.key}: {name}: expected {wanted}; got yaws {angles} degrees")
+            raise ArgumentError(f"{frame.key}: expected {wanted}; got yaws {angles} degrees")
     return np.stack([first[:, 0], first[:, 2], -first[:, 1]])
 
 
@@ -173,15 +181,15 @@ def _panorama(frame: Frame, folder: Path, room: Room, lines: str, R_s_w: Array) 
     texts = {"camera_xyz.txt": position + "\n", "layout.txt": lines}
     for file, text in texts.items():
         (folder / file).write_text(text, encoding="ascii")
-    with within(f"{frame.key}: {name}"):
+    with within(frame.key):
         pictures: dict[str, NDArray[Any]] = {}
-        if "lit" in frame.files:
-            pictures["rgb_rawlight"] = color(frame)
         if "labels" in frame.files:
             pictures["semantic"], pictures["instance"] = _semantic(frame, room), _instances(frame, room)
         if "depth" in frame.files:
             pictures["depth"] = _millimetres(frame.layer("depth"))
-    saved = [write_pixels(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
+        saved = [write_pixels(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
+        if "lit" in frame.files:
+            saved.append(write_color(full / "rgb_rawlight.png", frame))
     return [*(folder / file for file in texts), *saved]
 
 
