@@ -16,7 +16,7 @@ Dataset = Annotated[Path, Argument(metavar="DIR", help="A dataset.")]
 Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
 
 
-@app.command(epilog="Example: omniscv dataset make job.yaml --resume")
+@app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
 def make(
     job: Annotated[Path, Argument(metavar="JOB.yaml", help="A job; its dataset is made below its 'out'.")],
     resume: Annotated[bool, Option("--resume", help="Go on with a dataset that is there.")] = False,
@@ -45,7 +45,7 @@ def make(
     console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; {state}")
 
 
-@app.command(epilog="Example: omniscv dataset export images --to webdataset --option max_count=100")
+@app.command(epilog="Example: omniscv dataset export dataset --to webdataset --option max_count=100")
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
@@ -59,7 +59,7 @@ def export(
         console.line(path)
 
 
-@app.command(epilog="Example: omniscv dataset check images --deep")
+@app.command(epilog="Example: omniscv dataset check dataset --deep")
 def check(
     folder: Dataset,
     format: Annotated[str | None, Option(help="Check an export to a format too.")] = None,
@@ -76,7 +76,7 @@ def check(
     raise Exit(1 if faults else 0)
 
 
-@app.command(epilog="Example: omniscv dataset info images")
+@app.command(epilog="Example: omniscv dataset info dataset")
 def info(folder: Dataset, as_json: options.AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
     from omniscv.dataset.summary import info
@@ -107,7 +107,7 @@ def classes(
     rules.table(found)
 
 
-@app.command(epilog="Example: omniscv dataset pack images --as webdataset")
+@app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
