@@ -105,6 +105,13 @@ def test_objects_move_by_their_recorded_poses(tmp_path):
     assert not scene[~mine & ~others].any()
 
 
+def test_frames_of_two_scenes_have_no_flow_between_them(tmp_path):
+    one, two, three = frames(tmp_path)
+    elsewhere = replace(three, scene="another")
+    get("flow").write([one, two, elsewhere], tmp_path, {})
+    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-0": "cam-1"}
+
+
 def test_unsure_pixels_have_no_flow(tmp_path):
     depth = np.full((32, 64), 2, np.float32)
     unsure = np.zeros((32, 64), bool)

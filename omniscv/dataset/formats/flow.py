@@ -1,6 +1,7 @@
 """Optical flow between consecutive frames of each camera: ``flow/STEM.flo`` and ``flow/STEM.exr``.
 
-Frames are in the order of their times, or of their keys where a frame has no time.
+Frames are in the order of their times, or of their keys where a frame has no time. Between frames of
+different scenes there is no flow, unless both have poses of objects, which then are what differs.
 
 ``.flo`` (Middlebury)
     float32, px; 1e10 where the flow is not known.
@@ -104,6 +105,8 @@ def _flows(frames: Sequence[Frame], given: Mapping[str, Any]) -> Iterator[tuple[
         return
     rays = unproject(frames[0].camera, frames[0].camera.pixels())
     for before, after in zip(frames, frames[gap:], strict=False):
+        if before.scene != after.scene and not (_object_poses(before) and _object_poses(after)):
+            continue
         yield before.key, after.key, between(before, after, rays, given)
         if given["backward"]:
             yield f"{after.key}.backward", before.key, between(after, before, rays, given)
