@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import whole_file, write_picture
 from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
@@ -51,6 +51,14 @@ def write_color(path: Path, frame: Frame) -> Path:
     with whole_file(path) as part:
         shutil.copyfile(own, part)
     return path
+
+
+def without_limit(camera: Camera) -> Camera:
+    """Return a calibrated lens without its limit ``fov_deg``, which its mask holds; others as they are."""
+    given = camera.to_dict()
+    if "fx" not in given or "fov_deg" not in given:
+        return camera
+    return from_dict({key: value for key, value in given.items() if key != "fov_deg"})
 
 
 def write_mask(camera: Camera, path: Path) -> Path | None:

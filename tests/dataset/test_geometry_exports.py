@@ -45,7 +45,7 @@ def test_times_and_poses_of_the_job_arrive(exports):
 def test_cameras_of_a_job_are_a_rig(exports):
     read = pycolmap.Reconstruction(exports / "colmap/sparse/0")
     assert (len(read.rigs), len(read.frames), len(read.images), len(read.cameras)) == (1, 3, 6, 2)
-    assert {camera.model.name for camera in read.cameras.values()} == {"EQUIRECTANGULAR", "SIMPLE_FISHEYE"}
+    assert {camera.model.name for camera in read.cameras.values()} == {"EQUIRECTANGULAR", "OPENCV_FISHEYE"}
     assert len(read.points3D) > 100
 
 
