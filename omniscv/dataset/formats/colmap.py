@@ -57,8 +57,8 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     """Write the model and its images.
 
     Raises:
-        ArgumentError: a camera that COLMAP cannot carry, a frame without colours as PNG or JPEG, or without
-            depth where points are wanted, or a wrong option.
+        ArgumentError: a camera that COLMAP cannot carry, a frame without colours, or without depth where
+            points are wanted, or a wrong option.
     """
     given = fields("", options, _OPTIONS)
     views = _views(frames, out / "images", given.get("equirectangular") == "cubemap")

@@ -65,8 +65,7 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     """Write the transforms, images, depth and masks.
 
     Raises:
-        ArgumentError: a camera that nerfstudio cannot carry, a frame without colours as PNG or JPEG, or an
-            option.
+        ArgumentError: a camera that nerfstudio cannot carry, a frame without colours, or an option.
     """
     fields("", options, {})
     cameras = by_camera(frames)
