@@ -27,10 +27,12 @@ import numpy as np
 
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
+from omniscv.files import read_bytes
 from omniscv.geometry import R_LEVEL, Array, Pose
 from omniscv.geometry.motion import between
 
 _NS = 10**9
+_MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _KITTI_ROUNDING = 1e-4
 """Of R R^T: KITTI's own files have seven digits."""
@@ -179,12 +181,12 @@ def plain(value: float) -> str:
 def _rows(path: Path) -> Iterator[tuple[int, list[str], bool]]:
     """Line number, words and whether commas separate them, of lines that are not only comments."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as cause:
-        raise ArgumentError(f"{path}: expected a trajectory file, got {cause}") from cause
-    for line, text in enumerate(lines, start=1):
-        if content := text.partition("#")[0].strip():
-            yield line, content.replace(",", " ").split(), "," in content
+        content = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+    except ValueError as cause:
+        raise ArgumentError(f"{path}: {cause}") from cause
+    for line, text in enumerate(content.splitlines(), start=1):
+        if numbers := text.partition("#")[0].strip():
+            yield line, numbers.replace(",", " ").split(), "," in numbers
 
 
 def _tum(words: list[str]) -> tuple[float, Pose]:

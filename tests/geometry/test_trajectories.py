@@ -173,6 +173,9 @@ def test_a_wrong_line_is_named(text, says, tmp_path):
         read_trajectory(path)
 
 
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(ArgumentError, match="expected a trajectory file"):
+def test_a_file_that_cannot_be_read(tmp_path):
+    with pytest.raises(ArgumentError, match=r"none.txt: expected a readable file"):
         read_trajectory(tmp_path / "none.txt")
+    (tmp_path / "binary.txt").write_bytes(bytes(range(128, 256)))
+    with pytest.raises(ArgumentError, match=r"binary.txt: 'utf-8' codec"):
+        read_trajectory(tmp_path / "binary.txt")

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import truth
-from omniscv.arguments import Reader, fields, flag, number, one_of, whole_number, within
+from omniscv.arguments import Reader, fields, flag, number, numbers, one_of, whole_number, within
 from omniscv.cameras import Camera, Rays
 from omniscv.compose.files import whole_file, write_json, write_picture
 from omniscv.dataset.frames import Frame
@@ -58,6 +58,10 @@ _DEFAULTS = {
 }  # fmt: skip
 _TOLERANCE = {"abs_m": 0.02, "rel": 0.01}
 
+_POSE: dict[str, Reader] = {
+    "position": partial(numbers, shape=(3,)),
+    "rotation": partial(numbers, shape=(3, 3)),
+}
 _FLOW = Modality("flow", ("float32",), 3, "nearest", "exr", ("flow.X", "flow.Y", "mask"), {"unit": "px"})
 _SCENE = Modality(
     "sceneflow", ("float32",), 3, "nearest", "exr", ("sceneflow.X", "sceneflow.Y", "sceneflow.Z"),
@@ -140,8 +144,10 @@ def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
 
 
 def _object_poses(frame: Frame) -> dict[str, Pose]:
-    with within(f"{frame.key}: poses"):
-        return {each: Pose.from_dict(pose) for each, pose in frame.truth.get("poses", {}).items()}
+    given = frame.truth.get("poses", {})
+    with within(frame.key):
+        readers = dict.fromkeys(given, partial(fields, readers=_POSE, needed=_POSE))
+        return {each: Pose(**pose) for each, pose in fields("poses", given, readers).items()}
 
 
 def _write_one(folder: Path, stem: str, found: truth.Flow, given: Mapping[str, Any]) -> Iterator[Path]:
