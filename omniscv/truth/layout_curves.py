@@ -17,7 +17,8 @@ RESOLVED_M = 5e-7
 """The ray of a sample's pixel passes the sample at most so far away."""
 
 _AIM_PX = 0.45  # a little less, so that most curves need one round
-_COARSE = np.radians(1.0)  # what of a curve shows for less than this, between two samples, may be missed
+_COARSE_PX = 8  # what of a curve shows for less than this at the image's middle may be missed
+_COARSEST, _LEAST_COARSE = np.radians([1.0, 0.01])
 _FINEST = 1e-9  # rad: where a curve breaks off is found to this
 _MOST_PARTS = 16
 _DECIMALS = 8  # of pixels in px, as files have them
@@ -55,7 +56,7 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
         starts_c, ends_c: (E, 3) metres, camera frame.
     """
     edges = _Edges(starts_c, ends_c)
-    edge, angle = edges.coarse()
+    edge, angle = edges.coarse(_coarse_step(camera))
     pixels, valid = camera.project(edges.points(edge, angle))
     while True:
         parts = _parts(edge, angle, pixels, valid)
@@ -112,11 +113,11 @@ class _Edges:
         away = np.linalg.norm(starts_c + self._nearest[:, None] * self._direction, axis=-1)
         self._away = np.maximum(away, _LEAST_DISTANCE * self._length)
 
-    def coarse(self) -> tuple[NDArray[np.intp], Array]:
-        """Edge and angle of the first samples: both ends, and steps of ``_COARSE``."""
+    def coarse(self, step: float) -> tuple[NDArray[np.intp], Array]:
+        """Edge and angle of the first samples: both ends, and steps of so many radians or less."""
         first = np.arctan2(-self._nearest, self._away)
         last = np.arctan2(self._length - self._nearest, self._away)
-        counts = np.ceil((last - first) / _COARSE).astype(int) + 1
+        counts = np.ceil((last - first) / step).astype(int) + 1
         angles = [np.linspace(*ends) for ends in zip(first, last, counts, strict=True)]
         return np.repeat(np.arange(len(counts)), counts), np.concatenate(angles)
 
@@ -124,6 +125,16 @@ class _Edges:
         """(S, 3) metres, camera frame."""
         along = np.clip(self._nearest[edge] + self._away[edge] * np.tan(angle), 0, self._length[edge])
         return np.asarray(self._start[edge] + along[:, None] * self._direction[edge])
+
+
+def _coarse_step(camera: Camera) -> float:
+    """Radians between first samples: what some pixels take at the image's middle, so that a long lens misses
+    no edge."""
+    middle = np.array([camera.width, camera.height]) / 2
+    aside = min(_COARSE_PX, camera.width / 4)
+    a, b = camera.unproject([middle, middle + np.array([aside, 0.0])]).directions
+    turn = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    return float(np.clip(turn, _LEAST_COARSE, _COARSEST)) if np.isfinite(turn) else float(_COARSEST)
 
 
 def _gaps(pixels: Array) -> Array:

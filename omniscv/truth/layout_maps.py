@@ -12,7 +12,7 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
-from omniscv.truth.room_layout import room_of
+from omniscv.truth.layout_record import room_of
 from omniscv.truth.room_surfaces import first_hits
 
 Map = NDArray[np.uint8]
@@ -39,7 +39,7 @@ def exact_maps(
     image closes there; 0 outside the field of view.
 
     Args:
-        record: of the layout in the image; see :mod:`omniscv.truth.room_layout`.
+        record: of the layout in the image; see :mod:`omniscv.truth.layout_record`.
         camera: of the image.
         edge_sigma, corner_sigma: of the pixels that a full turn takes at the image's middle.
         visibility: ``room``: what no wall hides; ``full``: what nothing hides; ``all``.

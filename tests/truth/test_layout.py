@@ -80,6 +80,21 @@ def test_curves_hold_all_that_the_camera_sees_of_the_edges(name):
         assert away.max() <= SPACING_PX
 
 
+def test_a_long_lens_misses_no_edge():
+    """Half a degree of the room: between samples a degree apart, its whole view would be missed."""
+    camera = cameras.create("pinhole", 200, 150, fov_deg=0.5)
+    target = np.array([4, -1.234, 0.0])
+    away = target - [0.2, -0.3, 1.5]
+    yaw_deg, pitch_deg = np.degrees([np.arctan2(away[1], away[0]), np.arctan2(away[2], np.hypot(*away[:2]))])
+    pose = Pose.from_angles((0.2, -0.3, 1.5), yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+    record = project_layout(room_of_plan(L_SHAPE), camera, pose)
+    ((edge, pixels, piece),) = pieces_of(record)
+    assert (edge["id"], piece["visible_room"]) == (1, True)
+    assert np.linalg.norm(pixels - [100, 75], axis=1).min() <= SPACING_PX
+    assert pixels[:, 0].min() < 0.01
+    assert pixels[:, 0].max() > 199.99
+
+
 MODELS = (
     ("equirectangular", 1024),
     ("fisheye-equidistant", 700),

@@ -53,7 +53,7 @@ def test_scores_of_maps_against_themselves_are_those_of_the_reference():
 def test_maps_turn_with_the_panorama():
     """A yaw of k columns to the left moves the image to the right, over the seam."""
     maps = exact_maps(record_of(L_SHAPE)[0], PANORAMA)
-    for k in (1, 300, 777):
+    for k in (1, 777):
         turned = exact_maps(record_of(L_SHAPE, yaw_deg=360 * k / 1024)[0], PANORAMA)
         for before, after in zip(maps, turned, strict=True):
             assert np.abs(np.roll(before, k, axis=1).astype(int) - after).max() <= 1
