@@ -16,9 +16,9 @@ SPACING_PX = 0.5
 RESOLVED_M = 5e-7
 """The ray of a sample's pixel passes the sample at most so far away."""
 
-_AIM_PX = 0.45  # a little less, so that most curves need one round
-_COARSE_PX = 8  # what of a curve shows for less than this at the image's middle may be missed
-_COARSEST, _LEAST_COARSE = np.radians([1.0, 0.01])
+_AIM_PX = 0.42  # less, so that most curves need one round
+_COARSE_PX = 8  # what shows of a curve for less than this at the image's middle may be missed
+_COARSE = np.radians([0.01, 1.0])  # but no less, and no more
 _FINEST = 1e-9  # rad: where a curve breaks off is found to this
 _MOST_PARTS = 16
 _DECIMALS = 8  # of pixels in px, as files have them
@@ -56,7 +56,7 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
         starts_c, ends_c: (E, 3) metres, camera frame.
     """
     edges = _Edges(starts_c, ends_c)
-    edge, angle = edges.coarse(_coarse_step(camera))
+    edge, angle = edges.coarse(float(np.clip(_COARSE_PX * radians_per_pixel(camera), *_COARSE)))
     pixels, valid = camera.project(edges.points(edge, angle))
     while True:
         parts = _parts(edge, angle, pixels, valid)
@@ -127,14 +127,18 @@ class _Edges:
         return np.asarray(self._start[edge] + along[:, None] * self._direction[edge])
 
 
-def _coarse_step(camera: Camera) -> float:
-    """Radians between first samples: what some pixels take at the image's middle, so that a long lens misses
-    no edge."""
-    middle = np.array([camera.width, camera.height]) / 2
-    aside = min(_COARSE_PX, camera.width / 4)
-    a, b = camera.unproject([middle, middle + np.array([aside, 0.0])]).directions
+def radians_per_pixel(camera: Camera) -> float:
+    """Return what a pixel takes at the image's middle, to the right of it; of a panorama, 2 pi / width.
+
+    Not across the middle itself: the tip of a cone has no ray, and opposite ones on its sides.
+    """
+    center = camera.center if camera.valid(camera.center) else [camera.width / 2, camera.height / 2]
+    steps = np.column_stack([np.arange(camera.width // 2 + 1) + 0.5, np.zeros(camera.width // 2 + 1)])
+    rays = camera.unproject(np.asarray(center) + steps)
+    first = int(np.argmax(rays.valid[1:] & rays.valid[:-1]))
+    a, b = rays.directions[first : first + 2]
     turn = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-    return float(np.clip(turn, _LEAST_COARSE, _COARSEST)) if np.isfinite(turn) else float(_COARSEST)
+    return turn if np.isfinite(turn) else 2 * np.pi / camera.width
 
 
 def _gaps(pixels: Array) -> Array:
@@ -146,7 +150,7 @@ def _parts(edge: NDArray[np.intp], angle: Array, pixels: Array, valid: NDArray[n
     """(S - 1,) into how many parts to cut the intervals between neighbours; 1 for those to keep."""
     gaps, both = _gaps(pixels), valid[1:] & valid[:-1]
     parts = np.where(both, np.clip(np.ceil(gaps / _AIM_PX), 2, _MOST_PARTS), _MOST_PARTS)
-    fine = np.where(both, gaps <= SPACING_PX, valid[1:] == valid[:-1])
+    fine = np.where(both, gaps <= SPACING_PX - _THINNEST_PX, valid[1:] == valid[:-1])
     fine |= (edge[1:] != edge[:-1]) | (np.diff(angle) <= _FINEST)
     parts[fine] = 1
     return parts.astype(np.intp)

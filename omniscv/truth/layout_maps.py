@@ -12,6 +12,7 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
+from omniscv.truth.layout_curves import radians_per_pixel
 from omniscv.truth.layout_record import room_of
 from omniscv.truth.room_surfaces import first_hits
 
@@ -54,7 +55,7 @@ def exact_maps(
         corners = [each["pixel"] for each in record["corners"] if each["in_image"] and _shows(each, flag)]
     except KeyError as cause:
         raise ArgumentError(f"layout: expected a record of a layout, without {cause}") from cause
-    turn, valid = _pixels_per_turn(camera), camera.valid()
+    turn, valid = 2 * np.pi / radians_per_pixel(camera), camera.valid()
     edge_map = _blobs(np.array(curves), turn * edge_sigma, camera, valid)
     return edge_map, _blobs(np.array(corners), turn * corner_sigma, camera, valid)
 
@@ -118,24 +119,6 @@ def _shows(part: Mapping[str, Any], flag: str | None) -> bool:
     if flag is not None and part[flag] is None:
         raise ArgumentError("layout: expected a layout with visible corners and edges, made with depth")
     return flag is None or bool(part[flag])
-
-
-def _pixels_per_turn(camera: Camera) -> float:
-    """Pixels that a full turn takes at the image's middle, across; of a panorama, its width."""
-    middle = camera.center if camera.valid(camera.center) else _nearest_valid(camera)
-    half = np.array([0.5, 0.0])
-    rays = camera.unproject([middle - half, middle + half])
-    a, b = rays.directions
-    return float(2 * np.pi / np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def _nearest_valid(camera: Camera) -> Array:
-    """(2,) px, the point nearest to the centre that has rays on both sides, as beside a cone's tip."""
-    pixels = camera.pixels()
-    half = np.array([0.5, 0.0])
-    beside = camera.valid(pixels - half) & camera.valid(pixels + half) & camera.valid()
-    away = np.where(beside, np.linalg.norm(pixels - camera.center, axis=-1), np.inf)
-    return np.asarray(pixels.reshape(-1, 2)[away.argmin()])
 
 
 def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]) -> Map:

@@ -4,6 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.cases import cases
 from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan, room_of_scene, scene_of_plan
 
 import mock_server
@@ -248,3 +251,19 @@ def test_other_wrong_arguments_are_refused_in_one_line():
         room_of(record)
     with pytest.raises(ArgumentError, match="expected a record of a layout"):
         room_of({})
+
+
+@cases(8)
+@given(
+    name=st.sampled_from(cameras.names()),
+    place=st.tuples(st.floats(-2.8, 1.5), st.floats(-2.3, 3.3), st.floats(0.1, 2.7)),
+    angles=st.tuples(st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180)),
+)
+def test_samples_lie_on_their_edges_wherever_the_camera_is(name, place, angles):
+    camera, pose, scene = example(name, 64), Pose.from_angles(place, *angles), scene_of_plan(L_SHAPE)
+    record = project_layout(room_of_plan(L_SHAPE), camera, pose)
+    for edge, pixels, piece in pieces_of(record):
+        origins, points, away = on_edge(record, edge, camera, pose, pixels)
+        assert away.max() <= RAY_M
+        assert (np.linalg.norm(np.diff(pixels, axis=0), axis=1) <= SPACING_PX).all()
+        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()

@@ -104,17 +104,33 @@ def test_lenses_have_blobs_of_the_same_angle_and_nothing_outside_their_circle():
     assert corners[row, column - 10] == pytest.approx(255 * np.exp(-0.5 * (away / sigma) ** 2), abs=1)
 
 
+@pytest.mark.parametrize("name", cameras.names())
+def test_blobs_have_the_width_of_the_pixels_at_the_middle(name):
+    """A share of the pixels of a full turn there, beside a cone's tip too: of rays a pixel apart."""
+    camera = cameras.model(name).example(128)
+    beside = camera.unproject(
+        np.array([[65.0, 64], [66, 64]]) if camera.height == 128 else [[64.5, 32], [65.5, 32]]
+    )
+    turn = 2 * np.pi / np.arccos(np.clip(beside.directions[0] @ beside.directions[1], -1, 1))
+    record = {"edges": [], "corners": [{"pixel": [40.5, camera.height * 0.5 + 0.5], "in_image": True}]}
+    _, drawn = exact_maps(record, camera, corner_sigma=3 / turn, visibility="all")
+    row = camera.height // 2
+    expected = 255 * np.exp(-0.5 * (np.arange(4) / 3) ** 2)
+    assert drawn[row, 40:44] == pytest.approx(expected, rel=0.03)
+
+
 def test_the_original_recipe_finds_the_same_edges_without_a_seam():
-    record, pose = record_of(L_SHAPE)
-    exact, original = exact_maps(record, PANORAMA), original_maps(record, PANORAMA, pose)
+    panorama = cameras.create("equirectangular", 512, 256)
+    record, pose = record_of(L_SHAPE, panorama)
+    exact, original = exact_maps(record, panorama), original_maps(record, panorama, pose)
     for sharp, blurred in zip(exact, original, strict=True):
         assert blurred.max() == 255
         assert blurred[sharp > 230].min() > 60
         assert not blurred[sharp == 0].max() > 40
-    record, pose = record_of(L_SHAPE, yaw_deg=90)
-    turned = original_maps(record, PANORAMA, pose)
+    record, pose = record_of(L_SHAPE, panorama, yaw_deg=90)
+    turned = original_maps(record, panorama, pose)
     for before, after in zip(original, turned, strict=True):
-        assert np.abs(np.roll(before, 256, axis=1).astype(int) - after).max() <= 1
+        assert np.abs(np.roll(before, 128, axis=1).astype(int) - after).max() <= 1
     camera = cameras.model("fisheye-equidistant").example(64)
     record = project_layout(room_of_plan(PLAIN), camera, pose)
     with pytest.raises(ArgumentError, match="an image that fills its rectangle"):

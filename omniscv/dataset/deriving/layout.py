@@ -70,7 +70,7 @@ def _room(observation: Observation, source: str | None) -> RoomLayout:
 
 def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
     """A panorama from the image's place with only the room in it; None if the source cannot hide objects."""
-    if observation.renderer is None:
+    if observation.renderer is None or not _captures(observation.geometry):
         return None
     source = observation.renderer.source
     furniture = [name for name in source.objects().names() if not is_room(name, observation.classes)]
