@@ -81,8 +81,8 @@ def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
         return Renderer(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
 
 
-def _captures(geometry: SceneGeometry) -> bool:
-    return geometry.room is None
+def _captures(geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
+    return geometry.room is None or _options(options).get("source") == "fitted"
 
 
 register(
@@ -93,5 +93,6 @@ register(
         file="layout.json",
         keys=("layout", "tolerance"),
         captures=_captures,
+        check_options=_options,
     )
 )
