@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omniscv import cameras, dataset, truth
+    from omniscv.cameras.rig import Rig, RigCamera
     from omniscv.compose.image import OmniImage
     from omniscv.compose.renderer import Renderer, render
+    from omniscv.compose.rigs import render_rig
     from omniscv.errors import OmniscvError
     from omniscv.geometry import Pose
     from omniscv.planning import RenderOptions
@@ -24,6 +26,8 @@ _HOMES = {
     "Pose": "omniscv.geometry:Pose",
     "RenderOptions": "omniscv.planning:RenderOptions",
     "Renderer": "omniscv.compose.renderer:Renderer",
+    "Rig": "omniscv.cameras.rig:Rig",
+    "RigCamera": "omniscv.cameras.rig:RigCamera",
     "cameras": "omniscv.cameras",
     "dataset": "omniscv.dataset",
     "modalities": "omniscv.modalities",
@@ -31,6 +35,7 @@ _HOMES = {
     "planning": "omniscv.planning",
     "record": "omniscv.sources.recording:record",
     "render": "omniscv.compose.renderer:render",
+    "render_rig": "omniscv.compose.rigs:render_rig",
     "sources": "omniscv.sources",
     "truth": "omniscv.truth",
 }
@@ -41,12 +46,15 @@ __all__ = [
     "Pose",
     "RenderOptions",
     "Renderer",
+    "Rig",
+    "RigCamera",
     "__version__",
     "cameras",
     "dataset",
     "open_source",
     "record",
     "render",
+    "render_rig",
     "truth",
 ]
 

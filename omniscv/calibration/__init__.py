@@ -12,7 +12,7 @@ from typing import Literal
 
 from omniscv import yaml_text
 from omniscv.arguments import one_of, within
-from omniscv.calibration.colmap import PARAMETER_COUNTS, read_colmap, write_colmap
+from omniscv.calibration.colmap import NAMES, read_colmap, write_colmap
 from omniscv.calibration.kalibr import read_kalibr, write_kalibr
 from omniscv.calibration.ocamcalib import read_ocamcalib, write_ocamcalib
 from omniscv.calibration.opencv import (
@@ -21,19 +21,35 @@ from omniscv.calibration.opencv import (
     to_opencv_fisheye,
     write_opencv_fisheye,
 )
+from omniscv.calibration.rigs import (
+    RigFormat,
+    load_rig,
+    rig_from_colmap,
+    rig_from_kalibr,
+    rig_to_colmap,
+    rig_to_kalibr,
+    save_rig,
+)
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 
 __all__ = [
     "FormatName",
+    "RigFormat",
     "formats",
     "from_opencv_fisheye",
     "load",
+    "load_rig",
     "read_colmap",
     "read_kalibr",
     "read_ocamcalib",
     "read_opencv_fisheye",
+    "rig_from_colmap",
+    "rig_from_kalibr",
+    "rig_to_colmap",
+    "rig_to_kalibr",
     "save",
+    "save_rig",
     "to_opencv_fisheye",
     "write_colmap",
     "write_kalibr",
@@ -49,7 +65,7 @@ _FORMATS: dict[str, tuple[str, Callable[[str], dict[str, Camera]], Callable[[Map
     # Without fisheye_model, four coefficients may be the plain model's: content does not decide.
     "opencv-fisheye": (r'^[ \t]*"?fisheye_model"?[ \t]*:', read_opencv_fisheye, write_opencv_fisheye),
     "kalibr": (r"^[ \t]*camera_model[ \t]*:", read_kalibr, write_kalibr),
-    "colmap": (rf"^[ \t]*\d+[ \t]+({'|'.join(PARAMETER_COUNTS)})[ \t]", read_colmap, write_colmap),
+    "colmap": (rf"^[ \t]*\d+[ \t]+({'|'.join(NAMES)})[ \t]", read_colmap, write_colmap),
     "ocamcalib": (r"^#[ \t]*polynomial coefficients", read_ocamcalib, write_ocamcalib),
 }
 

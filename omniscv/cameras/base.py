@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import numbers, shown, whole_number
+from omniscv.cameras.arrays import blanked, replaced
 from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
@@ -50,6 +51,8 @@ _FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
 _NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
 _ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
 _LARGEST_PX = 10**6  # of larger images, rounding at the border would be more than 1e-6 px
+
+_SAME_RAY = 1e-9  # of Plücker coordinates, metres in them
 
 LARGEST_IMAGE = 1 << 27
 """Pixels: 16384 x 8192. The rays of such an image take 7 GB."""
@@ -138,9 +141,11 @@ class Camera(ABC):
         u, v = uv[..., 0], uv[..., 1]
         with np.errstate(all="ignore"):
             inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
-            origins, directions, valid = self._unproject(_where(inside, uv, self.center))
+            origins, directions, valid = self._unproject(replaced(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
-        return Rays(_where(valid, origins, np.nan), _where(valid, directions, np.nan), valid)
+        if origins.shape != directions.shape:  # those of a grid's columns or rows
+            origins = np.array(np.broadcast_to(origins, directions.shape))
+        return Rays(blanked(origins, valid), blanked(directions, valid), valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, Mask]:
         """Return the pixels that see points.
@@ -157,12 +162,12 @@ class Camera(ABC):
             x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
             largest = np.maximum(np.maximum(x, y), z)
             placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= _FARTHEST))
-            pixels, valid = self._project(_where(placed, xyz, 1.0))
+            pixels, valid = self._project(replaced(placed, xyz, 1.0))
             pixels, inside = self._within_image(pixels)
             valid = np.asarray(valid & placed & inside)
             if self._unresolved_px:
                 valid = self._seen_by_their_pixels(xyz, pixels, valid)
-        return _where(valid, pixels, np.nan), valid
+        return replaced(valid, pixels, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
         """(...) bool: which pixels have a ray; (H, W) for the whole image if not given."""
@@ -175,9 +180,20 @@ class Camera(ABC):
         index = np.where(self.valid(), 0, -1).astype(np.int32)
         return Viewpoints(np.zeros((1, 3)), index)
 
+    @cached_property
+    def wraps(self) -> bool:
+        """Whether the sides of the image meet: pixels at u = 0 and u = width have the same rays."""
+        v = np.arange(self.height) + 0.5
+        left, right = (
+            self.unproject(np.stack([np.full_like(v, u), v], axis=-1)) for u in (0.0, float(self.width))
+        )
+        if not (left.valid.all() and right.valid.all()):
+            return False
+        return bool(np.abs(left.lines() - right.lines()).max() <= _SAME_RAY)
+
     @abstractmethod
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
-        """Origins, unit directions, valid of pixels (..., 2) inside the rectangle; warnings are off."""
+        """Origins, unit directions (new arrays), valid of pixels (..., 2) in the image; warnings are off."""
 
     @abstractmethod
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
@@ -187,8 +203,10 @@ class Camera(ABC):
 
     def pixels(self) -> Array:
         """(H, W, 2) the centre (u, v) of every pixel."""
-        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        return np.stack([u, v], axis=-1)
+        pixels = np.empty((self.height, self.width, 2))
+        pixels[..., 0] = np.arange(self.width) + 0.5
+        pixels[..., 1] = np.arange(self.height)[:, None] + 0.5
+        return pixels
 
     def parameters(self) -> dict[str, Any]:
         """The model's own constructor arguments, beyond width, height and center, JSON-ready."""
@@ -298,11 +316,11 @@ class CentralCamera(Camera):
 
     @abstractmethod
     def _directions(self, pixels: Array) -> tuple[Array, Mask | bool]:
-        """Unit directions, valid of pixels (..., 2) inside the rectangle; warnings are off."""
+        """Unit directions (a new array), valid of pixels (..., 2) in the rectangle; warnings are off."""
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         directions, valid = self._directions(pixels)
-        return np.zeros_like(directions), directions, valid
+        return np.zeros(directions.shape), directions, valid  # (np.zeros_like would write all of them)
 
 
 def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
@@ -312,11 +330,6 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
             f"{key}: expected numbers of shape (..., {size}), got {array.dtype} of shape {array.shape}"
         )
     return array.astype(np.float64, copy=False)
-
-
-def _where(keep: Mask, vectors: Array, instead: ArrayLike) -> Array:
-    """``vectors`` (..., n), and ``instead`` where ``keep`` (...) is False; no copy where all are kept."""
-    return vectors if keep.all() else np.where(keep[..., None], vectors, instead)
 
 
 # -- geometry that models share -----------------------------------------------------------------
@@ -343,8 +356,3 @@ def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Arra
     at_center = r < _NEAREST
     safe = np.where(at_center, 1.0, r)
     return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)
-
-
-def turned_about_axis(across: Array, along: Array, cos_a: Array, sin_a: Array) -> Array:
-    """(..., 3) the vector with these parts across and along the axis z, at an azimuth."""
-    return np.stack([across * cos_a, across * sin_a, along], axis=-1)

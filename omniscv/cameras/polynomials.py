@@ -1,25 +1,43 @@
 """Lenses by a polynomial, on the branch where it increases, and the polynomial's inverse there."""
 
 from collections.abc import Callable
-from functools import cached_property, partial
-from typing import Any, Self
+from functools import cached_property
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import number, numbers, optional_number
-from omniscv.cameras.base import Array, CentralCamera, Mask, polar, turned_about_axis
-from omniscv.cameras.radial import ROUNDING
+from omniscv.arguments import number, numbers, one_of, optional_number, shown
+from omniscv.cameras.base import Array
+from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.increasing import Increasing, first_positive_root
+from omniscv.cameras.lens import FocalLens, Lens
+from omniscv.cameras.radial import BEFORE_TURN, Meridian
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
+
+Reference = Literal["angle-to-pixel", "pixel-to-angle"]
 
 _MOST_COEFFICIENTS = 64  # finding the roots takes the cube of them
 _BLOCK = 1 << 14  # values solved together: their arrays stay in the processor's cache
 
 
+class AffineLens(Lens):
+    """A lens by ``u = u_0 + c x + d y``, ``v = v_0 + e x + y``, (x, y) in the plane, here in px."""
+
+    def _set_affine(self, name: str, affine: Array) -> float:
+        """Set the matrix [[c, d], [e, 1]]; return the radius of the farthest corner in the plane."""
+        c, d, e = affine.tolist()
+        self._A = np.array([[c, d], [e, 1.0]])
+        farthest = self._farthest_corner()
+        if not np.isfinite(farthest):
+            raise ArgumentError(f"{name}: expected c - d e further from 0, got (c, d, e) = {affine.tolist()}")
+        return farthest
+
+
 @register
-class Scaramuzza(CentralCamera):
+class Scaramuzza(AffineLens):
     """A camera of revolution by a polynomial: the ray of (u'', v'') is ``(u'', v'', -f(rho))``,
     ``f(rho) = a0 + a1 rho + ... + aN rho^N``, ``rho = |(u'', v'')|`` px.
 
@@ -44,30 +62,15 @@ class Scaramuzza(CentralCamera):
         center: ArrayLike | None = None,
     ) -> None:
         super().__init__(width, height, center)
-        self.coefficients = numbers("coefficients", coefficients, (None,))
-        if len(self.coefficients) > _MOST_COEFFICIENTS:
-            got = f"{len(self.coefficients)}"
-            raise ArgumentError(f"coefficients: expected at most {_MOST_COEFFICIENTS} numbers, got {got}")
+        self.coefficients = _checked("coefficients", coefficients)
         number("coefficients[0]", self.coefficients[0], below=0)
         self.affine = numbers("affine", affine, (3,))
-        c, d, e = self.affine
-        self._A = np.array([[c, d], [e, 1.0]])
-        self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
+        corner = self._set_affine("affine", self.affine)
         self._slope = polyder(self.coefficients) if len(self.coefficients) > 1 else np.zeros(1)
-        turning = _first_positive_root((np.arange(len(self.coefficients)) - 1) * self.coefficients)
-        corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64)
-        if c != d * e:
-            farthest = np.hypot(*np.linalg.solve(self._A, (corners - self.center).T)).max()
-        if c == d * e or not np.isfinite(farthest):
-            raise ArgumentError(
-                f"affine: expected c - d e further from 0, got (c, d, e) = {self.affine.tolist()}"
-            )
-        self._rho_end = float(min(turning, farthest))
-        if self.fov_deg is not None:
-            half = np.radians(self.fov_deg) / 2
-            if self._theta(np.array(self._rho_end)) > half:
-                self._rho_end = float(self._rho_of(np.array([half]))[0])
-        self._theta_end = float(self._theta(np.array(self._rho_end)))
+        turning = first_positive_root((np.arange(len(self.coefficients)) - 1) * self.coefficients)
+        self._r_end = float(min(turning, 2 * corner))
+        self._theta_end = float(self._theta(np.array(self._r_end)))
+        self._see_through(fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -77,44 +80,54 @@ class Scaramuzza(CentralCamera):
     @cached_property
     def _unresolved_px(self) -> float:
         # Where f changes sign the ray turns by f' / rho; rho is not less than |a0| over the greatest f'.
-        greatest = polyval(self._rho_end, np.abs(self._slope))
+        greatest = polyval(self._r_end, np.abs(self._slope))
         return np.inf if greatest * greatest > -1e3 * self.coefficients[0] else super()._unresolved_px
 
     def _theta(self, rho: Array) -> Array:
         return np.asarray(np.arctan2(rho, -polyval(rho, self.coefficients)))
 
-    def _rho_of(self, theta: Array) -> Array:
-        """The radius on the branch whose ray is theta off +z."""
+    def _meridian(self, r: Array) -> Meridian:
+        along = -polyval(r, self.coefficients)
+        length = np.hypot(r, along)
+        return Meridian(r / length, along / length)
 
+    def _radius(self, across: Array, along: Array) -> Array:
         def slope(rho: Array) -> Array:
             f = polyval(rho, self.coefficients)
             return np.asarray((rho * polyval(rho, self._slope) - f) / (rho * rho + f * f))
 
-        return _invert(self._theta, slope, self._rho_end, theta)
+        theta = np.minimum(np.arctan2(across, along), self._theta_end)
+        return _invert(self._theta, slope, self._r_end, theta)
 
-    def _directions(self, pixels: Array) -> tuple[Array, Mask]:
-        uv = (pixels - self.center) @ np.linalg.inv(self._A).T
-        rho = np.hypot(uv[..., 0], uv[..., 1])
-        along = -polyval(rho, self.coefficients)
-        length = np.hypot(rho, along)
-        directions = np.concatenate([uv, along[..., None]], axis=-1) / length[..., None]
-        return directions, (rho <= self._rho_end * (1 + ROUNDING)) & np.isfinite(along)
 
-    def _project(self, points: Array) -> tuple[Array, Mask]:
-        across, cos_a, sin_a = polar(points[..., :2])
-        theta = np.arctan2(across, points[..., 2])
-        seen = theta <= self._theta_end * (1 + ROUNDING)
-        rho = self._rho_of(np.minimum(theta, self._theta_end))
-        return self.center + np.stack([rho * cos_a, rho * sin_a], axis=-1) @ self._A.T, seen
+class AngleLens(FocalLens):
+    """A lens whose radius is a polynomial of the angle, on the branch where it increases, at most to pi."""
+
+    _r_of_theta: Increasing
+
+    def _end_where_it_turns(self, *odd: float) -> None:
+        """Set the polynomial ``theta + odd[0] theta^3 + odd[1] theta^5 + ...``."""
+        coefficients = np.zeros(2 * len(odd) + 2)
+        coefficients[1::2] = (1.0, *odd)
+        self._r_of_theta = Increasing(coefficients, np.pi)
+        self._theta_end, self._r_end = self._r_of_theta.end, self._r_of_theta.last
+
+    def _meridian(self, r: Array) -> Meridian:
+        theta = self._r_of_theta.inverse(r)
+        return Meridian(np.sin(theta), np.cos(theta))
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        return self._r_of_theta(np.minimum(np.arctan2(across, along), self._theta_end))
 
 
 @register
-class KannalaBrandt(CentralCamera):
+class KannalaBrandt(AngleLens):
     """A lens by an odd polynomial: ``d(theta) = theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9``.
 
-    ``u = cx + fx d(theta) cos a``, ``v = cy + fy d(theta) sin a``, theta from +z, a the azimuth.
-    Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5, so
-    OpenCV's cx + 0.5); ``k`` = (k1, k2, k3, k4); ``fov_deg`` <= 360, an optional limit.
+    ``u = cx + fx (x' + skew y')``, ``v = cy + fy y'``, (x', y') = d(theta) (cos a, sin a), theta from +z, a
+    the azimuth. Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5,
+    so OpenCV's cx + 0.5); ``k`` = (k1, k2, k3, k4); ``skew``, OpenCV's alpha, K[0, 1] over fx; ``fov_deg``
+    <= 360, an optional limit.
     Domain: the branch on which d increases from theta = 0, at most to pi; pixels beyond its last value,
     and angles beyond its end, are invalid.
     Source: OmniSCV, Kannala-Brandt; Kannala and Brandt 2006.
@@ -132,71 +145,136 @@ class KannalaBrandt(CentralCamera):
         cy: float | None = None,
         k: ArrayLike = (0.0, 0.0, 0.0, 0.0),
         fov_deg: float | None = None,
+        skew: float = 0.0,
     ) -> None:
         super().__init__(width, height)
-        self.fx, self.fy = number("fx", fx, above=0), number("fy", fy, above=0)
-        self.cx = number("cx", self.width / 2 if cx is None else cx)
-        self.cy = number("cy", self.height / 2 if cy is None else cy)
-        self.center = np.array([self.cx, self.cy])
         self.k = numbers("k", k, (4,))
-        self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
-        self._d = np.zeros(10)
-        self._d[1], self._d[3::2] = 1.0, self.k
-        self._slope = polyder(self._d)
-        # d' is even: its first root is the square root of one in theta^2.
-        turning = np.sqrt(_first_positive_root(self._slope[::2]))
-        limit = np.pi if self.fov_deg is None else np.radians(self.fov_deg) / 2
-        self._theta_end = float(min(np.pi, turning, limit))
-        self._d_end = float(polyval(self._theta_end, self._d))
+        self._end_where_it_turns(*self.k.tolist())
+        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
         focal = width * 122 / 384
         return cls(width, width, fx=focal, fy=focal, k=(0.02, -0.008, 0.002, -0.0004), fov_deg=185)
 
-    def _directions(self, pixels: Array) -> tuple[Array, Mask]:
-        focal = np.array([self.fx, self.fy])
-        d, cos_a, sin_a = polar((pixels - self.center) / focal)
-        seen = d <= self._d_end
-        d_of, slope_of = partial(polyval, c=self._d), partial(polyval, c=self._slope)
-        theta = _invert(d_of, slope_of, self._theta_end, np.where(seen, d, 0.0))
-        return turned_about_axis(np.sin(theta), np.cos(theta), cos_a, sin_a), seen
 
-    def _project(self, points: Array) -> tuple[Array, Mask]:
-        across, cos_a, sin_a = polar(points[..., :2])
-        theta = np.arctan2(across, points[..., 2])
-        seen = theta <= self._theta_end * (1 + ROUNDING)
-        rounding = self._pixel_rounding / min(self.fx, self.fy)
-        d = polyval(np.minimum(theta, self._theta_end), self._d)
-        d = np.minimum(d, min(self._d_end * (1 - 0.1 * ROUNDING), self._d_end - rounding))
-        return self.center + np.stack([self.fx * d * cos_a, self.fy * d * sin_a], axis=-1), seen
+@register
+class Fisheye624(AngleLens):
+    """Project Aria's FISHEYE624: ``r(theta) = theta (1 + k0 theta^2 + ... + k5 theta^12)``, (x, y) =
+    r (cos a, sin a), then tangential terms and a thin prism: ``u = cx + fx (x + p0 (2 x^2 + r2) + 2 p1 x y
+    + s0 r2 + s1 r2^2)``, ``v = cy + fy (y + p1 (2 y^2 + r2) + 2 p0 x y + s2 r2 + s3 r2^2)``, r2 = x^2 + y^2.
+
+    Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5, so Aria's
+    cu + 0.5); ``k`` = (k0 .. k5); ``p`` = (p0, p1), OpenCV's (p2, p1); ``s`` = (s0 .. s3); ``skew`` of u as
+    in ``kannala-brandt``; ``fov_deg`` <= 360, an optional limit: what Aria calibrates ends with its circle.
+    Domain: theta up to where r turns back, at most pi, and the disc of (x, y) within which the distortion
+    turns back nowhere.
+    Source: projectaria_tools, FisheyeRadTanThinPrism, which is right up to 90 degrees.
+    """
+
+    name = "fisheye624"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        k: ArrayLike = (0.0,) * 6,
+        p: ArrayLike = (0.0, 0.0),
+        s: ArrayLike = (0.0,) * 4,
+        fov_deg: float | None = None,
+        skew: float = 0.0,
+    ) -> None:
+        super().__init__(width, height)
+        self.k, self.p, self.s = numbers("k", k, (6,)), numbers("p", p, (2,)), numbers("s", s, (4,))
+        if self.p.any() or self.s.any():
+            p0, p1 = self.p
+            self._distortion = Distortion(np.array([0, 0, p1, p0, 0, 0, 0, 0, *self.s]))
+        self._end_where_it_turns(*self.k.tolist())
+        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        focal = 0.34 * width
+        k, p, s = (-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4), (2e-4, -4e-4), (-3e-4, -1e-5, 6e-4, -2e-5)
+        return cls(width, width, fx=focal, fy=focal, k=k, p=p, s=s, fov_deg=165)
 
 
-def _first_positive_root(coefficients: ArrayLike) -> float:
-    """The least x > 0 from which on ``c_0 + c_1 x + ...``, positive at 0, is negative; else infinity."""
-    trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
-    if trimmed.size < 2:
-        return np.inf
-    constant, least = trimmed[0], 1e-300 * np.abs(trimmed).max()
-    if abs(constant) < least:  # a root next to 0 stays next to 0, and its reciprocal finite
-        trimmed = np.append(np.copysign(least, constant), trimmed[1:])
-    # The least root is the greatest reciprocal, which the solver finds best. Roots that coincide come out
-    # scattered in the complex plane; a crossing is next to the real part of one all the same. Coefficients
-    # that are next to nothing have roots next to infinity, where all may overflow.
-    roots = 1 / np.roots(trimmed).astype(np.complex128)
-    near = np.sort(roots.real[np.isfinite(roots) & (roots.real > 0)])
-    between = np.sqrt(near) * np.sqrt(np.append(near[1:], 4 * near[-1:]))
-    # A root that the polynomial only touches is no crossing: the branch goes on.
-    rounding = np.finfo(np.float64).eps * len(trimmed) * polyval(between, np.abs(trimmed))
-    negative = np.flatnonzero(polyval(between, trimmed) < -rounding)
-    if not negative.size:
-        return np.inf
-    first = negative[0]
-    low, high = between[first - 1] if first else near[0] / 2, between[first]
-    for _ in range(70):  # halves their ratio, from 1e300 to the last digit
-        middle = np.sqrt(low) * np.sqrt(high)
-        low, high = (low, middle) if polyval(middle, trimmed) < 0 else (middle, high)
-    return float(low)
+@register
+class FTheta(AffineLens):
+    """NVIDIA's f-theta lens: r = f(theta) px, theta from +z, or theta = g(r): the polynomial that is given
+    is exact, and is inverted where it increases. ``(u, v) = (cx, cy) + [[c, d], [e, 1]] r (cos a, sin a)``.
+
+    Parameters: ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5); ``polynomial`` = (0, c1,
+    c2 ...) of ``reference``: "angle-to-pixel", f (px per rad^n), or "pixel-to-angle", g (rad per px^n);
+    ``linear`` = (c, d, e); ``max_angle_deg`` <= 180, an optional limit of theta; ``fov_deg`` <= 360, the
+    same as a full angle.
+    Domain: from 0 to where the polynomial turns back, theta <= pi.
+    Source: NVIDIA NCore, sensor models; DriveWorks, dwFThetaCameraConfig.
+    """
+
+    name = "ftheta"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        cx: float | None = None,
+        cy: float | None = None,
+        *,
+        polynomial: ArrayLike,
+        reference: Reference = "angle-to-pixel",
+        linear: ArrayLike = (1.0, 0.0, 0.0),
+        max_angle_deg: float | None = None,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.cx = number("cx", self.width / 2 if cx is None else cx)
+        self.cy = number("cy", self.height / 2 if cy is None else cy)
+        self.center = np.array([self.cx, self.cy])
+        self.reference: Reference = one_of("reference", reference, get_args(Reference))
+        self.polynomial = _checked("polynomial", polynomial)
+        if len(self.polynomial) < 2 or self.polynomial[0] != 0 or self.polynomial[1] <= 0:
+            got = shown(self.polynomial)
+            raise ArgumentError(f"polynomial: expected (0, c1, c2, ...) with c1 > 0, got {got}")
+        self.linear = numbers("linear", linear, (3,))
+        self.max_angle_deg = optional_number("max_angle_deg", max_angle_deg, above=0, most=180)
+        corner = self._set_affine("linear", self.linear)
+        most = np.pi if self.max_angle_deg is None else float(np.radians(self.max_angle_deg))
+        self._by_angle = self.reference == "angle-to-pixel"
+        if self._by_angle:
+            self._branch = Increasing(self.polynomial, most)
+            self._theta_end, self._r_end = self._branch.end, self._branch.last
+        else:
+            self._branch = Increasing(self.polynomial, 2 * corner)
+            self._r_end, self._theta_end = BEFORE_TURN * self._branch.end, min(self._branch.last, most)
+            if self._branch.last > most:
+                self._r_end = float(self._branch.inverse(np.array(most)))
+        self._see_through(fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        scaled = width * np.array([0.0, 0.33, 0.0, -0.012, 0.002, -0.0012])
+        return cls(width, width, polynomial=scaled, max_angle_deg=95)
+
+    def _meridian(self, r: Array) -> Meridian:
+        theta = self._branch.inverse(r) if self._by_angle else self._branch(r)
+        return Meridian(np.sin(theta), np.cos(theta))
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        theta = np.minimum(np.arctan2(across, along), self._theta_end)
+        return self._branch(theta) if self._by_angle else self._branch.inverse(theta)
+
+
+def _checked(name: str, polynomial: ArrayLike) -> Array:
+    """The coefficients, not so many that finding their roots takes all memory."""
+    found = numbers(name, polynomial, (None,))
+    if len(found) > _MOST_COEFFICIENTS:
+        raise ArgumentError(f"{name}: expected at most {_MOST_COEFFICIENTS} numbers, got {len(found)}")
+    return found
 
 
 def _invert(

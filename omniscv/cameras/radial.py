@@ -5,15 +5,19 @@ axis; the image circle and the two ways to give the focal length are the same fo
 """
 
 from abc import abstractmethod
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number
-from omniscv.cameras.base import Array, Camera, Mask, polar, refuse_focal_and_fov, turned_about_axis
+from omniscv.cameras.base import Array, Camera, Mask, polar, refuse_focal_and_fov
 
 ROUNDING = 1e-12  # relative: what rounding may add to a radius
+BEFORE_TURN = 1 - 1e-7
+"""Of the radius where rays turn back: up to there float64 tells the rays of pixels apart, to 1e-6 px."""
+_BLOCK = 1 << 13  # pixels computed together: their arrays stay in the processor's cache
 
 
 class Meridian(NamedTuple):
@@ -22,6 +26,34 @@ class Meridian(NamedTuple):
     across: Array
     along: Array
     z: Array | float = 0.0
+
+
+def rays_about_axis(
+    pixels: Array, find: Callable[[Array, Any], int], meridian: Callable[[Array], Meridian]
+) -> tuple[Array, Array, Mask]:
+    """Return unit directions (..., 3), heights z (...) where they leave the axis, and valid (...).
+
+    Args:
+        pixels: (..., 2) px.
+        find: enters which of some pixels (N, 2) have a radius within the domain, with their radius and
+            azimuth, into arrays of N; returns how many. See ``kernels.polar_within``.
+        meridian: the rays of radii, in the half-plane of their azimuth.
+    """
+    from omniscv.cameras import kernels  # slow to load
+
+    flat = np.require(pixels.reshape(-1, 2), requirements=("C", "W"))
+    directions, heights = np.empty((len(flat), 3)), np.zeros(len(flat))
+    valid = np.zeros(len(flat), dtype=bool)
+    found = np.empty(_BLOCK, dtype=np.int64), *np.empty((3, _BLOCK))
+    for start in range(0, len(flat), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        count = find(flat[part], found)
+        where, r, cos_a, sin_a = (each[:count] for each in found)
+        across, along, z = meridian(r)
+        kernels.turn(where, across, along, cos_a, sin_a, directions[part], valid[part])
+        heights[part][where] = z
+    shape = pixels.shape[:-1]
+    return directions.reshape(*shape, 3), heights.reshape(shape), valid.reshape(shape)
 
 
 class CircleCamera(Camera):
@@ -64,13 +96,21 @@ class CircleCamera(Camera):
         """The normalised radius whose ray comes from a point at rho >= 0; NaN where there is none."""
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
-        r_px, cos_a, sin_a = polar(pixels, self.center)
-        across, along, z = self._meridian(np.minimum(r_px / self.focal, self._edge))
-        directions = turned_about_axis(across, along, cos_a, sin_a)
-        origins = np.zeros_like(directions)
+        from omniscv.cameras import kernels  # slow to load
+
+        center, plane = tuple(self.center.tolist()), (1.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+
+        def find(some: Array, found: Any) -> int:
+            return int(kernels.polar_within(some, center, plane, self._reach_px, found))
+
+        def meridian(r_px: Array) -> Meridian:
+            return self._meridian(np.minimum(r_px / self.focal, self._edge))
+
+        directions, heights, valid = rays_about_axis(pixels, find, meridian)
+        origins = np.zeros(directions.shape)
         if not self.central:
-            origins[..., 2] = z
-        return origins, directions, (r_px <= self._reach_px) & np.isfinite(along)
+            origins[..., 2] = heights
+        return origins, directions, valid
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         rho, cos_a, sin_a = polar(points[..., :2])

@@ -124,7 +124,7 @@ def _measured(
     camera: Camera, renderer: Renderer, options: RenderOptions, hits: Hits, mean: Array
 ) -> dict[str, float]:
     times, edge = [], renderer.task(camera, _POSE, options).edge
-    asked = cost("auto", [renderer.task(camera, _POSE, options)], _MODES, 0.0)
+    asked = cost("auto", [[renderer.task(camera, _POSE, options)]], _MODES, 0.0)
     for turn in range(1, _ROUNDS + 2):
         pose = Pose.from_angles(_POSE.t_w_c, yaw_deg=27.0 + turn, pitch_deg=8.0, roll_deg=-5.0)
         started = time.perf_counter()

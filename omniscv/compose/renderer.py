@@ -1,6 +1,7 @@
 """Camera, rays, plan, source, compose, image: one pipeline, for central and non-central cameras alike."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any, Unpack
@@ -13,9 +14,20 @@ from omniscv.compose.composition import Composition
 from omniscv.compose.image import OmniImage
 from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.samplers import CpuSampler, Sampler
+from omniscv.compose.shared_captures import SharedCaptures
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.planning import CameraRays, RecordedViews, RenderKeywords, RenderOptions, Task, drive, rounds
+from omniscv.planning import (
+    CameraRays,
+    RecordedViews,
+    RenderKeywords,
+    RenderOptions,
+    Task,
+    drive,
+    rounds,
+    sampled,
+    together,
+)
 from omniscv.sources.base import Source, View
 
 Progress = Callable[[int, int], None]
@@ -54,6 +66,13 @@ class Renderer:
     def __reduce__(self) -> tuple[Any, ...]:
         cache_bytes, sampler = self._cache.limit, self._sampler
         return partial(Renderer, self.source, cache_bytes=cache_bytes, sampler=sampler), ()
+
+    def of(self, source: Source) -> "Renderer":
+        """Return a renderer of another source, for example of one in which objects are hidden; both share
+        what is kept between images."""
+        other = Renderer(source, sampler=self._sampler)
+        other._cache = self._cache
+        return other
 
     @property
     def nbytes(self) -> int:
@@ -106,12 +125,39 @@ class Renderer:
             MissingCaptureError: the views that came do not see all rays.
             SourceError, RecordingError: a capture could not be had.
         """
-        task = self.task(camera, pose, options)
+        (image,) = self.render_together([(camera, pose)], modes, options, progress=progress)
+        return image
+
+    def render_together(
+        self,
+        shots: Sequence[tuple[Camera, Pose]],
+        modes: Sequence[str] = ("lit",),
+        options: RenderOptions | None = None,
+        *,
+        only: Collection[int] | None = None,
+        progress: Progress | None = None,
+    ) -> Iterator[OmniImage]:
+        """Yield the images of several cameras at one moment, in their order, as :meth:`render` makes them.
+
+        What several of them need is captured once: see :func:`omniscv.planning.together`.
+
+        Args:
+            shots: cameras and their poses.
+            modes, options, progress: as :meth:`render`.
+            only: those of the shots, by index, whose images are made; all if not given. The others count for
+                how they are captured, so that an image is the same whichever others are made.
+        """
         chosen = modalities.chosen(modes)
-        composition = Composition(task, self._rays(camera), chosen, self.source, self._sampler_of, progress)
-        drive(rounds(task), composition.capture)
-        self._cache.trim()
-        return composition.image()
+        tasks = [self.task(camera, pose, options) for camera, pose in shots]
+        tasks, wanted = together(tasks, sampled(chosen, options or RenderOptions()))
+        made = [i for i in range(len(tasks)) if only is None or i in only]
+        source = SharedCaptures(self.source, Counter(request for i in made for request in wanted[i]))
+        for task in (tasks[i] for i in made):
+            rays = self._rays(task.rays.camera)
+            composition = Composition(task, rays, chosen, source, self._sampler_of, progress)
+            drive(rounds(task), composition.capture)
+            self._cache.trim()
+            yield composition.image()
 
     def _rays(self, camera: Camera) -> ImageRays:
         return self._cache.get(("rays", camera), lambda: ImageRays(CameraRays(camera)))
@@ -157,7 +203,12 @@ def render(
     Raises:
         OmniscvError: as :meth:`Renderer.render`.
     """
+    return Renderer(source).render(camera, pose, modes, options_of(options), progress=progress)
+
+
+def options_of(keywords: RenderKeywords) -> RenderOptions:
+    """Return options from keyword arguments; raise ArgumentError for others than they have."""
     known = [field.name for field in fields(RenderOptions)]
-    if unknown := sorted(set(options) - set(known)):
+    if unknown := sorted(set(keywords) - set(known)):
         raise ArgumentError(f"options: expected some of {', '.join(known)}; got {', '.join(unknown)}")
-    return Renderer(source).render(camera, pose, modes, RenderOptions(**options), progress=progress)
+    return RenderOptions(**keywords)

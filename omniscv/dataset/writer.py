@@ -15,7 +15,7 @@ from omniscv.arguments import number, shown
 from omniscv.cameras import Camera
 from omniscv.compose.files import OBJECTS, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
-from omniscv.dataset import manifest
+from omniscv.dataset import manifest, photo_sphere
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import FileEntry, FrameEntry, Manifest
 from omniscv.errors import ArgumentError, DatasetError
@@ -74,6 +74,8 @@ class Writer:
         image_format: of colour.
         begun: what the manifest holds from the start: cameras, names, settings.
         closed: refuse objects that the manifest does not have, as where several processes write one dataset.
+        media: ``xmp``, whether pictures of equirectangular cameras get Photo Sphere metadata, and ``north``,
+            the compass heading of the world's X axis in degrees.
 
     Raises:
         ArgumentError: a dataset is there and ``resume`` is not set, or it was begun with other cameras,
@@ -90,8 +92,13 @@ class Writer:
         image_format: str = "png",
         begun: Manifest | None = None,
         closed: bool = False,
+        media: Mapping[str, Any] | None = None,
     ) -> None:
         check_format(image_format)
+        self._media = {"xmp": False, "north": 0.0, **(media or {})}
+        if self._media["xmp"] and image_format not in photo_sphere.SUFFIXES:
+            suffixes = " or ".join(photo_sphere.SUFFIXES)
+            raise ArgumentError(f"media.xmp: expected image_format {suffixes}, got {image_format}")
         self.out, self._image_format, self._closed = Path(out), image_format, closed
         self._lock = Lock()
         wanted = begun or Manifest()
@@ -192,6 +199,8 @@ class Writer:
                 raise ArgumentError(f"key: expected one that no other frame has, got {shown(shot.key)} again")
             self._written.add(shot.key)
         files = write_layers(image.layers, self.out, shot.key, self._image_format)
+        if self._media["xmp"] and "lit" in files and photo_sphere.refuses(shot.camera) is None:
+            photo_sphere.tag(files["lit"], shot.camera, shot.pose, self._media["north"])
         for kind, record in records.items():
             # Not indented: curves are long lists.
             files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)

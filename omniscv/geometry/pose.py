@@ -86,6 +86,31 @@ class Pose:
         position = unreal_frame.position_from_unreal(location)
         return cls(position, unreal_frame.rotation_from_unreal(rotator) @ R_LEVEL)
 
+    @classmethod
+    def look_at(cls, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 0, 1)) -> Pose:
+        """A pose whose camera sees a point in the middle of its image, upright.
+
+        Args:
+            position, target: (3,) metres, world frame.
+            up: (3,) the direction, of any length, that points upwards in the image.
+
+        Raises:
+            ArgumentError: the point is at the position, or straight up or down from it.
+        """
+        place, point = _placed("position", position, FARTHEST), _placed("target", target, FARTHEST)
+        upwards = numbers("up", up, (3,))
+        forward = point - place
+        right = np.cross(forward, upwards)
+        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(forward) * np.linalg.norm(upwards):
+            wanted = "expected a point elsewhere than along 'up' from the position"
+            raise ArgumentError(f"target: {wanted} {shown(place)}, got {shown(point)}; give another up")
+        forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+        return cls(place, np.stack([right, np.cross(forward, right), forward], axis=1))
+
+    def inverse(self) -> Pose:
+        """The pose of the world in the camera's frame: ``pose.inverse() @ pose`` is the identity."""
+        return Pose(-self.position @ self.rotation, self.rotation.T)
+
     def to_unreal(self) -> UnrealPose:
         """Unreal's location and rotator of this pose; pitch in [-90, 90].
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, astuple, dataclass
 from functools import partial
+from itertools import chain
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -75,7 +76,9 @@ def make(
     whole_number("shard", index, least=0, most=count - 1)
     job.recipe.check(job.cameras, job.modes)
     with job.open() as source:
-        shots = list(job.shots(_scene(source)))
+        job = job.posed(source)
+        moments = list(job.shots(_scene(source)))
+        shots = [shot for moment in moments for shot in moment]
         mine = [shot for shot in shots if _hash(shot.key) % count == index]
         begun = Manifest(job.cameras, _names(job, source), job.recipe.classes, _settings(job))
         writer = Writer(
@@ -84,9 +87,10 @@ def make(
             image_format=job.image_format,
             begun=begun,
             closed=count > 1,
+            media=job.recipe.media,
         )
         wanted = [shot for shot in mine if not writer.has(shot)]
-        _Making(job, source, writer, workers, warn).run(wanted, progress)
+        _Making(job, source, writer, workers, warn).run(moments, wanted, progress)
     if any(not writer.has(shot) for shot in shots):
         writer.take_up()  # what other shards wrote meanwhile
     missing = sum(not writer.has(shot) for shot in shots)
@@ -123,15 +127,26 @@ class _Making:
         self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
         self._renderer, self._geometry = Renderer(source), source.geometry()
         # A truth that captures may hide objects: no image is captured beside it.
-        alone = any(truths.get(name).may_capture(self._geometry) for name in job.recipe.truth)
-        self._turn = Lock() if alone else nullcontext()
+        wanted = job.recipe.truth
+        names = {each for each in wanted if truths.get(each).may_capture(self._geometry, wanted[each])}
+        self._alone = {name: options for name, options in wanted.items() if name in names}
+        self._beside = {name: options for name, options in wanted.items() if name not in names}
+        self._turn = Lock() if names else nullcontext()
 
-    def run(self, shots: Sequence[Shot], progress: Callable[[float, int], None] | None) -> None:
-        """Make frames, written in their order: so objects that come late get the same ids every time."""
+    def run(
+        self,
+        moments: Sequence[Sequence[Shot]],
+        wanted: Sequence[Shot],
+        progress: Callable[[float, int], None] | None,
+    ) -> None:
+        """Make those frames that are wanted, written in their order: so objects that come late get the same
+        ids every time."""
+        number_of = {shot.key: number for number, shot in enumerate(wanted)}
+        some = [moment for moment in moments if any(shot.key in number_of for shot in moment)]
+        compose = partial(self._compose, number_of=number_of, progress=progress)
         with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
             saving: Future[None] | None = None
-            compose = partial(self._compose, progress=progress, total=len(shots))
-            for shot, image in _ahead(compose, list(enumerate(shots)), self._workers):
+            for shot, image in chain.from_iterable(_ahead(compose, some, self._workers)):
                 if saving:
                     saving.result()
                 saving = saver.submit(self._save, shot, image)
@@ -139,14 +154,19 @@ class _Making:
                 saving.result()
 
     def _compose(
-        self, item: tuple[int, Shot], progress: Callable[[float, int], None] | None, total: int
-    ) -> tuple[Shot, OmniImage]:
-        done, shot = item
-        part = part_of(progress, done, total)
+        self,
+        moment: Sequence[Shot],
+        number_of: Mapping[str, int],
+        progress: Callable[[float, int], None] | None,
+    ) -> list[tuple[Shot, OmniImage]]:
+        """The frames of a moment, of captures that its cameras share."""
+        only = [i for i, shot in enumerate(moment) if shot.key in number_of]
+        places = [(shot.camera, shot.pose) for shot in moment]
+        part = part_of(progress, number_of[moment[only[0]].key], len(number_of))
+        job = self._job
         with self._turn:
-            return shot, self._renderer.render(
-                shot.camera, shot.pose, self._job.modes, self._job.options, progress=part
-            )
+            images = self._renderer.render_together(places, job.modes, job.options, only=only, progress=part)
+            return [(moment[i], image) for i, image in zip(only, images, strict=True)]
 
     def _save(self, shot: Shot, composed: OmniImage) -> None:
         image = self._writer.frozen(shot, composed)
@@ -165,8 +185,8 @@ class _Making:
             time=shot.time,
         )
         with self._turn:
-            records = derive(observation, self._job.recipe.truth)
-        self._writer.write(shot, image, records)
+            records = derive(observation, self._alone)
+        self._writer.write(shot, image, derive(observation, self._beside, records))
 
 
 def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:

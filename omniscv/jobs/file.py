@@ -13,6 +13,7 @@
     strategy: auto                      # and the other options of omniscv.RenderOptions
     image_format: png                   # or jxl, jpg
     source_options: {timeout_s: 60}     # as omniscv.open_source
+    rig: camchain.yaml                  # with cameras or in their place: see omniscv.jobs.rigs
 
 ``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``. The keys that datasets have
 beyond these are in :mod:`omniscv.dataset.recipe`.
@@ -32,6 +33,7 @@ from omniscv.dataset import recipe
 from omniscv.errors import ArgumentError
 from omniscv.jobs import poses
 from omniscv.jobs.job import Job
+from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 
@@ -44,18 +46,20 @@ def load(path: Path) -> Job:
     """
     with within(path):
         data = yaml_text.parse(yaml_text.read_text(path))
-        given = fields_of("", data, _FIELDS, needed=("source", "cameras", "poses"))
-        folder, source = path.parent, given.pop("source")
+        given = fields_of("", data, _FIELDS, needed=("source", "poses"))
+        folder, source, given_poses = path.parent, given.pop("source"), given.pop("poses")
         for key in ("out", "record"):
             if given.get(key) is not None:
                 given[key] = folder / given[key]
         options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
+        given["rig"] = rig_of(given.get("rig"), folder)
         recipe_of = {key: given.pop(key) for key in recipe.FIELDS if key in given}
         return Job(
             source=_addresses(source, folder),
             options=RenderOptions(**options),
             recipe=recipe.read(recipe_of, folder),
-            **{"out": folder / "out", **given, **poses.opened(given["poses"], folder)._asdict()},
+            **{"out": folder / "out", "cameras": {}, **given},
+            **poses.opened(given_poses, folder)._asdict(),
         )
 
 
@@ -134,5 +138,6 @@ _FIELDS: dict[str, Reader] = {
     "out": text,
     "image_format": text,
     "source_options": _source_options,
+    "rig": read_rig,
     **recipe.FIELDS,
 } | dict.fromkeys(sorted(_OPTIONS), _as_given)

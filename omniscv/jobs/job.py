@@ -1,18 +1,23 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from omniscv import modalities
 from omniscv.cameras import Camera
+from omniscv.cameras.rig import Rig
 from omniscv.compose.files import check_format
 from omniscv.dataset.recipe import Recipe
 from omniscv.dataset.splits import Split
 from omniscv.dataset.writer import Shot
 from omniscv.geometry import Pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.jobs.rigs import cameras_of, poses_of
+from omniscv.jobs.sampled_poses import SampledPoses
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
 from omniscv.sources.recording import record
@@ -23,11 +28,12 @@ from omniscv.sources.registry import SourceOptions, open_sources
 class Job:
     """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
 
-    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``recipe`` is
-    what a dataset holds beyond images.
+    ``cameras`` are at the poses themselves; those of a ``rig``, whose poses they then are, join them.
+    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``sampling``
+    chooses poses in an open source, see :meth:`posed`; ``recipe`` is what a dataset holds beyond images.
 
     Raises:
-        ArgumentError: an unknown mode or image format.
+        ArgumentError: an unknown mode or image format, or a rig that does not fit the rest.
     """
 
     source: str | tuple[str, ...]
@@ -42,8 +48,12 @@ class Job:
     times: tuple[float, ...] | None = None
     places: tuple[str, ...] | None = None
     recipe: Recipe = field(default_factory=Recipe)
+    rig: Rig | None = None
+    sampling: SampledPoses | None = None
 
     def __post_init__(self) -> None:
+        apart = {name: each for name, each in self.cameras.items() if not self._mounted(name, each)}
+        object.__setattr__(self, "cameras", cameras_of(self.rig, apart))
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
         check_format(self.image_format)
 
@@ -66,27 +76,56 @@ class Job:
             source.close()
             raise
 
+    def posed(self, source: Source) -> Self:
+        """Return this job with the poses that it samples in its source.
+
+        Raises:
+            OmniscvError: there are no such poses, or depth cannot be captured.
+        """
+        if self.sampling is None:
+            return self
+        found = self.sampling.poses(source)
+        return replace(self, poses=found.poses, times=found.times, sampling=None)
+
     def items(self) -> Iterator[tuple[str, Camera, Pose]]:
         """Yield stem, camera and pose of every image, pose by pose."""
-        for _, name, stem, pose in self._images():
-            yield stem, self.cameras[name], pose
+        for frame in self.frames():
+            yield from frame
 
-    def shots(self, scene: str = "") -> Iterator[Shot]:
-        """Yield what every frame of a dataset is, pose by pose: image, time, place, split and scene.
+    def frames(self) -> Iterator[list[tuple[str, Camera, Pose]]]:
+        """Yield stem, camera and pose of the images of each pose, which share captures."""
+        for i in range(len(self.poses)):
+            yield [(stem, self.cameras[name], pose) for name, stem, pose in self._images(i)]
+
+    def shots(self, scene: str = "") -> Iterator[list[Shot]]:
+        """Yield what the frames of a dataset are, those of each pose: image, time, place, split and scene.
 
         Raises:
             ArgumentError: a camera's name that cannot start a key.
         """
         split = self.recipe.split or Split({"": 1.0})
         places = split.places(np.array([pose.position for pose in self.poses]), self.places or ())
-        for index, name, stem, pose in self._images():
-            time = None if self.times is None else self.times[index]
-            place = places[index]
-            yield Shot(stem, name, self.cameras[name], pose, time, place, split.of(place), scene)
+        for i, place in enumerate(places):
+            yield [
+                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place), scene)
+                for name, stem, pose in self._images(i)
+            ]
 
-    def _images(self) -> Iterator[tuple[int, str, str, Pose]]:
-        """The index of the pose, the camera's name, the stem and the pose of every image."""
+    def _images(self, i: int) -> Iterator[tuple[str, str, Pose]]:
+        """The camera's name, the stem and the pose of every image at a pose."""
         digits = len(str(max(0, len(self.poses) - 1)))
-        for i, pose in enumerate(self.poses):
-            for name in self.cameras:
-                yield i, name, (f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name), pose
+        mounted = poses_of(self.rig, Trajectory(self.poses, self.times), i)
+        for name in self.cameras:
+            stem = f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name
+            yield name, stem, mounted.get(name, self.poses[i])
+
+    def _time(self, i: int, name: str) -> float | None:
+        """When a camera takes its image at a pose, seconds."""
+        if self.times is None:
+            return None
+        late = self.rig.cameras[name].time_offset if self.rig and name in self.rig.cameras else 0.0
+        return self.times[i] + late
+
+    def _mounted(self, name: str, camera: Camera) -> bool:
+        """Whether a camera is one of the rig's already, as in a copy of a job."""
+        return self.rig is not None and name in self.rig.cameras and self.rig.cameras[name].camera is camera

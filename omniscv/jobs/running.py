@@ -45,10 +45,8 @@ def run(
     """
     written: list[Path] = []
     with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
-        renderer, saving = Renderer(source), None
-        for done, (stem, camera, pose) in enumerate(job.items()):
-            part = part_of(progress, done, len(job))
-            image = renderer.render(camera, pose, job.modes, job.options, progress=part)
+        saving, job = None, job.posed(source)
+        for stem, image in _images(job, Renderer(source), progress):
             if warn:
                 for line in warnings_of(stem, image):
                     warn(line)
@@ -56,6 +54,24 @@ def run(
             saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
         written += saving.result() if saving else []
     return written
+
+
+def _images(
+    job: Job, renderer: Renderer, progress: Callable[[float, int], None] | None
+) -> Iterator[tuple[str, OmniImage]]:
+    """Stem and image of every camera at every pose; those of a pose share captures."""
+    done = 0
+
+    def step(part: int, whole: int) -> None:
+        if progress:
+            progress(done + part / max(1, whole), len(job))
+
+    for frame in job.frames():
+        shots = [(camera, pose) for _, camera, pose in frame]
+        images = renderer.render_together(shots, job.modes, job.options, progress=step)
+        for (stem, *_), image in zip(frame, images, strict=True):
+            yield stem, image
+            done += 1
 
 
 _WARNINGS = {
@@ -92,7 +108,7 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
     needed: dict[Request, None] = {}
     with replace(job, record=path).open() as source:
         source.objects()
-        renderer = Renderer(source)
+        job, renderer = job.posed(source), Renderer(source)
         modes = planning.sampled(job.modes, job.options)
 
         def capture_round(round_: Round) -> Kept:
@@ -105,9 +121,12 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
                     progress(len(needed), total)
             return kept
 
-        for _, camera, pose in job.items():
-            task = renderer.task(camera, pose, job.options, border_px=border_px)
-            drive(planning.rounds(task), capture_round)
+        for frame in job.frames():
+            tasks = [
+                renderer.task(camera, pose, job.options, border_px=border_px) for _, camera, pose in frame
+            ]
+            for task in planning.together(tasks, modes)[0]:
+                drive(planning.rounds(task), capture_round)
     return len(needed)
 
 
@@ -122,19 +141,25 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         measure: open the source in any case.
     """
     capabilities = known_capabilities(job.sources[0])
-    if capabilities is not None and not measure:
+    if capabilities is not None and not measure and job.sampling is None:
         rays = {camera: CameraRays(camera) for camera in job.cameras.values()}
-        tasks = [Task(rays[camera], pose, capabilities, job.options) for _, camera, pose in job.items()]
+        frames = [
+            [Task(rays[camera], pose, capabilities, job.options) for _, camera, pose in frame]
+            for frame in job.frames()
+        ]
         seconds_per_request = _TICK_S
     else:
         with replace(job, record=None).open() as source:
-            renderer = Renderer(source)
-            tasks = [renderer.task(camera, pose, job.options) for _, camera, pose in job.items()]
+            job, renderer = job.posed(source), Renderer(source)
+            frames = [
+                [renderer.task(camera, pose, job.options) for _, camera, pose in frame]
+                for frame in job.frames()
+            ]
             seconds_per_request = _request_seconds(source)
     found = []
     for name in planning.names():
         with suppress(ArgumentError):  # the source cannot do it
-            found.append(cost(name, tasks, planning.sampled(job.modes, job.options), seconds_per_request))
+            found.append(cost(name, frames, planning.sampled(job.modes, job.options), seconds_per_request))
     return found
 
 

@@ -19,6 +19,7 @@ from omniscv.planning.base import (
 from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints, strip_viewpoints
 from omniscv.planning.recorded_faces import RecordedViews
 from omniscv.planning.registry import get, names, register, rounds
+from omniscv.planning.sharing import together
 from omniscv.planning.viewpoints import CameraRays, RayGroup
 
 __all__ = [
@@ -46,4 +47,5 @@ __all__ = [
     "rounds",
     "sampled",
     "strip_viewpoints",
+    "together",
 ]

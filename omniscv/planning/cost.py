@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from omniscv import modalities
 from omniscv.planning.base import Round, Task, Viewpoint, drive
 from omniscv.planning.registry import get, rounds
+from omniscv.planning.sharing import together
 from omniscv.sources.base import Request
 
 
@@ -35,12 +38,14 @@ class Cost:
     displacement_m: float = 0.0
 
 
-def cost(strategy: str, tasks: Iterable[Task], modes: Sequence[str], seconds_per_request: float) -> Cost:
+def cost(
+    strategy: str, frames: Iterable[Sequence[Task]], modes: Sequence[str], seconds_per_request: float
+) -> Cost:
     """Return the cost of images whose views are captured once each.
 
     Args:
         strategy: its name; in place of the one that the tasks' options have.
-        tasks: one an image.
+        frames: of each moment one task an image; these share captures.
         modes: what is captured.
         seconds_per_request: of the source.
 
@@ -50,9 +55,7 @@ def cost(strategy: str, tasks: Iterable[Task], modes: Sequence[str], seconds_per
     requests: dict[Request, None] = {}
     further = most = 0
     displacement_m = 0.0
-    for task in tasks:
-        bound = task.options.max_error_px if get(strategy).approximate else None
-        task = replace(task, options=replace(task.options, strategy=strategy, max_error_px=bound))
+    for task in chain.from_iterable(_with_strategy(strategy, frame, modes) for frame in frames):
         serving: list[Viewpoint] = []
 
         def plan(round_: Round, serving: list[Viewpoint] = serving) -> None:
@@ -81,6 +84,14 @@ def cost(strategy: str, tasks: Iterable[Task], modes: Sequence[str], seconds_per
         seconds=count * seconds_per_request,
         displacement_m=displacement_m,
     )
+
+
+def _with_strategy(strategy: str, frame: Sequence[Task], modes: Sequence[str]) -> list[Task]:
+    """The tasks of a moment with a strategy, and with options by which they share captures."""
+    changes: dict[str, Any] = {"strategy": strategy}
+    if not get(strategy).approximate:
+        changes["max_error_px"] = None
+    return together([replace(task, options=replace(task.options, **changes)) for task in frame], modes)[0]
 
 
 def _displacement_m(task: Task, viewpoint: Viewpoint) -> float:

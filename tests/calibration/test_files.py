@@ -115,6 +115,11 @@ NEEDED = {
     "noncentral-panorama": {"radius": 0.5},
     "noncentral-spherical-mirror": {"mirror_radius": 0.5, "distance": 0.3},
     "noncentral-conical-mirror": {"half_angle_deg": 60, "distance": 0.2},
+    "ods": {"interpupillary": 0.064},
+    "vr180": {"interpupillary": 0.064},
+    "rolling-shutter": {"base": {"model": "pinhole"}, "readout": 0.0},
+    "push-broom": {"travel": (1.0, 0.0, 0.0)},
+    "orthographic": {"width_m": 2.0},
 }
 
 

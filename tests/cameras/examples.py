@@ -20,7 +20,13 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**LONG, "fov_h_deg": 200, "fov_v_deg": 179},
         {**LONG, "fov_v_deg": 180},
         {**WIDE, "fov_h_deg": 360, "fov_v_deg": 170, "profile": "perspective"},
+        {**ROUND, "fov_v_deg": 2 * 85.051, "profile": "mercator"},
+        {**WIDE, "fov_v_deg": 180, "profile": "miller"},
+        {**LONG, "fov_h_deg": 200, "fov_v_deg": 180, "profile": "equal-area"},
     ],
+    "cube-map": [{**LONG, "layout": "strip"}, {**ROUND, "layout": "cross"}, LONG],
+    "equiangular-cube": [LONG, {**LONG, "layout": "strip"}],
+    "octahedral": [LONG],
     "fisheye-equidistant": [ROUND, {**LONG, "fov_deg": 185}, {**ROUND, "fov_deg": 360}],
     "fisheye-stereographic": [ROUND, {**LONG, "fov_deg": 220}, {**ROUND, "fov_deg": 359.9}],
     "fisheye-orthographic": [ROUND, {**LONG, "fov_deg": 90}, {**ROUND, "focal": 22.5}],
@@ -46,9 +52,32 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**LONG, "fx": 19.0, "fy": 20.0, "k": [0.02, -0.008, 0.002, -0.0004]},
         {**LONG, "fx": 25.0, "fy": 24.0, "cx": 41.5, "cy": 20.0, "k": [-0.1, 0, 0, 0]},
         {**ROUND, "fx": 9.0, "fy": 9.0},
-        {**ROUND, "fx": 17.0, "fy": 17.0, "fov_deg": 185},
+        {**ROUND, "fx": 17.0, "fy": 17.0, "fov_deg": 185, "skew": 0.03},
     ],
     "noncentral-panorama": [{**WIDE, "radius": 0.0}, {**LONG, "radius": 0.5}],
+    "ods": [{**WIDE, "interpupillary": 0.5, "eye": "right"}, {**LONG, "interpupillary": 0.0}],
+    "vr180": [{**LONG, "interpupillary": 0.2, "eye": "right"}],
+    "push-broom": [{**LONG, "travel": (0.5, 0.1, -0.2), "focal": 30.0}],
+    "orthographic": [{**LONG, "width_m": 0.3, "center": (10, 40)}],
+    "rolling-shutter": [
+        {**LONG, "base": {"model": "fisheye-equidistant"}, "readout": 0.0, "velocity": (1, 2, 3)},
+        {
+            **ROUND,
+            "base": {"model": "fisheye-stereographic", "fov_deg": 200},
+            "readout": 0.05,
+            "velocity": (1, -2, 0.5),
+            "angular_velocity_deg": (100, -200, 50),
+            "scan": "bottom-to-top",
+        },
+        {
+            **LONG,
+            "base": {"model": "cylindrical", "fov_h_deg": 200, "fov_v_deg": 100},
+            "readout": 0.5,
+            "velocity": (0.0, 0.0, 3.0),
+            "angular_velocity_deg": (0, 60, 0),
+            "scan": "right-to-left",
+        },
+    ],
     "noncentral-spherical-mirror": [
         {**ROUND, "mirror_radius": 0.5, "distance": 0.3},
         {**LONG, "mirror_radius": 0.1, "distance": 0.4, "fov_deg": 300},
@@ -57,7 +86,47 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**ROUND, "half_angle_deg": 55, "distance": 0.3},
         {**LONG, "half_angle_deg": 60, "distance": 0.2, "mirror_radius": 0.15},
     ],
-    "pinhole": [LONG, {**LONG, "focal": 30.0, "center": (10, 40)}, {**ROUND, "fov_deg": 175}],
+    "fisheye624": [
+        {**LONG, "fx": 20.0, "fy": 21.0, "k": [-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4], "skew": 0.02},
+        {**LONG, "fx": 14.0, "fy": 14.0, "p": [4e-3, -6e-3], "s": [-3e-3, 1e-3, 2e-3, 5e-4]},
+    ],
+    "ftheta": [
+        {**LONG, "polynomial": [0, 0.05, 0, 2e-5], "reference": "pixel-to-angle", "linear": (1.02, 0.01, 0)},
+        {**LONG, "polynomial": [0, 25.0, 0, -3.0], "cx": 41.0, "cy": 20.0},
+        {**ROUND, "polynomial": [0, 9.7]},
+    ],
+    "double-sphere": [
+        {**LONG, "fx": 20.0, "fy": 21.0, "xi": 0.9, "alpha": 0.65, "skew": -0.01},
+        {**LONG, "fx": 8.0, "fy": 8.0, "xi": -0.9, "alpha": 0.5},
+        {**ROUND, "fx": 12.0, "fy": 12.0, "xi": 1.0, "alpha": 0.0},
+        {**ROUND, "fx": 28.0, "fy": 28.0, "xi": 0.3, "alpha": 1.0},
+    ],
+    "extended-unified": [
+        {**LONG, "fx": 20.0, "fy": 21.0, "alpha": 0.3, "beta": 3.0, "skew": 0.01},
+        {**ROUND, "fx": 12.0, "fy": 12.0, "alpha": 0.9, "beta": 0.3},
+        {**ROUND, "fx": 12.0, "fy": 12.0, "alpha": 0.5, "beta": 1.0, "fov_deg": 300},
+    ],
+    "unified": [
+        {**LONG, "fx": 30.0, "fy": 31.0, "xi": 1.5, "distortion": [-0.1, 0.02, 1e-3, 2e-3], "skew": 0.01},
+        {**ROUND, "fx": 20.0, "fy": 20.0, "xi": 1.0},
+        {**LONG, "fx": 30.0, "fy": 30.0, "xi": 0.8, "distortion": [-0.4, 0, 0, 0], "cx": 41.0},
+    ],
+    "division": [
+        {**LONG, "focal": 30.0, "k": 0.4, "cx": 41.0},
+        {**ROUND, "focal": 9.0, "k": -0.4, "fov_deg": 320},
+    ],
+    "pinhole": [
+        LONG,
+        {**LONG, "focal": 30.0, "center": (10, 40)},
+        {**ROUND, "fov_deg": 175},
+        {**LONG, "fx": 40.0, "fy": 41.0, "skew": 0.02, "distortion": [-0.3, 0.1, 1e-3, -2e-3], "fov_deg": 90},
+        {**LONG, "fx": 30.0, "fy": 30.0, "distortion": [-0.4, 0, 0, 0, 0]},
+        {
+            **LONG,
+            **{"fx": 35.0, "fy": 36.0, "cx": 41.0, "cy": 20.0},
+            "distortion": [0.2, -0.05, 2e-3, -3e-3, 0.01, 0.3, -0.06, 0.02, 4e-3, -1e-3, -5e-3, 2e-3],
+        },
+    ],
 }
 
 
@@ -75,16 +144,18 @@ def example_cameras(central_only: bool = False) -> dict[str, cameras.Camera]:
 
 def changed(camera: cameras.Camera, **arguments: Any) -> cameras.Camera:
     """The camera with other arguments; ``center`` is ignored by models without one, None is the default."""
-    keys = takes_center(camera.name)
+    described = camera.to_dict()
     center = arguments.pop("center", camera.center.tolist())
-    placed = (
-        {"center": center} if keys == ("center",) else dict(zip(keys, center or (None, None), strict=False))
-    )
-    given = {**camera.to_dict(), **arguments, **placed}
+    placed: dict[str, Any] = {}
+    if "cx" in described:
+        placed = dict(zip(("cx", "cy"), center or (None, None), strict=True))
+    elif takes_center(camera.name):
+        placed = {"center": center}
+    given = {**described, **arguments, **placed}
     return cameras.from_dict({key: value for key, value in given.items() if value is not None})
 
 
 def takes_center(name: str) -> tuple[str, ...]:
     """The constructor's parameters for the centre: ("center",), ("cx", "cy") or ()."""
     taken = inspect.signature(cameras.model(name)).parameters
-    return tuple(key for key in ("center", "cx", "cy") if key in taken)
+    return ("center",) if "center" in taken else tuple(key for key in ("cx", "cy") if key in taken)

@@ -11,6 +11,7 @@ from examples import changed, example_cameras, takes_center
 from support.camera_contract import CHECKS, check_docstring, check_points, check_round_trip
 
 from omniscv import cameras
+from omniscv.cameras.radial import CircleCamera
 from omniscv.errors import ArgumentError
 
 EXAMPLES = example_cameras()
@@ -87,7 +88,7 @@ def test_centers_far_off_the_image(name):
     if takes_center(name):
         camera = centered_at(name, (1e9, -1e9))
         check_points(camera)
-        if hasattr(camera, "focal") and name != "pinhole":
+        if isinstance(camera, CircleCamera):
             assert not camera.valid().any()
 
 
@@ -181,8 +182,8 @@ def test_a_missing_parameter_is_answered_with_all_of_them(name):
     assert all(re.search(rf"\b{key}\b", str(caught.value)) for key in parameters)
 
 
-def test_a_profile_is_one_of_two_words():
-    with pytest.raises(ArgumentError, match="profile: expected one of angular, perspective; got 'flat'"):
+def test_a_profile_is_one_of_a_few_words():
+    with pytest.raises(ArgumentError, match=r"profile: expected one of angular, perspective, .*; got 'flat'"):
         cameras.create("cylindrical", 64, 32, profile="flat")
 
 

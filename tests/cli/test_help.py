@@ -9,7 +9,10 @@ import pytest
 import omniscv
 from omniscv.cli import COMMANDS, run
 
-GROUPS = {"captures": ("info", "verify", "export", "import")}
+GROUPS = {
+    "captures": ("info", "verify", "export", "import"),
+    "dataset": ("make", "export", "check", "info", "classes", "pack"),
+}
 LINES = [(name, *sub) for name in COMMANDS for sub in ([(each,) for each in GROUPS.get(name, ())] or [()])]
 
 

@@ -26,6 +26,11 @@ def drawn_pose(rng):
     return Pose.from_angles(position, rng.uniform(-180, 180), rng.uniform(-70, 70), rng.uniform(-90, 90))
 
 
+def _focals(between, width, least, most):
+    fx = width * between(least, most)
+    return {"fx": fx, "fy": fx * between(0.97, 1.03)}
+
+
 def _parameters(name, rng, width):
     def between(low, high):
         return float(rng.uniform(low, high))
@@ -58,7 +63,38 @@ def _parameters(name, rng, width):
                 "fy": fx * between(0.97, 1.03),
                 "k": (0.02, -0.008, 0.002, -0.0004),
                 "fov_deg": between(100, 185),
+                "skew": between(-0.02, 0.02),
             }
+        case "fisheye624":
+            terms = {"p": rng.uniform(-1e-3, 1e-3, 2).tolist(), "s": rng.uniform(-1e-3, 1e-3, 4).tolist()}
+            k = (-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4)
+            return {**_focals(between, width, 0.3, 0.5), "k": k, **terms, "fov_deg": between(100, 165)}
+        case "ftheta":
+            scaled = width * between(0.25, 0.5) * np.array([1, between(-0.02, 0.02), between(-0.04, 0.02)])
+            return {"polynomial": [0.0, *scaled.tolist()], "max_angle_deg": between(50, 95)}
+        case "double-sphere":
+            return {
+                **_focals(between, width, 0.25, 0.6),
+                "xi": between(-0.3, 0.9),
+                "alpha": between(0.5, 0.7),
+                "fov_deg": between(100, 200),
+            }
+        case "extended-unified":
+            return {
+                **_focals(between, width, 0.25, 0.6),
+                "alpha": between(0.5, 0.8),
+                "beta": between(0.8, 1.5),
+                "fov_deg": between(100, 190),
+            }
+        case "unified":
+            return {
+                **_focals(between, width, 0.5, 0.8),
+                "xi": between(0.5, 1.5),
+                "distortion": (between(-0.1, 0.05), 0.01, *rng.uniform(-1e-3, 1e-3, 2).tolist()),
+                "fov_deg": between(100, 190),
+            }
+        case "division":
+            return {"focal": width * between(0.3, 0.8), "k": between(-0.3, -0.02)}
         case "noncentral-panorama":
             return {"radius": between(0, 1.5)}
         case "noncentral-spherical-mirror":

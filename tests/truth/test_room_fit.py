@@ -141,9 +141,10 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     record = truth.derive(observed, {})
     assert record["source"] == "fitted"
     assert record["residual_m"] < 0.002
-    assert truth.may_capture(observed.geometry)
+    assert truth.may_capture(observed.geometry, {})
     known = SceneGeometry(room=room_of_scene("four-wall"))
-    assert not truth.may_capture(known)
+    assert not truth.may_capture(known, {})
+    assert truth.may_capture(known, {"source": "fitted"})
     observed = Observation("a", image, image.labels, instances, None, known)
     assert (
         truth.derive(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]

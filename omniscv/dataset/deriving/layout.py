@@ -12,7 +12,6 @@ from typing import Any
 from omniscv.arguments import fields, number, one_of
 from omniscv.cameras import create
 from omniscv.compose.image import OmniImage
-from omniscv.compose.renderer import Renderer
 from omniscv.dataset.truths import Observation, Truth, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -70,7 +69,7 @@ def _room(observation: Observation, source: str | None) -> RoomLayout:
 
 def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
     """A panorama from the image's place with only the room in it; None if the source cannot hide objects."""
-    if observation.renderer is None or not _captures(observation.geometry):
+    if observation.renderer is None:
         return None
     source = observation.renderer.source
     furniture = [name for name in source.objects().names() if not is_room(name, observation.classes)]
@@ -79,11 +78,11 @@ def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
     except ArgumentError:
         return None
     with empty:
-        return Renderer(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
+        return observation.renderer.of(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
 
 
-def _captures(geometry: SceneGeometry) -> bool:
-    return geometry.room is None
+def _captures(geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
+    return geometry.room is None or _options(options).get("source") == "fitted"
 
 
 register(
@@ -94,5 +93,6 @@ register(
         file="layout.json",
         keys=("layout", "tolerance"),
         captures=_captures,
+        check_options=_options,
     )
 )

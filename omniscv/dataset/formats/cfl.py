@@ -21,7 +21,7 @@ from typing import Any
 from omniscv.arguments import Reader, fields, number, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.plain_pictures import write_color, write_picture
+from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.truth.layout_maps import VISIBILITIES, exact_maps, original_maps
 
@@ -87,6 +87,6 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
             else:
                 edges, corners = exact_maps(frame.layout, frame.camera, **maps)
         written.append(write_color(out / "RGB" / f"{frame.key}.{suffix}", frame))
-        written.append(write_picture(out / "EM_gt" / f"{frame.key}_EM.{suffix}", edges))
-        written.append(write_picture(out / "CM_gt" / f"{frame.key}_CM.{suffix}", corners))
+        written.append(write_pixels(out / "EM_gt" / f"{frame.key}_EM.{suffix}", edges))
+        written.append(write_pixels(out / "CM_gt" / f"{frame.key}_CM.{suffix}", corners))
     return written

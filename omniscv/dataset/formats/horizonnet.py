@@ -14,7 +14,7 @@ from typing import Any
 from omniscv.arguments import Reader, fields, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.plain_pictures import write_color
+from omniscv.dataset.pictures import write_color
 from omniscv.truth.cor_id import cor_id, refused
 from omniscv.truth.layout_record import room_of
 

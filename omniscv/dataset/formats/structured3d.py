@@ -27,7 +27,7 @@ from omniscv.arguments import shown, within
 from omniscv.cameras import Camera
 from omniscv.dataset.formats.horizonnet import corner_lines
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.plain_pictures import write_color, write_picture
+from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -187,7 +187,7 @@ def _panorama(frame: Frame, folder: Path, room: Room, lines: str, R_s_w: Array) 
             pictures["semantic"], pictures["instance"] = _semantic(frame, room), _instances(frame, room)
         if "depth" in frame.files:
             pictures["depth"] = _millimetres(frame.layer("depth"))
-        saved = [write_picture(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
+        saved = [write_pixels(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
         if "lit" in frame.files:
             saved.append(write_color(full / "rgb_rawlight.png", frame))
     return [*(folder / file for file in texts), *saved]

@@ -1,0 +1,171 @@
+"""A camera's numbers by the names that calibration files give them, and the camera that they make.
+
+A format is then a list of which models it has, and which of the numbers: see :func:`fit_format`.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from omniscv.cameras import Camera, create
+from omniscv.errors import ArgumentError
+
+HALF_PIXEL = 0.5
+"""Added to a principal point of a format that puts pixel centres at whole numbers; ours are at .5."""
+
+_ARGUMENTS: dict[str, dict[str, str]] = {
+    "pinhole": {"skew": "skew", "distortion": "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"},
+    "kannala-brandt": {"skew": "skew", "k": "k1 k2 k3 k4"},
+    "fisheye624": {"k": "k0 k1 k2 k3 k4 k5", "p": "p0 p1", "s": "s0 s1 s2 s3"},
+    "unified": {"skew": "skew", "xi": "xi", "distortion": "k1 k2 p1 p2"},
+    "extended-unified": {"alpha": "alpha", "beta": "beta"},
+    "double-sphere": {"xi": "xi", "alpha": "alpha"},
+    "division": {"k": "k"},
+}
+"""The constructor arguments of a model beyond size, focal lengths and centre, and the numbers each holds."""
+
+Numbers = dict[str, float]
+
+
+class Intrinsics(NamedTuple):
+    """A model's name, and its numbers: fx, fy, cx, cy (px, our pixel rule) and those of ``_ARGUMENTS``."""
+
+    model: str
+    numbers: Numbers
+
+
+class FormatModel(NamedTuple):
+    """A model as a format has it.
+
+    Attributes:
+        name: in the format.
+        model: ours.
+        numbers: their names in the format's order; ``f`` is fx = fy. What is not there is 0.
+    """
+
+    name: str
+    model: str
+    numbers: tuple[str, ...]
+
+
+def intrinsics(camera: Camera) -> list[Intrinsics]:
+    """Return the models and numbers that give a camera's rays, its own first; none for other models.
+
+    The circle in which the image of a lens such as ``fisheye-equidistant`` ends is no number of these.
+
+    Raises:
+        ArgumentError: a camera with a limit ``fov_deg``, which no format holds.
+    """
+    u_0, v_0 = camera.center.tolist()
+    focal = getattr(camera, "focal", None)
+    place = {"fx": getattr(camera, "fx", focal), "fy": getattr(camera, "fy", focal), "cx": u_0, "cy": v_0}
+    if camera.name == "fisheye-equidistant":
+        return [Intrinsics("kannala-brandt", place)]
+    if camera.name == "fisheye-stereographic":  # the sphere model seen from its pole, where f = 2 focal
+        unified = Intrinsics("unified", {**place, "fx": 2 * place["fx"], "fy": 2 * place["fy"], "xi": 1.0})
+        return [unified, _extended(unified)]
+    if camera.name not in _ARGUMENTS:
+        return []
+    _refuse_limit(camera)
+    for argument, names in _ARGUMENTS[camera.name].items():
+        values = np.ravel(getattr(camera, argument, 0.0)).tolist()
+        place |= zip(names.split(), values, strict=False)
+    own = Intrinsics(camera.name, place)
+    distorted = any(place.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
+    return [own, _extended(own)] if camera.name == "unified" and not distorted else [own]
+
+
+def _extended(unified: Intrinsics) -> Intrinsics:
+    """The unified model as the extended one, in which ``beta`` is 1."""
+    numbers = unified.numbers
+    alpha = numbers["xi"] / (1 + numbers["xi"])
+    scaled = {name: (1 - alpha) * numbers[name] for name in ("fx", "fy")}
+    return Intrinsics("extended-unified", {**numbers, **scaled, "alpha": alpha, "beta": 1.0})
+
+
+def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float]) -> Camera:
+    """Return the camera of a model with numbers as :class:`Intrinsics` has them; those missing are 0.
+
+    Raises:
+        ArgumentError: numbers that the model refuses.
+    """
+    given: dict[str, object] = {}
+    for argument, names in _ARGUMENTS[model].items():
+        values = [numbers.get(name, 0.0) for name in names.split()]
+        if any(values) or argument not in ("skew", "distortion"):
+            given[argument] = values if " " in names else values[0]
+    center = {"cx": numbers["cx"], "cy": numbers["cy"]}
+    if model == "division":
+        return create(model, width, height, focal=_one_focal(numbers), **center, **given)  # type: ignore[arg-type]
+    if model == "pinhole" and not given and numbers["fx"] == numbers["fy"]:
+        return create(model, width, height, focal=numbers["fx"], center=[*center.values()])
+    return create(model, width, height, fx=numbers["fx"], fy=numbers["fy"], **center, **given)  # type: ignore[arg-type]
+
+
+def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> Numbers:
+    """Return the numbers of a format's model, ``shift_px`` added to the principal point."""
+    numbers = dict(zip(row.numbers, values, strict=True))
+    if "f" in numbers:
+        numbers["fx"] = numbers["fy"] = numbers.pop("f")
+    numbers["cx"], numbers["cy"] = numbers["cx"] + shift_px, numbers["cy"] + shift_px
+    return numbers
+
+
+def fit_format(
+    camera: Camera, rows: Iterable[FormatModel], shift_px: float
+) -> tuple[FormatModel, list[float]] | None:
+    """Return the first of a format's models that holds all of a camera's numbers, and these in its order.
+
+    Args:
+        camera: what is written.
+        rows: the models of the format, those of fewest numbers first.
+        shift_px: taken from the principal point.
+
+    Returns:
+        None where the format has no such model.
+
+    Raises:
+        ArgumentError: a camera with a limit ``fov_deg``.
+    """
+    found = intrinsics(camera)
+    for own in found:
+        for row in rows:
+            if row.model == own.model and (values := _in_order(row, own.numbers, shift_px)) is not None:
+                return row, values
+    return None
+
+
+def _in_order(row: FormatModel, numbers: Numbers, shift_px: float) -> list[float] | None:
+    shifted = {**numbers, "cx": numbers["cx"] - shift_px, "cy": numbers["cy"] - shift_px}
+    if "f" in row.numbers:
+        if shifted.pop("fx") != shifted["fy"]:
+            return None
+        shifted["f"] = shifted.pop("fy")
+    wanted = set(_names_of(row.model))
+    if any(value for name, value in shifted.items() if name in wanted and name not in row.numbers):
+        return None
+    return [shifted.get(name, 0.0) for name in row.numbers]
+
+
+def _names_of(model: str) -> list[str]:
+    return ["fx", "fy", "cx", "cy", *" ".join(_ARGUMENTS[model].values()).split()]
+
+
+def _one_focal(numbers: Mapping[str, float]) -> float:
+    if numbers["fx"] != numbers["fy"]:
+        raise ArgumentError(
+            "focal lengths: expected two that are equal (our division model stretches no axis), got "
+            f"{numbers['fx']:.15g} and {numbers['fy']:.15g}"
+        )
+    return numbers["fx"]
+
+
+def _refuse_limit(camera: Camera) -> None:
+    """Raise ArgumentError where the camera has a limit ``fov_deg``, which no format holds."""
+    limit = getattr(camera, "fov_deg", None)
+    if limit is not None and camera.name != "pinhole":
+        raise ArgumentError(
+            f"fov_deg: expected a camera without this limit, which the format cannot carry, got "
+            f"{limit:.15g}; save the same camera made without fov_deg"
+        )

@@ -1,0 +1,85 @@
+"""OpenCV's distortion of the plane: rational and tangential terms and a thin prism."""
+
+from typing import Any
+
+import numpy as np
+
+from omniscv.cameras.base import Array
+from omniscv.cameras.increasing import first_positive_root
+
+_TABLE = 512  # radii whose undistorted ones are known beforehand
+
+
+class Distortion:
+    """``x'' = x c + 2 p1 x y + p2 (r2 + 2 x^2) + s1 r2 + s2 r2^2``,
+    ``y'' = y c + p1 (r2 + 2 y^2) + 2 p2 x y + s3 r2 + s4 r2^2``, with ``r2 = x^2 + y^2`` and
+    ``c = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)``.
+
+    It is undone within the disc about (0, 0) on which it stretches in every direction: there, and in no
+    larger disc, the symmetric part of its derivative is positive definite, so that no two places of the
+    disc come to one. Without p and s the disc ends where r c turns back.
+
+    Args:
+        coefficients: (12,) k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4: OpenCV's order.
+    """
+
+    def __init__(self, coefficients: Array) -> None:
+        k1, k2, p1, p2, k3, k4, k5, k6, *prism = coefficients.tolist()
+        self._numerator, self._denominator = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
+        self._radial_only = not any((p1, p2, *prism))
+        self.coefficients = (k1, k2, p1, p2, k3, k4, k5, k6, *prism)
+        self.solver: tuple[Any, ...] = ()
+
+    def apply(self, plane: Array) -> Array:
+        """Return the places (..., 2) of undistorted places (..., 2)."""
+        from omniscv.cameras import kernels  # slow to load
+
+        flat = np.ascontiguousarray(plane.reshape(-1, 2))
+        return np.asarray(kernels.distorted(flat, self.coefficients).reshape(plane.shape))
+
+    def ending(self, end: float, beyond: float, rounding: float) -> float:
+        """Return the radius of the disc on which the distortion can be undone, and prepare to undo it.
+
+        Args:
+            end: the last radius of the model.
+            beyond: a distorted radius beyond the image's corners.
+            rounding: how far rounding may move a distorted place.
+        """
+        from omniscv.cameras import kernels  # slow to load
+
+        end = self._reaching(min(end, self._first_turn()), beyond)
+        if not self._radial_only:
+            end = float(kernels.first_turn(self.coefficients, end))
+        radii = np.linspace(0.0, end, _TABLE + 1)
+        reached = self._radial(radii)
+        last = float(reached[-1])
+        table = np.interp(np.linspace(0.0, last, _TABLE + 1), reached, radii)
+        table.flags.writeable = False
+        farthest = float(kernels.farthest_of_rim(self.coefficients, end))
+        self.solver = (self.coefficients, end, last, farthest, 4 * rounding, table)
+        return end if np.isfinite(table).all() and last > 0 else np.nan
+
+    def _radial(self, r: Array) -> Array:
+        """r c, for radii (...)."""
+        powers = (r * r)[..., None] ** np.arange(4)
+        return np.asarray(r * (powers @ self._numerator) / (powers @ self._denominator))
+
+    def _first_turn(self) -> float:
+        """Where r c turns back or has its first pole; infinity where it does not."""
+        N, D = np.polynomial.Polynomial(self._numerator), np.polynomial.Polynomial(self._denominator)
+        s = np.polynomial.Polynomial([0.0, 1.0])
+        slope = N * D + 2 * s * (N.deriv() * D - N * D.deriv())  # of r c by r, times D^2; s = r^2
+        turn, pole = first_positive_root(slope.coef), first_positive_root(self._denominator)
+        return float(np.sqrt(min(turn, pole)))
+
+    def _reaching(self, end: float, beyond: float) -> float:
+        """The least radius up to ``end`` where r c is ``beyond``; ``end`` where it does not come so far."""
+        low, high = 0.0, end
+        if not np.isfinite(end):
+            high = beyond
+            while self._radial(np.array(high)) < beyond and high < 1e100:
+                high *= 2
+        for _ in range(80):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._radial(np.array(middle)) < beyond else (low, middle)
+        return high

@@ -1,0 +1,300 @@
+"""Compiled loops over pixels. Loaded when the first camera works: numba takes longer to load than all else.
+
+Angles never turn up here: a pixel has a radius and the cosine and sine of its azimuth.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Plane = tuple[float, float, float, float, float, float]
+"""What takes offsets in px to the plane: a matrix row by row, and two divisors."""
+Found = tuple[NDArray[np.int64], Array, Array, Array]  # rows of pixels, their r, cos a, sin a
+
+_SAFE_LEAST, _SAFE_MOST = 1e-140, 1e140  # whose squares float64 holds with all digits
+_NEAREST = float(np.finfo(np.float64).tiny)
+
+
+@njit(cache=True, nogil=True)
+def blank(vectors: Array, keep: NDArray[np.bool_]) -> None:
+    """Put NaN into the rows of ``vectors`` (N, 3) where ``keep`` (N,) is False."""
+    for i in range(len(keep)):
+        if not keep[i]:
+            vectors[i, 0] = vectors[i, 1] = vectors[i, 2] = np.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_plane(pixels: Array, i: int, center: tuple[float, float], plane: Plane) -> tuple[float, float]:
+    """Return pixel i in the plane, whose unit is the focal length."""
+    du, dv = pixels[i, 0] - center[0], pixels[i, 1] - center[1]
+    return (plane[0] * du + plane[1] * dv) / plane[4], (plane[2] * du + plane[3] * dv) / plane[5]
+
+
+@njit(cache=True, nogil=True)
+def store(found: Found, n: int, i: int, x: float, y: float, r: float) -> int:
+    """Enter row i, whose place in the plane is (x, y), as the n-th that was found; return n + 1."""
+    where, radius, cos_a, sin_a = found
+    where[n], radius[n] = i, r
+    if r < _NEAREST:
+        cos_a[n], sin_a[n] = 1.0, 0.0
+    else:
+        cos_a[n], sin_a[n] = x / r, y / r
+    return n + 1
+
+
+@njit(cache=True, nogil=True)
+def length(x: float, y: float) -> float:
+    """Return the length of (x, y)."""
+    r = math.sqrt(x * x + y * y)
+    return r if _SAFE_LEAST < r < _SAFE_MOST else math.hypot(x, y)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def polar_within(pixels: Array, center: tuple[float, float], plane: Plane, end: float, found: Found) -> int:
+    """Enter the pixels (N, 2) whose radius in the plane is at most ``end``; return how many there are."""
+    n = 0
+    for i in range(len(pixels)):
+        x, y = in_plane(pixels, i, center, plane)
+        r = length(x, y)
+        if r <= end:
+            n = store(found, n, i, x, y, r)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def turn(
+    where: NDArray[np.int64],
+    across: Array,
+    along: Array,
+    cos_a: Array,
+    sin_a: Array,
+    directions: Array,
+    valid: NDArray[np.bool_],
+) -> None:
+    """Write the directions with these parts across and along the axis into rows ``where``."""
+    for n in range(len(where)):
+        i = where[n]
+        directions[i, 0] = across[n] * cos_a[n]
+        directions[i, 1] = across[n] * sin_a[n]
+        directions[i, 2] = along[n]
+        valid[i] = math.isfinite(along[n])
+
+
+# -- polynomials --------------------------------------------------------------------------------
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def invert(values: Array, coefficients: Array, table: Array, last: float) -> Array:
+    """Return x with ``p(x) = y`` for values y (N,) in [0, last], where p increases from 0.
+
+    Halley's steps from a table of x at equal steps of y, mostly one, within an interval that holds the root:
+    where p turns, and a step would leave the interval, it is halved.
+    """
+    out, cells = np.empty(len(values)), len(table) - 1
+    for n in range(len(values)):
+        y = values[n]
+        place = min(max(y / last * cells, 0.0), float(cells))
+        j = min(int(place), cells - 1)
+        low, high = table[max(j - 1, 0)], table[min(j + 2, cells)]
+        x = table[j] + (place - j) * (table[j + 1] - table[j])
+        for _ in range(100):
+            value, slope, bend = _value_slope_bend(coefficients, x)
+            if value > y:
+                high = x
+            else:
+                low = x
+            newton = (value - y) / slope
+            turned = newton * bend / slope  # what the slope changes over a step, relative: half of it
+            step = newton / (1 - turned)
+            if not (abs(turned) < 0.5 and low <= x - step <= high):
+                x = (low + high) / 2
+                if high - low <= 4e-16 * high:
+                    break
+                continue
+            x -= step
+            # What is left is about the third power of the step.
+            if (turned * turned * x * x + step * step) * abs(step) <= 1e-18 * x * x * x:
+                break
+        out[n] = x
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _value_slope_bend(coefficients: Array, x: float) -> tuple[float, float, float]:
+    """p, p' and p'' / 2 at x."""
+    value, slope, bend = coefficients[-1], 0.0, 0.0
+    for k in range(len(coefficients) - 2, -1, -1):
+        bend = bend * x + slope
+        slope = slope * x + value
+        value = value * x + coefficients[k]
+    return value, slope, bend
+
+
+# -- distortion ---------------------------------------------------------------------------------
+
+Coefficients = tuple[float, ...]  # twelve, in OpenCV's order
+Moved = tuple[float, float, float, float, float, float]  # x'', y'', and their slopes by x and y, row by row
+
+Solver = tuple[Coefficients, float, float, float, float, Array]
+"""The coefficients; the disc's radius, where the radial terms put it, and the farthest that it comes to; what
+rounding may add; and the radii that the radial terms put at equal steps."""
+
+_STEPS = 3  # of Newton's, that mostly do
+_RADII, _AZIMUTHS, _FINE_AZIMUTHS = 512, 64, 720
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved(k: Coefficients, x: float, y: float) -> Moved:
+    """Where distortion puts (x, y), and its derivative there; see :class:`distortion.Distortion`."""
+    r2 = x * x + y * y
+    above, below = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])), 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
+    share = 1 / below
+    c = above * share
+    above_slope, below_slope = k[0] + r2 * (2 * k[1] + 3 * r2 * k[4]), k[5] + r2 * (2 * k[6] + 3 * r2 * k[7])
+    steep = 2 * (above_slope - c * below_slope) * share  # twice c by r2
+    p1, p2 = k[2], k[3]
+    prism_x, prism_y = k[8] + k[9] * r2, k[10] + k[11] * r2
+    bent_x, bent_y = 2 * (k[8] + 2 * k[9] * r2), 2 * (k[10] + 2 * k[11] * r2)
+    both = x * y * steep + 2 * (p1 * x + p2 * y)
+    return (
+        x * c + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + prism_x * r2,
+        y * c + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + prism_y * r2,
+        c + x * x * steep + 2 * p1 * y + 6 * p2 * x + bent_x * x,
+        both + bent_x * y,
+        both + bent_y * x,
+        c + y * y * steep + 6 * p1 * y + 2 * p2 * x + bent_y * y,
+    )
+
+
+@njit(cache=True, nogil=True)
+def distorted(plane: Array, k: Coefficients) -> Array:
+    """Return where distortion puts places (N, 2)."""
+    out = np.empty_like(plane)
+    for i in range(len(plane)):
+        moved = _moved(k, plane[i, 0], plane[i, 1])
+        out[i, 0], out[i, 1] = moved[0], moved[1]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _stretches(k: Coefficients, r: float, azimuths: int) -> bool:
+    """Whether distortion stretches in every direction, all around the circle of radius r."""
+    for j in range(azimuths):
+        a = 2 * math.pi * j / azimuths
+        _, _, xx, xy, yx, yy = _moved(k, r * math.cos(a), r * math.sin(a))
+        if not (xx > 0 and 4 * xx * yy > (xy + yx) ** 2):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def first_turn(k: Coefficients, end: float) -> float:
+    """Return the radius, at most ``end``, up to which distortion stretches in every direction."""
+    for i in range(1, _RADII + 1):
+        high = end * i / _RADII
+        if not _stretches(k, high, _AZIMUTHS):
+            low = end * (i - 1) / _RADII
+            for _ in range(60):
+                middle = (low + high) / 2
+                if _stretches(k, middle, _FINE_AZIMUTHS):
+                    low = middle
+                else:
+                    high = middle
+            return low
+    return end
+
+
+@njit(cache=True, nogil=True)
+def farthest_of_rim(k: Coefficients, end: float) -> float:
+    """Return how far from (0, 0) the circle of radius ``end`` comes, and a little more."""
+    most = 0.0
+    for j in range(_FINE_AZIMUTHS):
+        a = 2 * math.pi * j / _FINE_AZIMUTHS
+        x, y, _, _, _, _ = _moved(k, end * math.cos(a), end * math.sin(a))
+        most = max(most, length(x, y))
+    return 1.001 * most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def undistorted_within(
+    pixels: Array, center: tuple[float, float], plane: Plane, solver: Solver, found: Found
+) -> int:
+    """Enter the pixels (N, 2) that distortion makes of places in its disc, as those; return how many."""
+    k, end, last, farthest, _, table = solver
+    where, wanted_x, wanted_y = np.empty(len(pixels), np.int64), np.empty(len(pixels)), np.empty(len(pixels))
+    count = 0
+    for i in range(len(pixels)):
+        x, y = in_plane(pixels, i, center, plane)
+        if length(x, y) <= farthest:
+            where[count], wanted_x[count], wanted_y[count] = i, x, y
+            count += 1
+    found_x, found_y = np.empty(count), np.empty(count)
+    for m in range(count):
+        found_x[m], found_y[m] = _start(wanted_x[m], wanted_y[m], last, table)
+    for _ in range(_STEPS):
+        _newton_steps(k, wanted_x[:count], wanted_y[:count], found_x, found_y)
+    n = 0
+    for m in range(count):
+        x, y = found_x[m], found_y[m]
+        to_x, to_y, _, _, _, _ = _moved(k, x, y)
+        off, r = abs(to_x - wanted_x[m]) + abs(to_y - wanted_y[m]), length(x, y)
+        good = off <= 1e-15 * length(wanted_x[m], wanted_y[m]) and r <= end
+        if not good:
+            x, y, good = _undistorted(wanted_x[m], wanted_y[m], solver)
+            r = min(length(x, y), end)
+        if good:
+            n = store(found, n, where[m], x, y, r)
+    return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start(wanted_x: float, wanted_y: float, last: float, table: Array) -> tuple[float, float]:
+    """The place that the radial terms alone would have moved to the one wanted."""
+    reached, cells = length(wanted_x, wanted_y), len(table) - 1
+    at = min(reached / last, 1.0) * cells
+    j = min(int(at), cells - 1)
+    scale = (table[j] + (at - j) * (table[j + 1] - table[j])) / reached if reached > 0 else 0.0
+    return wanted_x * scale, wanted_y * scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _newton_steps(k: Coefficients, wanted_x: Array, wanted_y: Array, x: Array, y: Array) -> None:
+    """One step of Newton's for every place: no branch, so that the processor takes several at once."""
+    for m in range(len(x)):
+        to_x, to_y, xx, xy, yx, yy = _moved(k, x[m], y[m])
+        off_x, off_y, scale = to_x - wanted_x[m], to_y - wanted_y[m], 1 / (xx * yy - xy * yx)
+        x[m] -= (yy * off_x - xy * off_y) * scale
+        y[m] -= (xx * off_y - yx * off_x) * scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _undistorted(wanted_x: float, wanted_y: float, solver: Solver) -> tuple[float, float, bool]:
+    """The place in the disc that distortion puts at the one wanted, and whether there is one: Newton's steps
+    that do not leave the disc."""
+    k, end, last, _, slack, table = solver
+    x, y = _start(wanted_x, wanted_y, last, table)
+    # Left of a root next to a turn Newton's steps approach it; right of it they might go anywhere.
+    inward = min(0.9 * end / max(length(x, y), 1e-300), 1.0)
+    x, y = x * inward, y * inward
+    at_the_rim = 0
+    for _ in range(100):
+        to_x, to_y, xx, xy, yx, yy = _moved(k, x, y)
+        off_x, off_y, scale = to_x - wanted_x, to_y - wanted_y, 1 / (xx * yy - xy * yx)
+        step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - yx * off_x) * scale
+        step = length(step_x, step_y)
+        if not step <= end:
+            step_x, step_y = step_x * end / step, step_y * end / step
+        before_x, before_y = x, y
+        x, y = x - step_x, y - step_y
+        r = length(x, y)
+        at_the_rim = at_the_rim + 1 if r > end else 0
+        if r > end:
+            x, y = x * end / r, y * end / r
+        if at_the_rim > 4 or length(x - before_x, y - before_y) <= 2e-16 * end:
+            break
+    to_x, to_y, _, _, _, _ = _moved(k, x, y)
+    near = slack + 4e-16 * length(wanted_x, wanted_y)
+    return x, y, abs(to_x - wanted_x) + abs(to_y - wanted_y) <= near

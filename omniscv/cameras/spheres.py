@@ -1,0 +1,263 @@
+"""Lenses in closed form: by unit spheres or an ellipsoid, seen from beside the centre; and by division."""
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.arguments import number, numbers
+from omniscv.cameras.base import Array
+from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.lens import FocalLens
+from omniscv.cameras.radial import BEFORE_TURN, Meridian
+from omniscv.cameras.registry import register
+
+
+@register
+class DoubleSphere(FocalLens):
+    """Two unit spheres, ``xi`` apart: of the point at (rho, z) off the axis and along it, 1 away,
+    ``k = xi + z``, ``n = alpha sqrt(rho^2 + k^2) + (1 - alpha) k``, ``u = cx + fx (x + skew y) / n``.
+
+    Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5);
+    ``xi`` in (-1, 1] and ``alpha`` in [0, 1], no unit; ``skew``; ``fov_deg`` <= 360, an optional limit.
+    Domain: ``k > -w sqrt(rho^2 + k^2)`` with w = alpha / (1 - alpha), or (1 - alpha) / alpha for alpha > 0.5,
+    where n turns back: that is ``z > -w sqrt(1 - xi^2 s) - xi s``, s = 1 - w^2, and in the image
+    ``r^2 <= 1 / (2 alpha - 1)``. The limit w2 that was published with the model is another one.
+    Source: Usenko, Demmel and Cremers 2018, eq. 40 to 50; the domain is derived here.
+    """
+
+    name = "double-sphere"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        *,
+        xi: float,
+        alpha: float,
+        skew: float = 0.0,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.xi, self.alpha = number("xi", xi, above=-1, most=1), number("alpha", alpha, least=0, most=1)
+        w, s, self._fold = _second_limit(self.alpha)
+        t = _to_first_sphere(np.array(np.sqrt(s)), np.array(-w), self.xi)
+        self._theta_end = float(np.arctan2(t * np.sqrt(s), -t * w - self.xi))
+        self._r_end = self._fold or np.inf
+        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, width, fx=0.31 * width, fy=0.31 * width, xi=-0.2, alpha=0.6, fov_deg=195)
+
+    def _meridian(self, r: Array) -> Meridian:
+        height = _height(r, self.alpha, self._fold)
+        t = _to_first_sphere(r, height, self.xi)
+        return Meridian(t * r, t * height - self.xi)
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        k = _sum(self.xi, across, along)
+        return _over(across, self.alpha * np.hypot(across, k) + (1 - self.alpha) * k)
+
+
+@register
+class ExtendedUnified(FocalLens):
+    """The ellipsoid ``beta (x^2 + y^2) + z^2 = 1`` seen from a point on its axis (EUCM):
+    ``n = alpha sqrt(beta (x^2 + y^2) + z^2) + (1 - alpha) z``, ``u = cx + fx (x + skew y) / n``.
+
+    Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5);
+    ``alpha`` in [0, 1] and ``beta`` > 0, no unit; ``skew``; ``fov_deg`` <= 360, an optional limit.
+    Domain: ``z > -w sqrt(beta (x^2 + y^2) + z^2)`` with w = alpha / (1 - alpha), or (1 - alpha) / alpha for
+    alpha > 0.5, where n turns back; in the image ``r^2 <= 1 / (beta (2 alpha - 1))``.
+    Source: Khomutenko, Garcia and Martinet 2016.
+    """
+
+    name = "extended-unified"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        *,
+        alpha: float,
+        beta: float,
+        skew: float = 0.0,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.alpha, self.beta = number("alpha", alpha, least=0, most=1), number("beta", beta, above=0)
+        self._stretch = float(np.sqrt(self.beta))
+        w, s, self._fold = _second_limit(self.alpha)
+        self._theta_end = float(np.arctan2(np.sqrt(s), -w * self._stretch))
+        self._r_end = self._fold / self._stretch if self._fold else np.inf
+        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, width, fx=0.33 * width, fy=0.33 * width, alpha=0.62, beta=1.1, fov_deg=185)
+
+    def _meridian(self, r: Array) -> Meridian:
+        height = _height(self._stretch * r, self.alpha, self._fold)
+        distance = np.hypot(r, height)
+        return Meridian(r / distance, height / distance)
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        d = np.hypot(self._stretch * across, along)
+        return _over(across, self.alpha * d + (1 - self.alpha) * along)
+
+
+@register
+class Unified(FocalLens):
+    """The unit sphere seen from ``xi`` behind its centre, then distortion (Mei's model): ``x = X / (Z + xi)``
+    of the direction (X, Y, Z), ``x' = x (1 + k1 r2 + k2 r2^2) + 2 p1 x y + p2 (r2 + 2 x^2)``, likewise y'
+    with p1 and p2 exchanged, ``u = cx + fx (x' + skew y')``, ``v = cy + fy y'``.
+
+    Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5);
+    ``xi`` > -1; ``distortion`` = (k1, k2, p1, p2); ``skew``: OpenCV's K[0, 1] over fx; ``fov_deg`` <= 360,
+    an optional limit. Domain: ``Z > -xi``, for xi > 1 ``Z > -1 / xi``; and the disc of (x, y) within which
+    the distortion turns back nowhere.
+    Source: Mei and Rives 2007; with fx = -eta f the mirrors of OmniSCV, which look back, along -z.
+    """
+
+    name = "unified"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        *,
+        xi: float,
+        distortion: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+        skew: float = 0.0,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.xi = number("xi", xi, above=-1)
+        self.distortion = numbers("distortion", distortion, (4,))
+        self._one_less_xi_squared = (1 - self.xi) * (1 + self.xi)
+        sine, cosine = np.sqrt(abs(self._one_less_xi_squared)), -1.0 if self.xi > 1 else -self.xi
+        self._theta_end = float(np.arctan2(sine, cosine))
+        self._fold = float(1 / np.sqrt(-self._one_less_xi_squared)) if self.xi > 1 else 0.0
+        self._r_end = self._fold or np.inf
+        if self.distortion.any():
+            self._distortion = Distortion(np.append(self.distortion, np.zeros(8)))
+        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        terms: dict[str, Any] = {"xi": 0.95, "distortion": (-0.08, 0.01, 5e-4, -3e-4)}
+        return cls(width, width, fx=0.57 * width, fy=0.57 * width, **terms, fov_deg=185)
+
+    def _meridian(self, r: Array) -> Meridian:
+        if self._fold:
+            part = np.minimum(r / self._fold, 1.0)
+            root = np.sqrt((1 - part) * (1 + part))
+        else:
+            root = np.sqrt(1 + self._one_less_xi_squared * r * r)
+        if self.xi < 0:  # as below, without a difference of like numbers
+            scale = self._one_less_xi_squared / (root - self.xi)
+        else:
+            scale = (self.xi + root) / (r * r + 1)
+        return Meridian(r * scale, (root - self.xi * r * r) / (r * r + 1))
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        return _over(across, _sum(self.xi, across, along))
+
+
+@register
+class Division(FocalLens):
+    """One parameter for the strongest lenses: the ray of (x, y) = ((u - cx) / focal, (v - cy) / focal) is
+    ``(x, y, 1 + k r2)``, ``r2 = x^2 + y^2``; ahead of the camera ``X / Z = x / (1 + k r2)``.
+
+    Parameters: ``focal`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5); ``k``, below 0
+    for barrel distortion; ``fov_deg`` <= 360, an optional limit.
+    Domain: for k > 0, r <= 1 / sqrt(k), where the ray turns back; for k < 0 every pixel, those with
+    r > 1 / sqrt(-k) beyond 90 degrees, and every direction but straight back; for k = 0 as ``pinhole``.
+    Source: Fitzgibbon 2001.
+    """
+
+    name = "division"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        focal: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        k: float = 0.0,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.focal, self.k = number("focal", focal, above=0), number("k", k)
+        if self.k >= 0:
+            self._theta_end = float(np.arctan2(1.0, 2 * np.sqrt(self.k)))
+        if self.k > 0:
+            self._r_end = BEFORE_TURN * float(1 / np.sqrt(self.k))
+        self._see_through_focal(self.focal, self.focal, cx, cy, 0.0, fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, width, focal=0.3 * width, k=-0.3)
+
+    def _meridian(self, r: Array) -> Meridian:
+        height = 1 + self.k * r * r
+        distance = np.hypot(r, height)
+        return Meridian(r / distance, height / distance)
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        # The smaller root of k across r^2 - along r + across = 0, without a difference of like numbers.
+        root = np.sqrt(np.maximum(along * along - 4 * self.k * across * across, 0.0))
+        ahead = 2 * across / (along + root)
+        back = (along - root) / (2 * self.k * across) if self.k else np.full_like(across, np.nan)
+        return np.where(along >= 0, ahead, back)
+
+
+def _second_limit(alpha: float) -> tuple[float, float, float]:
+    """w of the limit ``z > -w d``; 1 - w^2; and the radius where n turns back, 0 where it does not."""
+    if alpha <= 0.5:
+        w = alpha / (1 - alpha)
+        return w, (1 - 2 * alpha) / (1 - alpha) ** 2, 0.0
+    return (1 - alpha) / alpha, (2 * alpha - 1) / alpha**2, float(1 / np.sqrt(2 * alpha - 1))
+
+
+def _height(r: Array, alpha: float, fold: float) -> Array:
+    """z over n of the ray at radius r."""
+    if fold:
+        part = np.minimum(r / fold, 1.0)
+        root = np.sqrt((1 - part) * (1 + part))
+    else:
+        root = np.sqrt(1 + (1 - 2 * alpha) * r * r)
+    return np.asarray((1 - alpha * r) * (1 + alpha * r) / (alpha * root + 1 - alpha))
+
+
+def _to_first_sphere(across: Array, along: Array, xi: float) -> Array:
+    """t > 0 so that ``t (across, along)`` from the second sphere's centre ends on the first sphere."""
+    less = (1 - xi) * (1 + xi)
+    distance = np.sqrt(along * along + less * across * across)
+    # Two ways: neither subtracts like numbers on its side.
+    near, far = less / (distance - along * xi), (along * xi + distance) / (along * along + across * across)
+    return np.where(along * xi < 0, near, far)
+
+
+def _sum(xi: float, across: Array, along: Array) -> Array:
+    """xi + along, without the loss of digits where a ray looks far back and xi is near 1, or ahead and -1."""
+    back, ahead = (xi - 1) + across * across / (1 - along), (xi + 1) - across * across / (1 + along)
+    return np.where(along < -0.5, back, np.where(along > 0.5, ahead, xi + along))
+
+
+def _over(across: Array, n: Array) -> Array:
+    """The radius across / n; NaN where n is not above 0: beyond the domain."""
+    return np.where(n > 0, across / n, np.nan)

@@ -1,0 +1,154 @@
+"""Rigs in files, read back by pycolmap and by a reader of Kalibr's chains that shares nothing with ours."""
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.same_rays import assert_same_rays
+
+from omniscv import Pose, Rig, RigCamera, calibration, cameras
+from omniscv.calibration import colmap
+from omniscv.errors import ArgumentError
+
+LENS = cameras.create("kannala-brandt", width=80, height=60, fx=25.0, fy=26.0, k=(0.01, -0.002, 0.0, 0.0))
+SPHERE = cameras.create("equirectangular", width=64, height=32)
+angles = st.floats(-180, 180)
+places = st.lists(st.floats(-2, 2), min_size=3, max_size=3)
+poses = st.builds(Pose.from_angles, places, angles, st.floats(-89, 89), angles)
+chains = st.lists(st.tuples(poses, st.floats(-0.1, 0.1)), min_size=1, max_size=4)
+
+
+def rig_of(mounts: list[tuple[Pose, float]], lens: cameras.Camera = LENS) -> Rig:
+    rig = Rig({f"cam{i}": RigCamera(lens, pose, late) for i, (pose, late) in enumerate(mounts)})
+    return rig.seen_from("cam0")
+
+
+def kalibr_point(chain: dict, name: str, p_0: np.ndarray) -> np.ndarray:
+    """A point of cam0's frame in another camera's, by the definition of ``T_cn_cnm1`` in Kalibr's reader."""
+    p = np.append(p_0, 1.0)
+    for i in range(1, int(name.removeprefix("cam")) + 1):
+        p = np.array(chain[f"cam{i}"]["T_cn_cnm1"]) @ p
+    return p[:3]
+
+
+@settings(max_examples=40)
+@given(chains, places)
+def test_a_chain_puts_points_where_the_rig_does(mounts: list[tuple[Pose, float]], p_0: list[float]) -> None:
+    rig = rig_of(mounts)
+    chain = yaml.safe_load(calibration.rig_to_kalibr(rig))
+    assert list(chain) == list(rig.cameras)
+    assert "T_cn_cnm1" not in chain["cam0"]
+    for name, mounted in rig.cameras.items():
+        theirs = kalibr_point(chain, name, np.array(p_0))
+        np.testing.assert_allclose(theirs, mounted.pose.to_camera(p_0), rtol=0, atol=1e-12)
+        assert chain[name].get("timeshift_cam_imu", 0.0) == mounted.time_offset
+
+
+@settings(max_examples=40)
+@given(chains)
+def test_a_chain_comes_back(mounts: list[tuple[Pose, float]]) -> None:
+    rig = rig_of(mounts)
+    again = calibration.rig_from_kalibr(calibration.rig_to_kalibr(rig))
+    assert list(again.cameras) == list(rig.cameras)
+    for name, mounted in rig.cameras.items():
+        np.testing.assert_allclose(again.cameras[name].pose.position, mounted.pose.position, atol=1e-12)
+        np.testing.assert_allclose(again.cameras[name].pose.rotation, mounted.pose.rotation, atol=1e-12)
+        assert again.cameras[name].time_offset == mounted.time_offset
+        assert_same_rays(again.cameras[name].camera, mounted.camera)
+
+
+def test_pycolmap_reads_a_rig_and_its_frames(tmp_path: Path) -> None:
+    """Four fisheyes and a panorama at three poses: every image where the rig has it."""
+    names = {str(i + 1): yaw for i, yaw in enumerate((0, 90, 180, 270))}
+    mounted = {name: RigCamera.turned(LENS, (0.02 * int(name), 0, 0), yaw) for name, yaw in names.items()}
+    rig = Rig({**mounted, "5": RigCamera.turned(SPHERE, (0, -0.1, 0), 45, 10, 5)}).seen_from("1")
+    calibration.save_rig(tmp_path, rig, "colmap")
+    places = [Pose.from_angles((i, 2 - i, 1.5), yaw_deg=40 * i, pitch_deg=5) for i in range(3)]
+    frames, images = [], []
+    for i, pose in enumerate(places):
+        ids = {camera: 5 * i + camera for camera in range(1, 6)}
+        frames.append(colmap.frame_line(i + 1, 1, pose, ids))
+        for name, own in rig.poses(pose).items():
+            images += [f"{ids[int(name)]} {colmap.pose_words(own)} {name} {name}/{i}.png", ""]
+    for name, lines in {"frames": frames, "images": images, "points3D": []}.items():
+        (tmp_path / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    read = pycolmap.Reconstruction(str(tmp_path))
+    assert (read.num_rigs(), read.num_frames(), read.num_images()) == (1, 3, 15)
+    for image in read.images.values():
+        pose = places[int(Path(image.name).stem)]
+        own = rig.poses(pose)[str(image.camera_id)]
+        by_rig = image.frame.rig.sensor_from_rig(image.camera.sensor_id) if image.camera_id > 1 else None
+        from_rig = image.frame.rig_from_world if by_rig is None else by_rig * image.frame.rig_from_world
+        for T_cam_world in (image.cam_from_world(), from_rig):
+            matrix = T_cam_world.matrix()
+            np.testing.assert_allclose(matrix[:, :3], own.R_w_c.T, atol=1e-12)
+            np.testing.assert_allclose(matrix[:, 3], -own.R_w_c.T @ own.t_w_c, atol=1e-12)
+    again = calibration.load_rig(tmp_path)
+    assert list(again.cameras) == list(rig.cameras)
+    for name, camera in rig.cameras.items():
+        assert_same_rays(again.cameras[name].camera, camera.camera)
+        np.testing.assert_allclose(again.cameras[name].pose.position, camera.pose.position, atol=1e-12)
+
+
+@pytest.mark.parametrize("format", ["json", "kalibr"])
+def test_a_file_is_told_by_its_content(format: str, tmp_path: Path) -> None:
+    rig = rig_of([(Pose.from_angles((0, 0, 0)), 0.0), (Pose.from_angles((0.1, 0, 0), 20), 0.01)])
+    calibration.save_rig(tmp_path / "rig", rig, format)  # type: ignore[arg-type]
+    again = calibration.load_rig(tmp_path / "rig")
+    for name, mounted in rig.cameras.items():
+        np.testing.assert_allclose(again.cameras[name].pose.rotation, mounted.pose.rotation, atol=1e-12)
+        assert again.cameras[name].time_offset == mounted.time_offset
+
+
+ONE = "1 PINHOLE 8 6 5 5 4 3\n2 PINHOLE 8 6 5 5 4 3\n"
+
+
+@pytest.mark.parametrize(
+    ("rigs", "says"),
+    [
+        ("", "expected one line"),
+        ("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0 0\n2 1 CAMERA 1\n", "expected one line"),
+        ("1 2 CAMERA 1 CAMERA 2 0\n", "expected HAS_POSE 1"),
+        ("1 2 CAMERA 1 IMU 2 1 1 0 0 0 0 0 0\n", "expected each sensor a CAMERA"),
+        ("1 2 CAMERA 1 CAMERA 3 1 1 0 0 0 0 0 0\n", "expected each sensor a CAMERA"),
+        ("1 2 CAMERA 1 CAMERA 2 1 0 0 0 0 0 0 0\n", "expected a quaternion"),
+        ("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0\n", "expected 7 finite"),
+        ("1 3 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0 0\n", "NUM_SENSORS: expected 2"),
+        ("1 1 CAMERA\n", "expected one line|CAMERA"),
+    ],
+)
+def test_a_wrong_rigs_txt_is_refused(rigs: str, says: str) -> None:
+    with pytest.raises(ArgumentError, match=says):
+        calibration.rig_from_colmap(ONE, rigs)
+
+
+def test_what_a_format_has_no_place_for_is_refused() -> None:
+    elsewhere = Rig({"cam0": RigCamera.turned(LENS, yaw_deg=10)})
+    with pytest.raises(ArgumentError, match=r"save rig.seen_from\('cam0'\)"):
+        calibration.rig_to_kalibr(elsewhere)
+    with pytest.raises(ArgumentError, match=r"expected cameras cam0, cam1, ... in order"):
+        calibration.rig_to_kalibr(Rig({"left": RigCamera(LENS)}))
+    with pytest.raises(ArgumentError, match="2: time_offset: expected 0"):
+        calibration.rig_to_colmap(Rig({"1": RigCamera(LENS), "2": RigCamera(LENS, time_offset=0.1)}))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("T_cn_cnm1", "T_cm_cnm1", "cam1: expected the key 'T_cn_cnm1'"),
+        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "cam1: T_cn_cnm1: expected a last row"),
+        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]", "cam1: T_cn_cnm1: expected"),
+        ("timeshift_cam_imu: 0.01", "timeshift_cam_imu: no", "cam1: timeshift_cam_imu: expected a finite"),
+        ("cam1:", "cam2:", "expected a chain cam0, cam1, got"),
+    ],
+)
+def test_a_wrong_chain_is_refused(old: str, new: str, says: str) -> None:
+    rig = rig_of([(Pose.from_angles((0, 0, 0)), 0.0), (Pose.from_angles((0.1, 0, 0), 20), 0.01)])
+    text = calibration.rig_to_kalibr(rig)
+    assert old in text
+    with pytest.raises(ArgumentError, match=says):
+        calibration.rig_from_kalibr(text.replace(old, new))
