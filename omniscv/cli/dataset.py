@@ -13,6 +13,7 @@ _HELP = "Images with all their truth, as files that other programs read."
 app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=False)
 
 Dataset = Annotated[Path, Argument(metavar="DIR", help="A dataset.")]
+Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
 Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
 
 
@@ -50,12 +51,13 @@ def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
     out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    camera: Cameras = None,
     given: Given = None,
 ) -> None:
     """Write a dataset in the form of another program, without its source."""
     from omniscv.dataset import export
 
-    for path in export(folder, to, out, **_options(given or [])):
+    for path in export(folder, to, out, camera or (), **_options(given or [])):
         console.line(path)
 
 
@@ -112,12 +114,13 @@ def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
     out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    camera: Cameras = None,
     given: Given = None,
 ) -> None:
     """Write a dataset as what people train from: WebDataset shards, or a Hugging Face ImageFolder."""
     from omniscv.arguments import one_of
 
-    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, given)
+    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, given)
 
 
 @app.command(epilog="Example: omniscv dataset video images --camera panorama --out panorama.mp4 --rate 10")

@@ -10,7 +10,7 @@ from typing import Any
 
 from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
-from omniscv.dataset.exporting import EXPORTS, Export
+from omniscv.dataset.exporting import EXPORTS, Export, write_into
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.layer_checks import layer_faults
 from omniscv.dataset.manifest import FrameEntry, Manifest
@@ -42,7 +42,7 @@ def check(out: str | Path, deep: bool = False, format: str | None = None) -> lis
     faults = [*_manifest_faults(folder, whole), *_list_faults(folder, entries)]
     for found in side_by_side(lambda entry: list(_frame_faults(folder, whole, entry, deep)), entries):
         faults += found
-    wanted = [Export(each["format"], each["options"], each["out"]) for each in whole.settings["exports"]]
+    wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
         name = registry.get(format).name
         wanted = [each for each in wanted if each.format == name] or [Export(name)]
@@ -147,9 +147,10 @@ def _export_faults(folder: Path, frames: list[Frame], wanted: Export, deep: bool
         return []
     format = registry.get(wanted.format)
     if own := getattr(format, "check", None):
-        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in own(frames, place)]
+        shown = [each for each in frames if wanted.shows(each.camera_name)]
+        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in own(shown, place)]
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-        format.write(frames, Path(again), wanted.options)
+        write_into(wanted, frames, Path(again))
         return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _differences(Path(again), place)]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import plugins
+from omniscv.arguments import shown
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
@@ -68,7 +69,8 @@ class Truth:
             name; in a file of its own a record is the whole file.
         keys: those of a job that it takes among its options: ``tolerance``, ``seam``, ``layout``.
         captures: whether it uses the renderer, and so must not run beside the next image; or a function of
-            what the source knows of shapes that returns that.
+            what the source knows of shapes, and of the options, that returns that.
+        check_options: raises ArgumentError for a wrong option, before anything is captured.
     """
 
     name: str
@@ -76,11 +78,18 @@ class Truth:
     needs: tuple[str, ...] = ()
     file: str = "truth.json"
     keys: tuple[str, ...] = ()
-    captures: bool | Callable[[SceneGeometry], bool] = False
+    captures: bool | Callable[[SceneGeometry, Mapping[str, Any]], bool] = False
+    check_options: Callable[[Mapping[str, Any]], object] | None = None
 
-    def may_capture(self, geometry: SceneGeometry) -> bool:
+    def may_capture(self, geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
         """Return whether it may use the renderer, given what the source knows of shapes."""
-        return self.captures(geometry) if callable(self.captures) else self.captures
+        return self.captures(geometry, options) if callable(self.captures) else self.captures
+
+
+def no_options(options: Mapping[str, Any]) -> None:
+    """Raise ArgumentError if there is an option."""
+    if options:
+        raise ArgumentError(f"expected no options, got {shown(dict(options))}")
 
 
 _MODULES: dict[str, str] = {

@@ -127,8 +127,11 @@ class _Making:
         self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
         self._renderer, self._geometry = Renderer(source), source.geometry()
         # A truth that captures may hide objects: no image is captured beside it.
-        alone = any(truths.get(name).may_capture(self._geometry) for name in job.recipe.truth)
-        self._turn = Lock() if alone else nullcontext()
+        wanted = job.recipe.truth
+        names = {each for each in wanted if truths.get(each).may_capture(self._geometry, wanted[each])}
+        self._alone = {name: options for name, options in wanted.items() if name in names}
+        self._beside = {name: options for name, options in wanted.items() if name not in names}
+        self._turn = Lock() if names else nullcontext()
 
     def run(
         self,
@@ -182,8 +185,8 @@ class _Making:
             time=shot.time,
         )
         with self._turn:
-            records = derive(observation, self._job.recipe.truth)
-        self._writer.write(shot, image, records)
+            records = derive(observation, self._alone)
+        self._writer.write(shot, image, derive(observation, self._beside, records))
 
 
 def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:

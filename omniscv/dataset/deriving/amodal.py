@@ -32,7 +32,7 @@ def derive(observation: Observation, options: Mapping[str, Any]) -> list[dict[st
     Raises:
         ArgumentError: offline, or a source that cannot hide objects.
     """
-    kind = fields("", options, _OPTIONS).get("kind", "boxes")
+    kind = _options(options).get("kind", "boxes")
     renderer = observation.renderer
     if renderer is None:
         raise ArgumentError("expected a source that can hide objects, got none; make the dataset with it")
@@ -43,6 +43,11 @@ def derive(observation: Observation, options: Mapping[str, Any]) -> list[dict[st
     show = partial(_shown, observation, renderer)
     labels, names = observation.seen(), observation.instances
     return amodal(labels, names, groups, show, wrap=image.camera.wraps, masks=kind == "masks")
+
+
+def _options(options: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = fields("", options, _OPTIONS)
+    return found
 
 
 def _things(observation: Observation) -> list[str]:
@@ -72,4 +77,4 @@ def _shown(observation: Observation, renderer: Renderer, names: Iterable[str]) -
     return found
 
 
-register(Truth("amodal", derive, needs=("object_mask",), captures=True))
+register(Truth("amodal", derive, needs=("object_mask",), captures=True, check_options=_options))

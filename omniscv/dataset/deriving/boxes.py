@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from omniscv.arguments import fields
-from omniscv.dataset.truths import Observation, Truth, register
+from omniscv.dataset.truths import Observation, Truth, no_options, register
 from omniscv.truth.object_boxes import boxes
 from omniscv.truth.oriented_boxes import truncated
 
@@ -12,7 +11,7 @@ from omniscv.truth.oriented_boxes import truncated
 def derive(observation: Observation, options: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the records of :func:`omniscv.truth.boxes.boxes`, with ``truncated`` where a box in space is
     known; there are no options."""
-    fields("", options, {})
+    no_options(options)
     image = observation.image
     records = boxes(
         observation.seen(),
@@ -28,4 +27,4 @@ def derive(observation: Observation, options: Mapping[str, Any]) -> list[dict[st
     return records
 
 
-register(Truth("boxes", derive, needs=("object_mask",)))
+register(Truth("boxes", derive, needs=("object_mask",), check_options=no_options))

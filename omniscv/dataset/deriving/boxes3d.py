@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import fields
-from omniscv.dataset.truths import Observation, Truth, register
+from omniscv.dataset.truths import Observation, Truth, no_options, register
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.truth.oriented_boxes import boxes3d, from_points
 
@@ -14,7 +13,7 @@ from omniscv.truth.oriented_boxes import boxes3d, from_points
 def derive(observation: Observation, options: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the records of :func:`omniscv.truth.boxes3d.boxes3d`: of boxes that the source knows, else of
     the points that are seen, where the image has depth; there are no options."""
-    fields("", options, {})
+    no_options(options)
     image, labels = observation.image, observation.seen()
     seen = set(np.flatnonzero(np.bincount(labels.ravel())).tolist())
     names = {name: each for name, each in observation.instances.items() if each in seen}
@@ -34,4 +33,4 @@ def _from_depth(observation: Observation, names: Mapping[str, int]) -> dict[str,
     return from_points(points_w, observation.seen(), kept, names)
 
 
-register(Truth("boxes3d", derive, needs=("object_mask",)))
+register(Truth("boxes3d", derive, needs=("object_mask",), check_options=no_options))

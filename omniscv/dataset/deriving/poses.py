@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
-from omniscv.arguments import fields
-from omniscv.dataset.truths import Observation, Truth, register
+from omniscv.dataset.truths import Observation, Truth, no_options, register
 
 
 def derive(observation: Observation, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return by name the position (metres) and rotation of objects, world frame; it has no options."""
-    fields("", options, {})
+    no_options(options)
     return {name: pose.to_dict() for name, pose in sorted(observation.object_poses.items())}
 
 
-register(Truth("poses", derive))
+register(Truth("poses", derive, check_options=no_options))
