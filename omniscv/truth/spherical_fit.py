@@ -77,7 +77,7 @@ def bfovs(
 
 
 def _pixels(
-    labels: Labels, instance: int, place: tuple[slice, slice], every: int
+    labels: Labels, instance: int, place: tuple[slice, ...], every: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of an id's pixels, in every so many rows and columns; some, if it has any."""
     part = labels[place]
