@@ -69,6 +69,8 @@ def test_vertices_are_the_corners_of_the_objects(name, frames, tmp_path):
             assert world.min(axis=0) == pytest.approx(low, abs=1e-6)
             assert world.max(axis=0) == pytest.approx(high, abs=1e-6)
         assert np.linalg.det(each["R_cam"]) == pytest.approx(1)
+        assert each["dimensions"][1] == pytest.approx(high[2] - low[2])  # the height
+        assert POSE.R_w_c @ np.array(each["R_cam"])[:, 1] == pytest.approx([0, 0, -1])
         assert each["valid3D"]
         assert each["category_name"] == each["name"]
 

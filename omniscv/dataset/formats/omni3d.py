@@ -1,7 +1,8 @@
 """Omni3D: ``omni3d.json``, boxes in space in the frame of the camera, in the form of COCO.
 
 Coordinates are those of the camera: x right, y down, z forward, metres. ``dimensions`` are width, height and
-length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``.
+length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``. Of
+an upright box, y is down.
 The corners of ``bbox3D_cam`` are in the order of Omni3D: (-, -, -), (+, -, -), (+, +, -), (-, +, -), then the
 same with z positive. What is not known is -1.
 
@@ -38,6 +39,8 @@ needs = ("labels", "truth")
 _UNKNOWN = -1
 _CHECKED = 7  # pixels each way in which a camera must be linear to have a matrix
 _LINEAR = 1e-9
+_R_B_O = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From Omni3D's frame of a box, whose y is down, to ours, whose z is up."""
 _NO_BOX = [-1.0, -1.0, -1.0, -1.0]
 
 
@@ -109,7 +112,8 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
         if found is None or of is None:
             continue
         size, center, R_c_b = (np.array(record[key]) for key in ("size", "center_camera", "R_camera_box"))
-        corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()  # here in the camera's frame
+        size, R_c_o = size[[0, 2, 1]], R_c_b @ _R_B_O
+        corners = ObjectBox(center, R_c_o, size, record["source"]).corners_w()  # here in the camera's frame
         projected = _projected(frame.camera, corners)
         yield {
             "category_id": found["category_id"],
@@ -123,7 +127,7 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
             "bbox3D_cam": corners.tolist(),
             "center_cam": record["center_camera"],
             "dimensions": [float(each) for each in size[[2, 1, 0]]],
-            "R_cam": record["R_camera_box"],
+            "R_cam": R_c_o.tolist(),
             "behind_camera": bool((corners[:, 2] <= 0).all()),
             "visibility": seen.get(record["instance_id"], _UNKNOWN),
             "truncation": record["truncated"],
