@@ -19,6 +19,8 @@ from omniscv.sources import Request, View
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.registry import open_sources
+from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.shapes import boxes
 
 SCENE = mock_server.load_scene("four-wall")
 SMALL = "mock://four-wall?dialect=0.3.10&size=16x16"
@@ -141,6 +143,28 @@ def test_vertices_that_are_none_are_a_fault(reply):
         pytest.raises(SourceError, match=r"expected (three numbers|text)"),
     ):
         source.geometry()
+
+
+def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
+    def spoils(command, forward):
+        return "1 2" if command.endswith(("vertex_location", "bounds")) else forward(command)
+
+    path = tmp_path / "room.sqlite"
+    with mock_server.serve("four-wall") as server, relayed(server, spoils) as address:
+        live = omniscv.open_source(address, retries=1, patience_s=0.5)
+        with omniscv.record(live, path) as source:
+            assert len(list(source.capture(MASKS[:2]))) == 2
+    assert "no boxes of objects are recorded: " in caplog.text
+    with omniscv.open_source(path) as replay:
+        assert not replay.geometry()
+        assert len(list(replay.capture(MASKS[:2]))) == 2
+
+
+def test_vertices_are_fetched_up_to_a_bound():
+    """Bounds serve for the rest; eight objects are asked for together."""
+    with mock_server.serve("four-wall") as server, open_connection(server.uri) as connection:
+        found = boxes(connection, SCENE.objects, most_vertices=500)
+    assert [found[name].source for name in SCENE.objects] == ["vertices"] * 8 + ["bounds"] * 12
 
 
 SOURCES = {
