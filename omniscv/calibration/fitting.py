@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 
 from omniscv.arguments import one_of, shown
-from omniscv.calibration.intrinsics import camera_of
+from omniscv.calibration.intrinsics import MODELS, camera_of
 from omniscv.cameras import Camera, create
 from omniscv.errors import ArgumentError
 
@@ -21,7 +21,7 @@ Values = Mapping[str, float]
 _SCALED_PX = 256  # the longer side of the image in which the numbers are fitted: they are near 1 there
 _GRID = 25  # rays across and down that are fitted
 _MOST_RAYS = 1 << 20  # whose errors are measured
-_STEPS = 60  # of least squares, at most
+_STEPS = 30  # of least squares, at most
 _PLACE = ("fx", "fy", "cx", "cy")
 _ENDLESS = (-np.inf, np.inf)
 
@@ -120,6 +120,9 @@ def fit(camera: Camera, model: str) -> Fit:
     (axis,), (seen,) = camera.project([[0.0, 0.0, 1.0]])
     if not seen:
         raise ArgumentError(f"camera: expected one that sees along +z, as lenses do, got {shown(camera)}")
+    if getattr(camera, "fx", 0.0) == getattr(camera, "fy", 0.0):  # or a model of one focal length
+        one = (*_ONE_FOCAL, *(name for name in family.names if name not in (*_PLACE, "focal")))
+        family = replace(family, names=one)
     fitting = _Fitting(camera, model, family, axis)
     return fitting.measured(fitting.solved())
 
@@ -150,16 +153,20 @@ class _Fitting:
         free = list(free)
         bounds = np.array([self._family.bounds.get(self._family.names[i], _ENDLESS) for i in free]).T
 
-        def of(part: Floats) -> Floats:
-            whole = x.copy()
-            whole[free] = part
-            return whole
+        def whole(part: Floats) -> Floats:
+            changed = x.copy()
+            changed[free] = part
+            return changed
 
+        def residuals(part: Floats) -> Floats:
+            return self._residuals(whole(part))
+
+        low, high = bounds
         found = least_squares(
-            lambda part: self._residuals(of(part)), x[free], bounds=bounds, x_scale="jac",
+            residuals, x[free], bounds=(low, high), x_scale="jac",
             ftol=1e-13, xtol=1e-13, gtol=1e-15, max_nfev=_STEPS,
         )  # fmt: skip
-        return of(found.x)
+        return whole(found.x)
 
     def measured(self, x: Floats) -> Fit:
         """The camera of fitted numbers, and its errors."""
@@ -199,8 +206,8 @@ class _Fitting:
             yield self._rational_start()
 
     def _rational_start(self) -> Floats:
-        """OpenCV's radial terms, which are linear in ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``, none of
-        them below 0: so no denominator vanishes."""
+        """OpenCV's radial terms, which are linear in ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``, none
+        of them below 0: so no denominator vanishes."""
         x, y, z = self._rays.T
         wanted = self._pixels * self._scale - self._axis
         near = z > np.cos(np.radians(20.0))
@@ -212,7 +219,9 @@ class _Fitting:
         powers = r[:, None] ** [2, 4, 6]
         terms = np.hstack([r[:, None] * powers, -r_d[:, None] * powers]) / (1 + r[:, None] ** 7)
         k1, k2, k3, k4, k5, k6 = nnls(terms, (r_d - r) / (1 + r**7))[0]
-        return np.array([*focal, *self._axis, k1, k2, 0, 0, k3, k4, k5, k6])
+        found = [k1, k2, 0.0, 0.0, k3, k4, k5, k6]
+        one = "focal" in self._family.names
+        return np.array([*([np.mean(focal)] if one else focal), *self._axis, *found])
 
     def _residuals(self, x: Floats) -> Floats:
         """(2 N,) px; a ray that is not seen counts as one at the other end of the image."""
@@ -240,11 +249,8 @@ class _Fitting:
 
 
 def _made(model: str, width: int, height: int, numbers: dict[str, float], factor: float) -> Camera:
-    if "fx" in numbers or model == "division":
-        focal = numbers.get("focal")
-        both = {} if focal is None else {"fx": focal, "fy": focal}
-        if focal is None and abs(numbers["fx"] - numbers["fy"]) <= 1e-9 * abs(numbers["fx"]):
-            numbers["fy"] = numbers["fx"]
+    if model in MODELS:
+        both = {"fx": numbers["focal"], "fy": numbers["focal"]} if "focal" in numbers else {}
         return camera_of(model, width, height, numbers | both)
     if model == "ftheta":
         polynomial = [0.0, numbers["focal"], *(100 * factor * numbers[f"c{i}"] for i in range(2, 6))]
