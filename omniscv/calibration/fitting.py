@@ -21,7 +21,7 @@ Values = Mapping[str, float]
 _SCALED_PX = 256  # the longer side of the image in which the numbers are fitted: they are near 1 there
 _GRID = 25  # rays across and down that are fitted
 _MOST_RAYS = 1 << 20  # whose errors are measured
-_STEPS = 30  # of least squares, at most
+_STEPS = 60  # of least squares, at most
 _PLACE = ("fx", "fy", "cx", "cy")
 _ENDLESS = (-np.inf, np.inf)
 
