@@ -6,9 +6,10 @@ shares no code with ``omniscv``.
 
 from mock_server.render import ViewHits, render_view
 from mock_server.scene import Hits, Scene, load_scene, scene_names
+from mock_server.scene_file import Room
 from mock_server.server import Server, serve
 from mock_server.settings import DIALECTS, Depth, DialectName
 from mock_server.stop_signal import stop_signal
 
-__all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Scene", "Server", "ViewHits",
+__all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server", "ViewHits",
            "load_scene", "render_view", "scene_names", "serve", "stop_signal"]  # fmt: skip

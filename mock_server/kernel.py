@@ -35,6 +35,16 @@ _SLACK_RAD = 1e-6
 
 
 @njit(cache=True, nogil=True)
+def _rectangle(p: Vector, d: Vector, half_x: float, half_y: float) -> Hit:
+    if d[2] == 0.0:
+        return _MISS
+    t = -p[2] / d[2]
+    if t > 0.0 and abs(p[0] + t * d[0]) <= half_x and abs(p[1] + t * d[1]) <= half_y:
+        return t, 0.0, 0.0, -math.copysign(1.0, d[2])
+    return _MISS
+
+
+@njit(cache=True, nogil=True)
 def _box(p: Vector, d: Vector, half: Vector) -> Hit:
     """First hit from outside, or the wall hit from inside; the normal faces the ray."""
     near, far = -math.inf, math.inf
@@ -100,29 +110,50 @@ def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
 
 
 @njit(cache=True, nogil=True)
-def _cull(origins: Floats, directions: Floats, solids: Floats, kept: Ints) -> int:
+def nearest_hits(
+    origins: Floats, directions: Floats, solids: Floats, distance: Floats, index: Ints, normal: Floats
+) -> None:
+    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit."""
+    # Arrays are read by element below, because views of rows take longer to make than a solid to test.
+    kept = np.empty(solids.shape[0], dtype=np.int64)
+    for start in range(0, origins.shape[0], _BUNDLE):
+        stop = min(start + _BUNDLE, origins.shape[0])
+        number = _cull(origins, directions, start, stop, solids, kept)
+        for i in range(start, stop):
+            o = (origins[i, 0], origins[i, 1], origins[i, 2])
+            d = (directions[i, 0], directions[i, 1], directions[i, 2])
+            distance[i], index[i], n = _first(o, d, solids, kept, number)
+            normal[i, 0], normal[i, 1], normal[i, 2] = n
+
+
+@njit(cache=True, nogil=True)
+def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Floats, kept: Ints) -> int:
     """Put into ``kept`` the solids whose bounding spheres a bundle of rays may hit; return their number."""
     # The bundle lies in the cone about its mean direction, widened by how far its origins are apart. Rays
-    # with NaN compare as false, so that no solid is left out for them.
-    count = origins.shape[0]
-    o, a = np.zeros(3), np.zeros(3)
-    for i in range(count):
-        o += origins[i] / count
-        a += directions[i]
-    a /= math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    # with NaN, and a mean of 0, compare as false, so that no solid is left out for them.
+    count = stop - start
+    o0 = o1 = o2 = a0 = a1 = a2 = 0.0
+    for i in range(start, stop):
+        o0, o1, o2 = o0 + origins[i, 0], o1 + origins[i, 1], o2 + origins[i, 2]
+        a0, a1, a2 = a0 + directions[i, 0], a1 + directions[i, 1], a2 + directions[i, 2]
+    o0, o1, o2 = o0 / count, o1 / count, o2 / count
+    length = math.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
+    if length == 0.0:
+        length = math.nan
+    a0, a1, a2 = a0 / length, a1 / length, a2 / length
     least, spread = 1.0, 0.0
-    for i in range(count):
-        cosine = a[0] * directions[i, 0] + a[1] * directions[i, 1] + a[2] * directions[i, 2]
-        x, y, z = origins[i, 0] - o[0], origins[i, 1] - o[1], origins[i, 2] - o[2]
+    for i in range(start, stop):
+        cosine = a0 * directions[i, 0] + a1 * directions[i, 1] + a2 * directions[i, 2]
+        x, y, z = origins[i, 0] - o0, origins[i, 1] - o1, origins[i, 2] - o2
         least = least if least <= cosine else cosine
         spread = max(spread, math.sqrt(x * x + y * y + z * z))
     half_angle = math.acos(max(-1.0, least)) + _SLACK_RAD
     number = 0
     for s in range(solids.shape[0]):
-        x, y, z = solids[s, 2] - o[0], solids[s, 3] - o[1], solids[s, 4] - o[2]
+        x, y, z = solids[s, 2] - o0, solids[s, 3] - o1, solids[s, 4] - o2
         distance, radius = math.sqrt(x * x + y * y + z * z), solids[s, 17] + spread
         if distance > radius:
-            cosine = (a[0] * x + a[1] * y + a[2] * z) / distance
+            cosine = (a0 * x + a1 * y + a2 * z) / distance
             if math.acos(min(1.0, max(-1.0, cosine))) > half_angle + math.asin(radius / distance):
                 continue
         kept[number] = s
@@ -131,60 +162,56 @@ def _cull(origins: Floats, directions: Floats, solids: Floats, kept: Ints) -> in
 
 
 @njit(cache=True, nogil=True)
-def nearest_hits(
-    origins: Floats, directions: Floats, solids: Floats, distance: Floats, index: Ints, normal: Floats
-) -> None:
-    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit."""
-    kept = np.empty(solids.shape[0], dtype=np.int64)
-    for start in range(0, origins.shape[0], _BUNDLE):
-        stop = min(start + _BUNDLE, origins.shape[0])
-        number = _cull(origins[start:stop], directions[start:stop], solids, kept)
-        for i in range(start, stop):
-            distance[i], index[i] = _first(origins[i], directions[i], solids, kept[:number], normal[i])
-
-
-@njit(cache=True, nogil=True)
-def _first(o: Floats, d: Floats, solids: Floats, kept: Ints, normal: Floats) -> tuple[float, int]:
-    """Return distance and row of one ray's first hit among the solids kept; fill its normal."""
-    best, which = math.inf, -1
-    n0 = n1 = n2 = 0.0
-    for s in kept:
-        row = solids[s]
-        v = (o[0] - row[2], o[1] - row[3], o[2] - row[4])
+def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tuple[float, int, Vector]:
+    """Return distance, row and normal of one ray's first hit among the first ``number`` solids kept."""
+    best, which, normal = math.inf, -1, (0.0, 0.0, 0.0)
+    for k in range(number):
+        s = kept[k]
+        v = (o[0] - solids[s, 2], o[1] - solids[s, 3], o[2] - solids[s, 4])
         # Skipped unless the ray enters the solid's bounding sphere before the nearest hit so far.
-        toward = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2])
+        toward, radius = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2]), solids[s, 17]
         beside = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - toward * toward
-        if toward < -row[17] or toward - row[17] > best or beside > row[17] * row[17]:
+        if toward < -radius or toward - radius > best or beside > radius * radius:
             continue
-        p, e = _local(row, v), _local(row, (d[0], d[1], d[2]))
-        hit = _MISS
-        kind = int(row[0])
-        if kind == RECTANGLE:
-            if e[2] != 0.0:
-                t = -p[2] / e[2]
-                if t > 0.0 and abs(p[0] + t * e[0]) <= row[14] and abs(p[1] + t * e[1]) <= row[15]:
-                    hit = t, 0.0, 0.0, -math.copysign(1.0, e[2])
-        elif kind == BOX:
-            hit = _box(p, e, (row[14], row[15], row[16]))
-        elif kind == SPHERE:
-            hit = _sphere(p, e, row[14])
-        else:
-            hit = _cylinder(p, e, row[14], row[16])
+        hit = _hit(solids, s, _local(solids, s, v), _local(solids, s, d))
         if hit[0] < best:
-            best, which = hit[0], s
-            n0 = row[5] * hit[1] + row[8] * hit[2] + row[11] * hit[3]
-            n1 = row[6] * hit[1] + row[9] * hit[2] + row[12] * hit[3]
-            n2 = row[7] * hit[1] + row[10] * hit[2] + row[13] * hit[3]
-    normal[0], normal[1], normal[2] = n0, n1, n2
-    return best, which
+            best, which, normal = hit[0], s, _world(solids, s, (hit[1], hit[2], hit[3]))
+    return best, which, normal
 
 
 @njit(cache=True, nogil=True)
-def _local(row: Floats, v: Vector) -> Vector:
+def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
+    """First hit of a ray in the frame of a solid."""
+    kind = int(solids[s, 0])
+    hit: Hit = _MISS
+    if kind == RECTANGLE:
+        hit = _rectangle(p, d, solids[s, 14], solids[s, 15])
+    elif kind == BOX:
+        hit = _box(p, d, (solids[s, 14], solids[s, 15], solids[s, 16]))
+    elif kind == SPHERE:
+        hit = _sphere(p, d, solids[s, 14])
+    else:
+        hit = _cylinder(p, d, solids[s, 14], solids[s, 16])
+    return hit
+
+
+@njit(cache=True, nogil=True)
+def _local(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector in the frame of a solid."""
     x, y, z = v
     return (
-        row[5] * x + row[6] * y + row[7] * z,
-        row[8] * x + row[9] * y + row[10] * z,
-        row[11] * x + row[12] * y + row[13] * z,
+        solids[s, 5] * x + solids[s, 6] * y + solids[s, 7] * z,
+        solids[s, 8] * x + solids[s, 9] * y + solids[s, 10] * z,
+        solids[s, 11] * x + solids[s, 12] * y + solids[s, 13] * z,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _world(solids: Floats, s: int, v: Vector) -> Vector:
+    """Return a vector of the frame of a solid in the world's."""
+    x, y, z = v
+    return (
+        solids[s, 5] * x + solids[s, 8] * y + solids[s, 11] * z,
+        solids[s, 6] * x + solids[s, 9] * y + solids[s, 12] * z,
+        solids[s, 7] * x + solids[s, 10] * y + solids[s, 13] * z,
     )

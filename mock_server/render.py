@@ -30,12 +30,21 @@ class ViewHits:
     normal: Array
 
 
-def pinhole_rays(R_w_c: Array, fov_deg: float, width: int, height: int) -> tuple[Array, Array]:
-    """Return (H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of depth."""
+def pinhole_rays(
+    R_w_c: Array, fov_deg: float, width: int, height: int, where: NDArray[np.bool_] | None = None
+) -> tuple[Array, Array]:
+    """Return (H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of depth.
+
+    With ``where`` (H, W), only of its N pixels, row by row: (N, 3) and (N,).
+    """
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
     x = (np.arange(width) + 0.5 - width / 2) / focal
     y = (np.arange(height) + 0.5 - height / 2) / focal
     length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
+    if where is not None:
+        rows, columns = np.nonzero(where)
+        some = x[columns, None] * R_w_c[:, 0] + y[rows, None] * R_w_c[:, 1] + R_w_c[:, 2]
+        return some / length[where][:, None], length[where]
     rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1] + R_w_c[:, 2]
     return rays / length[..., None], length
 

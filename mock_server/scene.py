@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import itertools
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,13 +17,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mock_server import scene_file, textures, yaml_text
-from mock_server.kernel import COLUMNS, CYLINDER, SPHERE, nearest_hits
+from mock_server.kernel import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE, nearest_hits
+from mock_server.scene_file import Room
 
 Array = NDArray[np.float64]
 
 _SCENES = Path(__file__).parent / "scenes"
 _CHUNK = 1 << 13
 _THREADS = 2
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+_CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
+_RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
+_GLOBE = np.array(
+    [
+        (np.cos(t) * x, np.cos(t) * y, np.sin(t))
+        for t in np.linspace(-np.pi / 2, np.pi / 2, 9)
+        for x, y in _CIRCLE
+    ]
+)
+_MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
 _SOME_DIRECTIONS = np.array([[1, 2, 3], [-3, 1, 2], [2, -3, -1], [-1, -2, 3]]) / np.sqrt(14)
 
 
@@ -56,6 +69,8 @@ class Scene:
         name: as given.
         objects: names of the objects, sorted.
         solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
+        sky: (3,) float64, 0..1, the colour of rays that hit nothing; None where a pattern gives it.
+        room: the room; None without one, or once a wall of it was moved.
 
     Raises:
         ValueError: a word or value of the description is wrong; the message names it.
@@ -73,6 +88,8 @@ class Scene:
         self._texture_of = np.array([textures_used[each] for each in parts.textures] + [-1], dtype=np.int64)
         self._owner = np.array(parts.names, dtype=object)
         self._sky, self._pattern = np.array(parts.sky), parts.pattern
+        self.sky = None if self._pattern else self._sky
+        self.room: Room | None = parts.room
 
     def label(self, name: str) -> int:
         """Return an object's label: 1 + its rank in ``objects``."""
@@ -91,15 +108,53 @@ class Scene:
         Raises:
             ValueError: no object has that name.
         """
-        rows = self.solids[self._owner == name]
+        return self._extent(self._rows(name), np.eye(3))
+
+    def box(self, name: str) -> tuple[Array, Array, Array]:
+        """Return the smallest box around an object that is turned as its largest solid that is no sphere.
+
+        Returns:
+            Its centre (3,), its axes as rows (3, 3), and its size along them (3,); metres, world frame.
+
+        Raises:
+            ValueError: no object has that name.
+        """
+        rows = self._rows(name)
+        turned = rows[rows[:, 0] != SPHERE]
+        axes = turned[turned[:, 17].argmax(), 5:14].reshape(3, 3) if len(turned) else np.eye(3)
+        low, high = self._extent(rows, axes)
+        return (low + high) / 2 @ axes, axes, high - low
+
+    def vertices(self, name: str) -> Array:
+        """Return (N, 3) points of an object, metres, world frame, as of a mesh: the corners of its boxes and
+        rectangles, 64 on each rim of its cylinders, and on circles of its spheres.
+
+        Raises:
+            ValueError: no object has that name.
+        """
+        points = []
+        for row in self._rows(name):
+            unit, (a, b, c) = _MESHES[int(row[0])], row[14:17]
+            half = {SPHERE: (a, a, a), CYLINDER: (a, a, c)}.get(int(row[0]), (a, b, c))
+            points.append(row[2:5] + (unit * half) @ row[5:14].reshape(3, 3))
+        return np.concatenate(points)
+
+    def _rows(self, name: str) -> Array:
+        rows: Array = self.solids[self._owner == name]
         if not len(rows):
             raise ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
-        kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3), rows[:, 14:17]
+        return rows
+
+    @staticmethod
+    def _extent(rows: Array, frame: Array) -> tuple[Array, Array]:
+        """Return the least and the greatest coordinates of solids along the rows of ``frame``."""
+        kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3) @ frame.T, rows[:, 14:17]
         extent = np.abs(axes * half[:, :, None]).sum(axis=1)
         disc = half[:, :1] * np.hypot(axes[:, 0], axes[:, 1]) + np.abs(axes[:, 2]) * half[:, 2:]
         extent[kind == CYLINDER] = disc[kind == CYLINDER]
         extent[kind == SPHERE] = half[kind == SPHERE, :1]
-        return (rows[:, 2:5] - extent).min(axis=0), (rows[:, 2:5] + extent).max(axis=0)
+        centers = rows[:, 2:5] @ frame.T
+        return (centers - extent).min(axis=0), (centers + extent).max(axis=0)
 
     def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
         """Return this scene with some objects elsewhere. Textures stay fixed to the world.
@@ -114,6 +169,8 @@ class Scene:
             rows = self._owner == name
             result.solids[rows, 2:5] = (self.solids[rows, 2:5] - pivot) @ R.T + place
             result.solids[rows, 5:14] = (self.solids[rows, 5:14].reshape(-1, 3, 3) @ R.T).reshape(-1, 9)
+        if self.room and {*self.room.walls, self.room.floor, self.room.ceiling} & moves.keys():
+            result.room = None
         return result
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
@@ -130,9 +187,9 @@ class Scene:
         """
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
-            o, d = np.broadcast_arrays(o, d / np.linalg.norm(d, axis=-1, keepdims=True))
-        shape = d.shape
-        o, d = (np.ascontiguousarray(each.reshape(-1, 3)) for each in (o, d))
+            d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        shape = np.broadcast_shapes(o.shape, d.shape)
+        o, d = (np.array(np.broadcast_to(each, shape), order="C").reshape(-1, 3) for each in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
         solids, count = np.ascontiguousarray(self.solids[kept]), len(d)
         color, normal = np.empty((count, 3)), np.zeros((count, 3))
@@ -164,7 +221,7 @@ class Scene:
         missed = row < 0
         color[missed] = self._sky if self._pattern is None else self._pattern(d[missed])
         texture_of = self._texture_of[row]
-        for index in np.unique(texture_of[~missed]):
+        for index in np.flatnonzero(np.bincount(texture_of[~missed])):
             mine = np.flatnonzero(texture_of == index)
             points = o[mine] + distance[mine, None] * d[mine]
             color[mine] = textures.paint(self._textures[index], points, normal[mine])

@@ -35,12 +35,31 @@ _SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
 _MARGIN = 1 + 1e-9  # of bounding spheres, against rounding
 
 
+@dataclass(frozen=True, eq=False)
+class Room:
+    """The room of a scene: upright walls on the edges of a floor, which is at z = 0.
+
+    Attributes:
+        corners: (N, 2) float64, X and Y of the floor's corners, metres, counter-clockwise from above.
+        height: of the ceiling, metres.
+        walls: N names of objects, of the wall from corner i to corner i + 1.
+        floor, ceiling: names of objects.
+    """
+
+    corners: Array
+    height: float
+    walls: tuple[str, ...]
+    floor: str = "Layout_Floor"
+    ceiling: str = "Layout_Ceiling"
+
+
 @dataclass
 class SceneFile:
     """What a description becomes: solids, each of an object and a texture, and a sky or a pattern."""
 
     sky: tuple[float, ...]  # the colour of rays that hit nothing, 0..1
     pattern: Pattern | None  # what they show instead, as a function of unit directions (N, 3)
+    room: Room | None = None
     rows: list[Array] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
@@ -152,17 +171,18 @@ def _add_room(scene: SceneFile, value: object, where: str) -> None:
         raise ValueError(f"{floor}: expected corners counter-clockwise, of edges that do not cross")
     (height,) = _numbers(data.get("height", 2.8), 1, f"{where}: height", "from 1e-9 to 1e9")
     walls = [_texture(t, f"{where}: walls") for t in _list(data.get("walls", [{}]), 1, f"{where}: walls")]
+    scene.room = Room(corners, height, tuple(f"Layout_Wall_{i + 1}" for i in range(len(corners))))
     for i, (corner, step) in enumerate(zip(corners, steps, strict=True)):
         length = float(np.linalg.norm(step))
         x, y = step / length
         center, axes = [*(corner + step / 2), height / 2], [[x, y, 0], [0, 0, 1], [y, -x, 0]]
         half = [length / 2, height / 2, 0.0]
-        scene.add(f"Layout_Wall_{i + 1}", walls[i % len(walls)], RECTANGLE, center, axes, half)
-    for name, z in (("floor", 0.0), ("ceiling", height)):
-        texture = _texture(data.get(f"{name}_texture", {}), f"{where}: {name}_texture")
+        scene.add(scene.room.walls[i], walls[i % len(walls)], RECTANGLE, center, axes, half)
+    for key, name, z in (("floor", scene.room.floor, 0.0), ("ceiling", scene.room.ceiling, height)):
+        texture = _texture(data.get(f"{key}_texture", {}), f"{where}: {key}_texture")
         for low, high in rectangles:
             center, half = [*((low + high) / 2), z], [*((high - low) / 2), 0.0]
-            scene.add(f"Layout_{name.capitalize()}", texture, RECTANGLE, center, np.eye(3), half)
+            scene.add(name, texture, RECTANGLE, center, np.eye(3), half)
 
 
 def _rectangles(corners: Array) -> list[tuple[Array, Array]]:

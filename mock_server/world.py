@@ -157,6 +157,13 @@ class World:
         corners = self.placed().bounds(self.scene.objects[self._actors.index(actor)])
         return np.sort(100.0 * np.array(corners) @ MIRROR, axis=0)
 
+    def vertices(self, actor: SceneObject) -> Array:
+        """Return (N, 3) points of an object's mesh, cm, Unreal's axes."""
+        if actor is self._dome:
+            return np.array(list(itertools.product(*self.bounds(actor).T)))
+        points = self.placed().vertices(self.scene.objects[self._actors.index(actor)])
+        return 100.0 * points @ MIRROR
+
     def tick(self) -> None:
         """End a frame for the player."""
         if fault := self.faults.strike("falling"):

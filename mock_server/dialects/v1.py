@@ -1,6 +1,5 @@
 """The 1.x command set: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 since 2026 (N2)."""
 
-import itertools
 import re
 from collections.abc import Callable
 from functools import partial
@@ -58,7 +57,7 @@ class Plugin1(Dialect):
             (f"vset {at}/location {THREE}", "Moves it", obj(sets("location"))),
             (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
             (f"vset {at}/rotation {THREE}", "Turns it", obj(sets("rotation"))),
-            (f"vget {at}/vertex_location", "Corners of its box, cm", obj(self._vertices)),
+            (f"vget {at}/vertex_location", "Points of its mesh, cm", obj(self._vertices)),
             (f"vget {at}/color", "Colour in the mask", obj(color)),
             (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(paint)),
             (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
@@ -149,8 +148,8 @@ class Plugin1(Dialect):
         return None if self.world.destroy(name) else self.no_object.format(name)
 
     def _vertices(self, o: SceneObject) -> str:
-        corners = itertools.product(*self.world.bounds(o).T)
-        return "".join("     ".join(f"{value:.5f}" for value in corner) + "\n" for corner in corners)
+        points = self.world.vertices(o).tolist()
+        return "".join("     ".join(f"{value:.5f}" for value in point) + "\n" for point in points)
 
 
 class Branch422(Plugin1):

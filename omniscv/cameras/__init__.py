@@ -6,6 +6,8 @@ from omniscv.cameras.registry import create, from_dict, model, names, register
 # isort: off
 # Modules register their models: the order of the documentation.
 from omniscv.cameras.panoramas import Cylindrical, Equirectangular
+from omniscv.cameras.cube_maps import CubeMap, EquiangularCube
+from omniscv.cameras.octahedral import Octahedral
 from omniscv.cameras.fisheyes import (
     FisheyeEquidistant,
     FisheyeEquisolid,
@@ -15,8 +17,11 @@ from omniscv.cameras.fisheyes import (
 from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.polynomials import Fisheye624, FTheta, KannalaBrandt, Scaramuzza
 from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, Unified
-from omniscv.cameras.noncentral.panorama import NoncentralPanorama
+from omniscv.cameras.noncentral.panorama import NoncentralPanorama, OmnidirectionalStereo
+from omniscv.cameras.noncentral.vr180 import Vr180
 from omniscv.cameras.noncentral.mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
+from omniscv.cameras.noncentral.rolling_shutter import RollingShutter
+from omniscv.cameras.noncentral.scanners import Orthographic, PushBroom
 from omniscv.cameras.pinhole import Pinhole
 # isort: on
 
@@ -26,9 +31,11 @@ __all__ = [
     "CatadioptricParabolic",
     "CatadioptricPlanar",
     "CentralCamera",
+    "CubeMap",
     "Cylindrical",
     "Division",
     "DoubleSphere",
+    "EquiangularCube",
     "Equirectangular",
     "ExtendedUnified",
     "FTheta",
@@ -41,12 +48,18 @@ __all__ = [
     "NoncentralConicalMirror",
     "NoncentralPanorama",
     "NoncentralSphericalMirror",
+    "Octahedral",
+    "OmnidirectionalStereo",
+    "Orthographic",
     "Parameter",
     "Pinhole",
+    "PushBroom",
     "Rays",
+    "RollingShutter",
     "Scaramuzza",
     "Unified",
     "Viewpoints",
+    "Vr180",
     "create",
     "from_dict",
     "model",

@@ -52,6 +52,8 @@ _NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float6
 _ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
 _LARGEST_PX = 10**6  # of larger images, rounding at the border would be more than 1e-6 px
 
+_SAME_RAY = 1e-9  # of Plücker coordinates, metres in them
+
 LARGEST_IMAGE = 1 << 27
 """Pixels: 16384 x 8192. The rays of such an image take 7 GB."""
 
@@ -176,6 +178,17 @@ class Camera(ABC):
             whole_number("count", count, "viewpoints")
         index = np.where(self.valid(), 0, -1).astype(np.int32)
         return Viewpoints(np.zeros((1, 3)), index)
+
+    @cached_property
+    def wraps(self) -> bool:
+        """Whether the sides of the image meet: pixels at u = 0 and u = width have the same rays."""
+        v = np.arange(self.height) + 0.5
+        left, right = (
+            self.unproject(np.stack([np.full_like(v, u), v], axis=-1)) for u in (0.0, float(self.width))
+        )
+        if not (left.valid.all() and right.valid.all()):
+            return False
+        return bool(np.abs(left.lines() - right.lines()).max() <= _SAME_RAY)
 
     @abstractmethod
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:

@@ -1,6 +1,7 @@
 """Panoramas: azimuth across, elevation down."""
 
-from typing import ClassVar, Literal, Self, get_args
+from collections.abc import Callable
+from typing import ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from omniscv.cameras.arrays import grid_axes, vectors
 from omniscv.cameras.base import Array, Camera, CentralCamera, Mask, sin_cos_of_half
 from omniscv.cameras.registry import register
 
-Profile = Literal["angular", "perspective"]
+Profile = Literal["angular", "perspective", "mercator", "miller", "equal-area"]
 
 
 class AngularGrid(Camera):
@@ -58,14 +59,55 @@ class Equirectangular(AngularGrid, CentralCamera):
         super().__init__(width, height)
 
 
+class _Rows(NamedTuple):
+    """Where a cylinder's rows lie: their height on it, in units that make rows equally spaced.
+
+    Attributes:
+        height: of the slope tan phi.
+        level_and_up: cos phi and sin phi at a height.
+        to_pole: whether the height of the pole is finite.
+    """
+
+    height: Callable[[Array], Array]
+    level_and_up: Callable[[Array], tuple[Array, Array]]
+    to_pole: bool
+
+
+# By way of the slope, not of phi, which has lost the height when it is nearly straight up.
+_ROWS: dict[str, _Rows] = {
+    "perspective": _Rows(
+        lambda slope: slope,
+        lambda h: (1 / np.hypot(1.0, h), h / np.hypot(1.0, h)),
+        to_pole=False,
+    ),
+    "mercator": _Rows(np.arcsinh, lambda h: (1 / np.cosh(h), np.tanh(h)), to_pole=False),
+    "miller": _Rows(
+        lambda slope: 1.25 * np.arcsinh(np.tan(0.8 * np.arctan(slope))),
+        lambda h: _cos_sin(1.25 * np.arctan(np.sinh(0.8 * h))),
+        to_pole=True,
+    ),
+    "equal-area": _Rows(
+        lambda slope: np.sin(np.arctan(slope)),
+        lambda h: (np.sqrt((1 - h) * (1 + h)), h),
+        to_pole=True,
+    ),
+}
+_LEAST_LEVEL = 1e-17
+"""Straight up, rounding must leave a ray its azimuth, and no other one."""
+
+
 @register
 class Cylindrical(AngularGrid, CentralCamera):
-    """A band around the horizon: ``theta = (2u/W - 1) fov_h / 2`` to the right, and up, by ``profile``:
+    """A band around the horizon: ``theta = (2u/W - 1) fov_h / 2`` to the right; rows by ``profile``:
+    their height h(phi) falls evenly from ``h(fov_v / 2)`` in the first row to ``-h(fov_v / 2)``.
 
-    ``angular``: ``phi = (1 - 2v/H) fov_v / 2``, the paper's, a cropped equirectangular image;
-    ``perspective``: ``tan phi = (1 - 2v/H) tan(fov_v / 2)``, rows equally spaced on the cylinder's wall.
-    Parameters: ``fov_h_deg`` <= 360 (default 360), ``fov_v_deg`` <= 180 (perspective: < 180; default 90).
-    Domain: every pixel; directions within the field of view. Source: OmniSCV, eq. 2.
+    ``angular``: ``h = phi``, the paper's, a cropped equirectangular image; ``perspective``: ``h = tan phi``,
+    a picture on the cylinder's wall; ``mercator``: ``h = asinh(tan phi)``, no shape is distorted, a square
+    image at fov_v = 2 x 85.051; ``miller``: ``h = 1.25 asinh(tan(0.8 phi))``; ``equal-area``: ``h = sin phi``
+    (Lambert), every pixel spans the same solid angle.
+    Parameters: ``fov_h_deg`` <= 360 (default 360), ``fov_v_deg`` <= 180 (perspective, mercator: < 180;
+    default 90). Domain: every pixel; directions within the field of view.
+    Source: OmniSCV, eq. 2; Snyder, Map Projections (1987), for mercator, miller and equal-area.
     """
 
     name = "cylindrical"
@@ -81,25 +123,30 @@ class Cylindrical(AngularGrid, CentralCamera):
     ) -> None:
         super().__init__(width, height)
         self.profile: Profile = one_of("profile", profile, get_args(Profile))
+        rows = _ROWS.get(self.profile)
         self.fov_h_deg = number("fov_h_deg", fov_h_deg, above=0, most=360)
-        limit = {"most" if profile == "angular" else "below": 180.0}
+        limit = {"most" if rows is None or rows.to_pole else "below": 180.0}
         self.fov_v_deg = number("fov_v_deg", fov_v_deg, above=0, **limit)
         self._half = np.radians([self.fov_h_deg / 2, self.fov_v_deg / 2])
-        if profile == "perspective":
+        if rows is not None:
             across, along = sin_cos_of_half(self.fov_v_deg)
-            self._wall = across / along  # half the wall's height over the cylinder's radius
+            self._top = rows.height(across / along)
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
         if self.profile == "angular":
             return super()._directions(pixels)
-        # Not by way of phi, which has lost the wall's height when it is nearly straight up.
-        theta, phi = self._angles(pixels)
-        height = phi / self._half[1] * self._wall
-        level = 1 / np.hypot(1.0, height)
-        return vectors(level * np.sin(theta), -(height * level), level * np.cos(theta)), True
+        theta, _ = self._angles(pixels)
+        level, up = _ROWS[self.profile].level_and_up((1 - 2 * pixels[..., 1] / self.height) * self._top)
+        level = np.maximum(level, _LEAST_LEVEL)
+        return vectors(level * np.sin(theta), -up, level * np.cos(theta)), True
 
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
         if self.profile == "angular":
             return super()._project(points)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        return self._pixels_at(np.arctan2(x, z), -y / np.hypot(x, z) / self._wall), True
+        height = _ROWS[self.profile].height(-y / np.hypot(x, z))
+        return self._pixels_at(np.arctan2(x, z), height / self._top), True
+
+
+def _cos_sin(phi: Array) -> tuple[Array, Array]:
+    return np.cos(phi), np.sin(phi)

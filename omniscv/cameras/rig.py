@@ -9,13 +9,13 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import Reader, fields, number, numbers, one_of, shown, text, within
 from omniscv.cameras.base import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose
+from omniscv.geometry.motion import between
 from omniscv.geometry.trajectory import Trajectory
 
 _HERE = Pose((0.0, 0.0, 0.0), np.eye(3))  # type: ignore[arg-type]
@@ -184,15 +184,14 @@ def _mounted(where: str, value: object) -> RigCamera:
 def _pose_at(trajectory: Trajectory, time: float) -> Pose:
     """The pose at a time, which may be a step before the first one or after the last one."""
     times, poses = trajectory.times, trajectory.poses
-    if times is None or len(times) < 2 or not (np.diff(times) > 0).all():
-        got = "none" if times is None else f"{len(times)}: {shown(list(times))}"
-        raise ArgumentError(f"times: expected at least two, increasing, for poses that move; got {got}")
-    i = int(np.clip(np.searchsorted(times, time, "right"), 1, len(times) - 1))
-    part = (time - times[i - 1]) / (times[i] - times[i - 1])
+    if times is None or len(times) < 2:
+        got = "none" if times is None else str(len(times))
+        raise ArgumentError(f"times: expected at least two, for poses that move; got {got}")
+    if times[0] <= time <= times[-1]:
+        return trajectory.at(time)
+    a, b = (0, 1) if time < times[0] else (-2, -1)
+    part = (time - times[a]) / (times[b] - times[a])
     if not -1 <= part <= 2:
         wanted = f"expected {times[0]:.15g} to {times[-1]:.15g} s, or a step beyond"
         raise ArgumentError(f"time: {wanted}, got {time:.15g}")
-    start, end = poses[i - 1], poses[i]
-    turn = Rotation.from_matrix(start.R_w_c.T @ end.R_w_c).as_rotvec()
-    R_w_c = start.R_w_c @ Rotation.from_rotvec(part * turn).as_matrix()
-    return Pose(start.t_w_c + part * (end.t_w_c - start.t_w_c), R_w_c)
+    return between(poses[a], poses[b], part)

@@ -13,10 +13,11 @@ _HELP = "Images with all their truth, as files that other programs read."
 app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=False)
 
 Dataset = Annotated[Path, Argument(metavar="DIR", help="A dataset.")]
+Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
 Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
 
 
-@app.command(epilog="Example: omniscv dataset make job.yaml --resume")
+@app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
 def make(
     job: Annotated[Path, Argument(metavar="JOB.yaml", help="A job; its dataset is made below its 'out'.")],
     resume: Annotated[bool, Option("--resume", help="Go on with a dataset that is there.")] = False,
@@ -45,21 +46,22 @@ def make(
     console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; {state}")
 
 
-@app.command(epilog="Example: omniscv dataset export images --to webdataset --option max_count=100")
+@app.command(epilog="Example: omniscv dataset export dataset --to webdataset --option max_count=100")
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
     out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    camera: Cameras = None,
     given: Given = None,
 ) -> None:
     """Write a dataset in the form of another program, without its source."""
     from omniscv.dataset import export
 
-    for path in export(folder, to, out, **_options(given or [])):
+    for path in export(folder, to, out, camera or (), **_options(given or [])):
         console.line(path)
 
 
-@app.command(epilog="Example: omniscv dataset check images --deep")
+@app.command(epilog="Example: omniscv dataset check dataset --deep")
 def check(
     folder: Dataset,
     format: Annotated[str | None, Option(help="Check an export to a format too.")] = None,
@@ -76,7 +78,7 @@ def check(
     raise Exit(1 if faults else 0)
 
 
-@app.command(epilog="Example: omniscv dataset info images")
+@app.command(epilog="Example: omniscv dataset info dataset")
 def info(folder: Dataset, as_json: options.AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
     from omniscv.dataset.summary import info
@@ -107,17 +109,39 @@ def classes(
     rules.table(found)
 
 
-@app.command(epilog="Example: omniscv dataset pack images --as webdataset")
+@app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
     out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    camera: Cameras = None,
     given: Given = None,
 ) -> None:
     """Write a dataset as what people train from: WebDataset shards, or a Hugging Face ImageFolder."""
     from omniscv.arguments import one_of
 
-    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, given)
+    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, given)
+
+
+@app.command(epilog="Example: omniscv dataset video images --camera panorama --out panorama.mp4 --rate 10")
+def video(
+    folder: Dataset,
+    out: Annotated[Path, Option(help="The MP4 file.")],
+    camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
+    rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
+    quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
+) -> None:
+    """Write the colour of a camera's frames as a video; players show panoramas as spheres."""
+    from omniscv.arguments import one_of
+    from omniscv.dataset import open
+    from omniscv.dataset.video import write_video
+
+    every = open(folder)
+    if camera is not None:
+        one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
+    frames = [frame for frame in every if camera in (None, frame.camera_name)]
+    with console.progress_bar("frames") as progress:
+        console.line(write_video(frames, out, rate=rate, quality=quality, progress=progress))
 
 
 def _shard(text: str) -> tuple[int, int]:

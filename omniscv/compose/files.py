@@ -238,14 +238,14 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
 
 
-def write_json(path: Path, data: Mapping[str, Any]) -> Path:
+def write_json(path: Path, data: Mapping[str, Any], indent: int | None = 2) -> Path:
     """Write plain values as a file, whole or not at all, and return its path.
 
     Raises:
         ArgumentError: values that JSON does not have, such as NaN or arrays.
     """
     try:
-        text = json.dumps(data, indent=2, allow_nan=False)
+        text = json.dumps(data, indent=indent, allow_nan=False)
     except (TypeError, ValueError) as cause:
         raise ArgumentError(f"{path.name}: expected finite, plain values for JSON, got: {cause}") from cause
     with whole_file(path) as part:

@@ -67,6 +67,13 @@ class Renderer:
         cache_bytes, sampler = self._cache.limit, self._sampler
         return partial(Renderer, self.source, cache_bytes=cache_bytes, sampler=sampler), ()
 
+    def of(self, source: Source) -> "Renderer":
+        """Return a renderer of another source, for example of one in which objects are hidden; both share
+        what is kept between images."""
+        other = Renderer(source, sampler=self._sampler)
+        other._cache = self._cache
+        return other
+
     @property
     def nbytes(self) -> int:
         """What is kept between images, bytes."""

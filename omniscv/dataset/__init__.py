@@ -6,6 +6,7 @@ from omniscv.dataset.frames import Frame
 from omniscv.dataset.reading import open
 from omniscv.dataset.registry import Format, get, names, register
 from omniscv.dataset.truths import Observation, Truth
+from omniscv.dataset.truths import register as register_truth
 from omniscv.dataset.writer import Writer
 
 __all__ = [
@@ -20,4 +21,5 @@ __all__ = [
     "names",
     "open",
     "register",
+    "register_truth",
 ]

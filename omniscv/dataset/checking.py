@@ -10,7 +10,7 @@ from typing import Any
 
 from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
-from omniscv.dataset.exporting import EXPORTS, Export
+from omniscv.dataset.exporting import EXPORTS, Export, write_into
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.layer_checks import layer_faults
 from omniscv.dataset.manifest import FrameEntry, Manifest
@@ -42,7 +42,7 @@ def check(out: str | Path, deep: bool = False, format: str | None = None) -> lis
     faults = [*_manifest_faults(folder, whole), *_list_faults(folder, entries)]
     for found in side_by_side(lambda entry: list(_frame_faults(folder, whole, entry, deep)), entries):
         faults += found
-    wanted = [Export(each["format"], each["options"], each["out"]) for each in whole.settings["exports"]]
+    wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
         name = registry.get(format).name
         wanted = [each for each in wanted if each.format == name] or [Export(name)]
@@ -79,14 +79,9 @@ def _list_faults(folder: Path, entries: list[FrameEntry]) -> Iterator[str]:
         if entry.place and split_of.setdefault(entry.place, entry.split) != entry.split:
             wanted = split_of[entry.place]
             yield f"{entry.key}: expected the split {wanted!r} of its place, got {entry.split!r}"
-    listed = {file.path for entry in entries for file in entry.files.values()}
-    for path in sorted(folder.glob("*.*")):
-        if (
-            path.is_file()
-            and path.name not in (manifest.DATASET, manifest.FRAMES, *listed)
-            and path.name[0] != "."
-        ):
-            yield f"{path.name}: expected a file that {manifest.FRAMES} lists, got another one"
+    for path in sorted(folder.glob("*.json")):
+        if path.stem not in keys and "." not in path.stem and path.name != manifest.DATASET:
+            yield f"{path.name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
 def _frame_faults(folder: Path, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
@@ -152,9 +147,10 @@ def _export_faults(folder: Path, frames: list[Frame], wanted: Export, deep: bool
         return []
     format = registry.get(wanted.format)
     if own := getattr(format, "check", None):
-        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in own(frames, place)]
+        shown = [each for each in frames if wanted.shows(each.camera_name)]
+        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in own(shown, place)]
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-        format.write(frames, Path(again), wanted.options)
+        write_into(wanted, frames, Path(again))
         return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _differences(Path(again), place)]
 
 

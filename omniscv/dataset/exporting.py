@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from omniscv.arguments import text, within
+from omniscv.arguments import one_of, text, within
 from omniscv.cameras import Camera
 from omniscv.dataset import registry
 from omniscv.dataset.frames import Frame
@@ -22,7 +22,9 @@ EXPORTS = "exports"
 
 @dataclass(frozen=True)
 class Export:
-    """A format, its options, and the folder below ``exports/`` that it is written into.
+    """A format, its options, the folder below ``exports/`` that it is written into, and of which cameras.
+
+    ``cameras`` names those whose frames are exported; all if empty.
 
     Raises:
         ArgumentError: no such format, or a folder that is no name.
@@ -31,6 +33,7 @@ class Export:
     format: str
     options: Mapping[str, Any] = field(default_factory=dict)
     folder: str = ""
+    cameras: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         name = registry.get(self.format).name
@@ -41,19 +44,33 @@ class Export:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {"format": self.format, "out": self.folder, "options": dict(self.options)}
+        said = {"format": self.format, "out": self.folder, "options": dict(self.options)}
+        return {**said, "cameras": list(self.cameras)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Export:
+        """The inverse of :meth:`to_dict`."""
+        return cls(data["format"], data["options"], data["out"], tuple(data["cameras"]))
+
+    def shows(self, camera_name: str) -> bool:
+        """Return whether a camera's frames are exported."""
+        return not self.cameras or camera_name in self.cameras
 
 
 def check_cameras(wanted: Export, cameras: Mapping[str, Camera]) -> None:
     """Refuse cameras that a format cannot carry, and options that it does not have.
 
     Raises:
-        ArgumentError: the first that it refuses, and why.
+        ArgumentError: the first that it refuses, and why; or a camera that is not there.
     """
     format = registry.get(wanted.format)
+    for name in wanted.cameras:
+        one_of(f"export: {wanted.format}: cameras", name, cameras)
+    cameras = {name: camera for name, camera in cameras.items() if wanted.shows(name)}
     for name, camera in cameras.items():
         if reason := format.refuses(camera):
-            raise ArgumentError(f"export: {wanted.format}: cannot carry camera {name!r}: {reason}")
+            advice = "" if wanted.cameras else "; or name others in 'cameras'"
+            raise ArgumentError(f"export: {wanted.format}: cannot carry camera {name!r}: {reason}{advice}")
     if check := getattr(format, "check_options", None):
         with within(f"export: {wanted.format}"):
             check(wanted.options, cameras)
@@ -73,13 +90,22 @@ def check_kinds(format: str, kinds: Iterable[str]) -> None:
         )
 
 
-def export(out: str | Path, to: str, into: str | Path | None = None, **options: Any) -> list[Path]:
+def export(
+    folder: str | Path,
+    /,
+    to: str,
+    out: str | Path | None = None,
+    cameras: Sequence[str] = (),
+    **options: Any,
+) -> list[Path]:
     """Export a dataset to a format.
 
     Args:
-        out: the dataset.
+        folder: the dataset.
         to: a name of :func:`omniscv.dataset.names`.
-        into: the folder to write into; ``exports/NAME`` in the dataset if not given.
+        out: the folder to write into, beside what is there; if not given, ``exports/NAME`` in the dataset,
+            which is replaced.
+        cameras: names of those whose frames are exported; all if not given.
         options: of the format.
 
     Returns:
@@ -89,14 +115,15 @@ def export(out: str | Path, to: str, into: str | Path | None = None, **options: 
         ArgumentError: no dataset, no such format, a camera that it cannot carry, or an unknown option.
         DatasetError: the dataset is not complete, or damaged.
     """
-    wanted = Export(to, options)
-    frames = open(out)
+    wanted = Export(to, options, cameras=tuple(cameras))
+    frames = open(folder)
     check_cameras(wanted, {frame.camera_name: frame.camera for frame in frames})
-    if frames:
-        check_kinds(wanted.format, set.intersection(*(set(frame.files) for frame in frames)))
-    if into is None:
-        return write(wanted, frames, Path(out))
-    return _written(wanted, frames, Path(into), _merge)
+    shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
+    if shown:
+        check_kinds(wanted.format, set.intersection(*(set(frame.files) for frame in shown)))
+    if out is None:
+        return write(wanted, frames, Path(folder))
+    return _written(wanted, frames, Path(out), _merge)
 
 
 def write(wanted: Export, frames: Sequence[Frame], out: Path) -> list[Path]:
@@ -117,12 +144,18 @@ def _written(
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
     try:
-        with within(wanted.format):
-            written = registry.get(wanted.format).write(frames, part, wanted.options)
+        written = write_into(wanted, frames, part)
         place(part, target)
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return [folder / path.relative_to(part) for path in written]
+
+
+def write_into(wanted: Export, frames: Sequence[Frame], folder: Path) -> list[Path]:
+    """Write an export as its format does, file by file."""
+    shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
+    with within(wanted.format):
+        return registry.get(wanted.format).write(shown, folder, wanted.options)
 
 
 def _replace(part: Path, target: Path) -> None:

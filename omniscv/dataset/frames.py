@@ -56,6 +56,10 @@ class Frame:
 
         return read(self._file(name), name)
 
+    def has(self, *names: str) -> dict[str, NDArray[Any]]:
+        """Return those of some layers that the frame has, by name, as :meth:`layer` does."""
+        return {name: self.layer(name) for name in names if name in self.files}
+
     @cached_property
     def truth(self) -> Mapping[str, Any]:
         """The records of STEM.truth.json, by the name of the truth; empty without the file."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -83,7 +84,7 @@ class FileEntry:
 
 @dataclass(frozen=True, eq=False)
 class FrameEntry:
-    """A line of ``frames.jsonl``; the fields are those of :class:`omniscv.dataset.Frame`."""
+    """A line of ``frames.jsonl``; the fields are those of :class:`omniscv.dataset.Frame`, and its scene."""
 
     key: str
     camera: str
@@ -92,6 +93,7 @@ class FrameEntry:
     time: float | None = None
     place: str = ""
     split: str = ""
+    scene: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -102,6 +104,7 @@ class FrameEntry:
             "time": self.time,
             "place": self.place,
             "split": self.split,
+            "scene": self.scene,
             "files": {kind: asdict(entry) for kind, entry in sorted(self.files.items())},
         }
 
@@ -110,10 +113,10 @@ class FrameEntry:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
         try:
             files = {str(kind): FileEntry(**each) for kind, each in data["files"].items()}
-            plain = {key: data[key] for key in ("key", "camera", "time", "place", "split")}
+            plain = {key: data[key] for key in ("key", "camera", "time", "place", "split", "scene")}
             return cls(pose=Pose.from_dict(data["pose"]), files=files, **plain)
         except (TypeError, KeyError, AttributeError) as cause:
-            wanted = "expected a frame with key, camera, pose, time, place, split and files"
+            wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
 
@@ -241,6 +244,22 @@ def read_entry(path: Path) -> FrameEntry:
         data = json.loads(path.read_bytes())
         entry = FrameEntry.from_dict(data["frame"])
         return replace(entry, files={**entry.files, IMAGE: FileEntry.of(path)})
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder alone among the processes that do so; a process that is killed leaves nothing."""
+    try:
+        import fcntl
+    except ImportError:  # not on Windows: one process at a time there
+        yield
+        return
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(opened)
 
 
 def checksum(path: Path) -> str:

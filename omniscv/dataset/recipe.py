@@ -4,12 +4,12 @@
 
     classes: classes.yaml                 # or its content
     truth:  {boxes: true, layout: true, amodal: masks, flow: {wrap: shortest}, tolerance: {abs_m: 0.02}}
-    export: [coco, {format: depth-png, scale: mm, out: depth}]
+    export: [coco, {format: depth_png, scale: mm, out: depth, cameras: [panorama]}]
     split:  {train: 0.8, val: 0.1, test: 0.1, by: place, distance_m: 0.5, seed: 0}
     shards: {format: webdataset, max_count: 1000, max_bytes: 1000000000}
     media:  {xmp: true, north: 0.0}
     seam:   whole                         # or split: objects that cross the seam of a panorama
-    layout: {source: scene}               # options that truths and formats of layouts share
+    layout: {source: scene, maps: {edge_sigma: 0.0054, corner_sigma: 0.0107}}   # of layouts and their maps
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from omniscv import modalities
-from omniscv.arguments import Reader, fields, flag, number, one_of, shown, text, within
+from omniscv.arguments import Reader, fields, flag, number, one_of, shown, text, texts, within
 from omniscv.cameras import Camera
 from omniscv.dataset import registry, truths
 from omniscv.dataset.classes import class_rules
@@ -71,9 +71,13 @@ class Recipe:
         kinds = self.kinds(modes)
         if self.classes is not None and "labels" not in kinds:
             raise _modes("classes", ["object_mask"], modes)
-        for name in self.truth:
-            if missing := [mode for mode in truths.get(name).needs if mode not in kinds]:
+        for name, options in self.truth.items():
+            truth = truths.get(name)
+            if missing := [mode for mode in truth.needs if mode not in kinds]:
                 raise _modes(f"truth.{name}", missing, modes)
+            if truth.check_options:
+                with within(f"truth.{name}"):
+                    truth.check_options(options)
         for i, each in enumerate(self.exports):
             if each.folder in {before.folder for before in self.exports[:i]}:
                 raise ArgumentError(
@@ -134,11 +138,11 @@ def _with_flow(exports: list[dict[str, Any]], options: dict[str, Any]) -> list[d
 
 
 def _export(given: Mapping[str, Any], shared: Mapping[str, Any]) -> Export:
-    options = {key: value for key, value in given.items() if key not in ("format", "out")}
+    options = {key: value for key, value in given.items() if key not in ("format", "out", "cameras")}
+    cameras = texts("export.cameras", given["cameras"]) if "cameras" in given else ()
     with within("export"):
-        return Export(
-            given["format"], _shared(registry.get(given["format"]), shared) | options, given.get("out", "")
-        )
+        taken = _shared(registry.get(given["format"]), shared)
+        return Export(given["format"], taken | options, given.get("out", ""), cameras)
 
 
 def _shared(taker: object, shared: Mapping[str, Any]) -> dict[str, Any]:
@@ -206,6 +210,8 @@ def _mapping(name: str, value: object) -> dict[str, Any]:
 
 _TOLERANCE: dict[str, Reader] = {"abs_m": partial(number, least=0), "rel": partial(number, least=0)}
 
+_MAPS: dict[str, Reader] = dict.fromkeys(("edge_sigma", "corner_sigma"), partial(number, above=0, most=1))
+
 FIELDS: dict[str, Reader] = {
     "classes": _classes,
     "truth": _truth,
@@ -214,5 +220,5 @@ FIELDS: dict[str, Reader] = {
     "shards": _format,
     "media": partial(fields, readers={"xmp": flag, "north": number}),
     "seam": partial(one_of, words=get_args(Seam)),
-    "layout": _mapping,
+    "layout": partial(fields, readers={"source": text, "maps": partial(fields, readers=_MAPS)}),
 }

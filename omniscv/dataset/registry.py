@@ -32,8 +32,21 @@ class Format(Protocol):
 
 
 _MODULES: tuple[str, ...] = (
+    "ply",
+    "depth_png",
+    "normals_png",
+    "poses",
+    "colmap",
+    "nerfstudio",
+    "kalibr",
+    "flow",
+    "cfl",
+    "horizonnet",
+    "structured3d",
     "webdataset",
     "hf",
+    "coco",
+    "omni3d",
 )
 """The formats of this package: modules of :mod:`omniscv.dataset.formats`, ``-`` as ``_``, imported on use."""
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from omniscv.arguments import Reader, fields, number, one_of, shown, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
@@ -67,10 +69,11 @@ class Split:
         """
         given = given or [""] * len(positions_w)
         free = [i for i, place in enumerate(given) if not place]
-        first = _joined(positions_w[free], self.distance_m)
+        positions = dict.fromkeys(map(tuple, positions_w[free].tolist()))  # many poses may share one
+        joined = dict(zip(positions, _joined(np.array(list(positions)), self.distance_m), strict=True))
         found = list(given)
-        for i, j in zip(free, first, strict=True):
-            found[i] = ",".join(f"{each:.3f}" for each in positions_w[free[j]] + 0.0)
+        for i in free:
+            found[i] = ",".join(f"{each:.3f}" for each in joined[tuple(positions_w[i].tolist())])
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
@@ -78,8 +81,8 @@ class Split:
         return {**self.shares, "by": "place", "distance_m": self.distance_m, "seed": self.seed}
 
 
-def _joined(positions_w: Array, distance_m: float) -> list[int]:
-    """For each position, the index of the first one that steps of at most a distance join it to."""
+def _joined(positions_w: Array, distance_m: float) -> Array:
+    """For each position, the first one that steps of at most a distance join it to."""
     from scipy.spatial import cKDTree
 
     first = [-1] * len(positions_w)
@@ -91,7 +94,7 @@ def _joined(positions_w: Array, distance_m: float) -> list[int]:
                 if first[near] < 0:
                     first[near] = i
                     reached.append(near)
-    return first
+    return positions_w[first]
 
 
 _OPTIONS: dict[str, Reader] = {

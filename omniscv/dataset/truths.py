@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import plugins
+from omniscv.arguments import shown
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
@@ -45,6 +46,16 @@ class Observation:
     object_poses: Mapping[str, Pose] = field(default_factory=dict)
     time: float | None = None
 
+    def seen(self) -> NDArray[np.uint16]:
+        """Return the labels.
+
+        Raises:
+            ArgumentError: there are none.
+        """
+        if self.labels is None:
+            raise ArgumentError("expected an image with labels, got none; render with object_mask")
+        return self.labels
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -57,7 +68,9 @@ class Truth:
         file: the suffix of the file that holds the record; several may share ``truth.json``, each under its
             name; in a file of its own a record is the whole file.
         keys: those of a job that it takes among its options: ``tolerance``, ``seam``, ``layout``.
-        captures: whether it uses the renderer, and so must not run beside the next image.
+        captures: whether it uses the renderer, and so must not run beside the next image; or a function of
+            what the source knows of shapes, and of the options, that returns that.
+        check_options: raises ArgumentError for a wrong option, before anything is captured.
     """
 
     name: str
@@ -65,10 +78,28 @@ class Truth:
     needs: tuple[str, ...] = ()
     file: str = "truth.json"
     keys: tuple[str, ...] = ()
-    captures: bool = False
+    captures: bool | Callable[[SceneGeometry, Mapping[str, Any]], bool] = False
+    check_options: Callable[[Mapping[str, Any]], object] | None = None
+
+    def may_capture(self, geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
+        """Return whether it may use the renderer, given what the source knows of shapes."""
+        return self.captures(geometry, options) if callable(self.captures) else self.captures
 
 
-_MODULES: dict[str, str] = {}
+def no_options(options: Mapping[str, Any]) -> None:
+    """Raise ArgumentError if there is an option."""
+    if options:
+        raise ArgumentError(f"expected no options, got {shown(dict(options))}")
+
+
+_MODULES: dict[str, str] = {
+    "poses": "poses",
+    "layout": "layout",
+    "boxes": "boxes",
+    "bfov": "bfov",
+    "boxes3d": "boxes3d",
+    "amodal": "amodal",
+}
 """The truths of this package, and the modules of :mod:`omniscv.dataset.deriving` that register them."""
 
 _TRUTHS: dict[str, Truth] = {}

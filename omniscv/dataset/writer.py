@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
@@ -13,13 +13,14 @@ import numpy as np
 
 from omniscv.arguments import number, shown
 from omniscv.cameras import Camera
-from omniscv.compose.files import check_format, write_json, write_layers
+from omniscv.compose.files import OBJECTS, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
-from omniscv.dataset import manifest
+from omniscv.dataset import manifest, photo_sphere
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import FileEntry, FrameEntry, Manifest
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
+from omniscv.parallel import side_by_side
 from omniscv.truth.classes import ClassRules
 
 _MOST_NAMES = np.iinfo(np.uint16).max
@@ -28,6 +29,8 @@ _MOST_NAMES = np.iinfo(np.uint16).max
 @dataclass(frozen=True, eq=False)
 class Shot:
     """What a frame shows, and where it belongs; the fields are those of :class:`omniscv.dataset.Frame`.
+
+    ``scene`` is the identity of the scene: a frame of another scene is not the same frame.
 
     Raises:
         ArgumentError: a key that cannot start a file name, or has a dot, which ends it in WebDataset.
@@ -40,12 +43,13 @@ class Shot:
     time: float | None = None
     place: str = ""
     split: str = ""
+    scene: str = ""
 
     def __post_init__(self) -> None:
         check_key("key", self.key)
         if self.time is not None:
             object.__setattr__(self, "time", number("time", self.time))
-        for name in ("place", "split"):
+        for name in ("place", "split", "scene"):
             if not isinstance(value := getattr(self, name), str):
                 raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
 
@@ -70,10 +74,12 @@ class Writer:
         image_format: of colour.
         begun: what the manifest holds from the start: cameras, names, settings.
         closed: refuse objects that the manifest does not have, as where several processes write one dataset.
+        media: ``xmp``, whether pictures of equirectangular cameras get Photo Sphere metadata, and ``north``,
+            the compass heading of the world's X axis in degrees.
 
     Raises:
         ArgumentError: a dataset is there and ``resume`` is not set, or it was begun with other cameras,
-            classes or settings.
+            classes or settings; or images that are no dataset are there.
         DatasetError: its manifest is damaged.
         UnmatchedNamesError: no rule of the classes matches some names.
     """
@@ -86,26 +92,36 @@ class Writer:
         image_format: str = "png",
         begun: Manifest | None = None,
         closed: bool = False,
+        media: Mapping[str, Any] | None = None,
     ) -> None:
         check_format(image_format)
+        self._media = {"xmp": False, "north": 0.0, **(media or {})}
+        if self._media["xmp"] and image_format not in photo_sphere.SUFFIXES:
+            suffixes = " or ".join(photo_sphere.SUFFIXES)
+            raise ArgumentError(f"media.xmp: expected image_format {suffixes}, got {image_format}")
         self.out, self._image_format, self._closed = Path(out), image_format, closed
         self._lock = Lock()
         wanted = begun or Manifest()
         if classes is not None:
             wanted = replace(wanted, rules=class_rules(classes))
-        there = (self.out / manifest.DATASET).exists()
-        if there and not resume:
-            raise ArgumentError(
-                f"{self.out}: expected a new folder, got a dataset; resume it, or write elsewhere"
-            )
-        self.manifest = _resumed(manifest.read(self.out), wanted, self.out) if there else wanted
         self._entries: dict[str, FrameEntry] = {}
         self._written: set[str] = set()
-        if there:
-            self._take_up()
         self.out.mkdir(parents=True, exist_ok=True)
-        if not there or self.manifest.to_dict() != manifest.read(self.out).to_dict():
-            manifest.write(self.out, self.manifest)
+        with manifest.locked(self.out):
+            self.manifest = self._begun(wanted, resume)
+        self.take_up()
+
+    def _begun(self, wanted: Manifest, resume: bool) -> Manifest:
+        """The manifest, on disk: that of the dataset that is there, with what is wanted of it."""
+        there = any((self.out / name).exists() for name in (manifest.DATASET, manifest.FRAMES))
+        if (there and not resume) or (self.out / OBJECTS).exists():
+            got = "a dataset; resume it, or" if there else "images of 'render';"
+            raise ArgumentError(f"{self.out}: expected a new folder, got {got} write elsewhere")
+        had = manifest.read(self.out) if there else None
+        found = wanted if had is None else _resumed(had, wanted, self.out)
+        if had is None or had.to_dict() != found.to_dict():
+            manifest.write(self.out, found)
+        return found
 
     def has(self, shot: Shot) -> bool:
         """Return whether a frame is there, whole, as it was written."""
@@ -141,9 +157,8 @@ class Writer:
             UnmatchedNamesError: no rule of the classes matches some of its objects.
             OmniscvError: a file cannot be written.
         """
-        shot = Shot(
-            key, self._camera_name(image.camera), image.camera, pose or image.pose, time, place, split
-        )
+        scene, camera = str(image.provenance.get("scene", "")), image.camera
+        shot = Shot(key, self._camera_name(camera), camera, pose or image.pose, time, place, split, scene)
         return not self.has(shot) and self.write(
             shot, self.frozen(shot, image), {"truth": truth} if truth else {}
         )
@@ -157,7 +172,7 @@ class Writer:
             UnmatchedNamesError: no rule of the classes matches some of its objects.
         """
         names = [] if image.objects is None or image.labels is None else image.objects.names()
-        held = self._freeze(names, shot.camera_name, shot.camera)
+        held = self._freeze(names)
         if image.labels is None:
             return image
         id_of = np.zeros(_MOST_NAMES + 1, np.uint16)
@@ -184,8 +199,11 @@ class Writer:
                 raise ArgumentError(f"key: expected one that no other frame has, got {shown(shot.key)} again")
             self._written.add(shot.key)
         files = write_layers(image.layers, self.out, shot.key, self._image_format)
+        if self._media["xmp"] and "lit" in files and photo_sphere.refuses(shot.camera) is None:
+            photo_sphere.tag(files["lit"], shot.camera, shot.pose, self._media["north"])
         for kind, record in records.items():
-            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record)
+            # Not indented: curves are long lists.
+            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)
         entries = {kind: FileEntry.of(path) for kind, path in files.items()}
         said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
         path = write_json(self.out / f"{shot.key}.json", said)
@@ -196,7 +214,8 @@ class Writer:
     def finish(self) -> list[FrameEntry]:
         """Write ``frames.jsonl``, and return its lines in the order of keys."""
         entries = [self._entries[key] for key in sorted(self._entries)]
-        manifest.write_frames(self.out, entries)
+        with manifest.locked(self.out):
+            manifest.write_frames(self.out, entries)
         return entries
 
     def __enter__(self) -> Self:
@@ -208,16 +227,11 @@ class Writer:
         if kind is None:
             self.finish()
 
-    def _take_up(self) -> None:
-        """Find the frames that are whole; the others are made again."""
-        for path in sorted(self.out.glob("*.json")):
-            if path.name.count(".") > 1 or path.name == manifest.DATASET:
-                continue
-            try:
-                entry = manifest.read_entry(path)
-            except DatasetError:
-                continue
-            if path.stem == entry.key and not any(each.fault(self.out) for each in entry.files.values()):
+    def take_up(self) -> None:
+        """Find the frames that are there, those that other processes wrote too; damaged ones are left out."""
+        there = [path for path in sorted(self.out.glob("*.json")) if path.stem not in self._entries]
+        for entry in side_by_side(_whole_frame, there):
+            if entry is not None:
                 self._entries[entry.key] = entry
 
     def _camera_name(self, camera: Camera) -> str:
@@ -228,26 +242,48 @@ class Writer:
                 if each == camera:
                     return name
             fresh = (f"{camera.name}-{i}" if i else camera.name for i in range(len(known) + 1))
-            return next(name for name in fresh if name not in known)
+            name = next(name for name in fresh if name not in known)
+            self._grow(replace(self.manifest, cameras={**known, name: camera}))
+            return name
 
-    def _freeze(self, names: list[str], camera_name: str, camera: Camera) -> Manifest:
-        """The manifest with all names and the camera, on disk before a file that needs it."""
+    def _freeze(self, names: list[str]) -> Manifest:
+        """The manifest with all names, on disk before a file that needs it."""
         with self._lock:
-            had = self.manifest
-            fresh = [name for name in names if name not in had.names]
-            if not fresh and camera_name in had.cameras:
-                return had
-            if fresh and self._closed:
-                got = f"{len(fresh)} others such as {shown(fresh[0])}"
-                raise DatasetError(f"names: expected the objects that the dataset was begun with, got {got}")
-            if len(had.names) + len(fresh) > _MOST_NAMES:
-                raise ArgumentError(f"names: expected at most {_MOST_NAMES} objects in a dataset, got more")
-            numbered = {name: i for i, name in enumerate(sorted(fresh), start=len(had.names) + 1)}
-            self.manifest = replace(
-                had, names={**had.names, **numbered}, cameras={**had.cameras, camera_name: camera}
-            )
-            manifest.write(self.out, self.manifest)
+            if fresh := [name for name in names if name not in self.manifest.names]:
+                if self._closed:
+                    got = f"{len(fresh)} others such as {shown(fresh[0])}"
+                    raise DatasetError(
+                        f"names: expected the objects that the dataset was begun with, got {got}"
+                    )
+                self._grow(replace(self.manifest, names=_numbered(self.manifest.names, fresh)))
             return self.manifest
+
+    def _grow(self, grown: Manifest) -> None:
+        with manifest.locked(self.out):
+            manifest.write(self.out, grown)
+        self.manifest = grown
+
+
+def _whole_frame(path: Path) -> FrameEntry | None:
+    """The frame that a ``STEM.json`` describes; None for other files, and where a file of it is damaged."""
+    try:
+        entry = manifest.read_entry(path)
+    except DatasetError:
+        return None
+    damaged = entry.key != path.stem or any(each.fault(path.parent) for each in entry.files.values())
+    return None if damaged else entry
+
+
+def _numbered(names: Mapping[str, int], fresh: Iterable[str]) -> dict[str, int]:
+    """Names with ids, new ones after those that are there, in sorted order.
+
+    Raises:
+        ArgumentError: more than labels can tell apart.
+    """
+    found = {**names, **{name: i for i, name in enumerate(sorted(fresh), start=len(names) + 1)}}
+    if len(found) > _MOST_NAMES:
+        raise ArgumentError(f"names: expected at most {_MOST_NAMES} objects in a dataset, got {len(found)}")
+    return found
 
 
 def _resumed(had: Manifest, wanted: Manifest, out: Path) -> Manifest:
@@ -260,9 +296,8 @@ def _resumed(had: Manifest, wanted: Manifest, out: Path) -> Manifest:
     if wanted.settings and dict(had.settings) != dict(wanted.settings):
         differ = [key for key, value in wanted.settings.items() if had.settings.get(key) != value]
         raise _other(out, f"other {', '.join(differ)}")
-    fresh = [name for name in wanted.names if name not in had.names]
-    numbered = {name: i for i, name in enumerate(sorted(fresh), start=len(had.names) + 1)}
-    return replace(had, names={**had.names, **numbered}, cameras={**had.cameras, **wanted.cameras})
+    names = _numbered(had.names, [name for name in wanted.names if name not in had.names])
+    return replace(had, names=names, cameras={**had.cameras, **wanted.cameras})
 
 
 def _other(out: Path, had: str) -> ArgumentError:
@@ -272,9 +307,11 @@ def _other(out: Path, had: str) -> ArgumentError:
 
 
 def _entry(shot: Shot, files: Mapping[str, FileEntry]) -> FrameEntry:
-    return FrameEntry(shot.key, shot.camera_name, shot.pose, files, shot.time, shot.place, shot.split)
+    given = {key: getattr(shot, key) for key in ("key", "pose", "time", "place", "split", "scene")}
+    return FrameEntry(camera=shot.camera_name, files=files, **given)
 
 
 def _described(image: OmniImage) -> dict[str, Any]:
     """What an image's own file says of it, without where and when its captures came from."""
-    return {**image.description(), "source": {"scene": str(image.provenance.get("scene", ""))}}
+    said = image.description()
+    return {key: said[key] for key in said if key != "source"}

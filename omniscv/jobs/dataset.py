@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from itertools import chain
 from threading import Lock
@@ -17,7 +17,7 @@ from omniscv import modalities
 from omniscv.arguments import whole_number
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset import exporting, reading, truths
+from omniscv.dataset import exporting, manifest, reading, truths
 from omniscv.dataset.manifest import Manifest
 from omniscv.dataset.observing import derive
 from omniscv.dataset.truths import Observation
@@ -76,7 +76,8 @@ def make(
     whole_number("shard", index, least=0, most=count - 1)
     job.recipe.check(job.cameras, job.modes)
     with job.open() as source:
-        moments = list(job.shots())
+        job = job.posed(source)
+        moments = list(job.shots(_scene(source)))
         shots = [shot for moment in moments for shot in moment]
         mine = [shot for shot in shots if _hash(shot.key) % count == index]
         begun = Manifest(job.cameras, _names(job, source), job.recipe.classes, _settings(job))
@@ -86,16 +87,30 @@ def make(
             image_format=job.image_format,
             begun=begun,
             closed=count > 1,
+            media=job.recipe.media,
         )
         wanted = [shot for shot in mine if not writer.has(shot)]
         _Making(job, source, writer, workers, warn).run(moments, wanted, progress)
+    if any(not writer.has(shot) for shot in shots):
+        writer.take_up()  # what other shards wrote meanwhile
     missing = sum(not writer.has(shot) for shot in shots)
     if not missing:
-        writer.finish()
-        frames = reading.open(job.out)
+        _finish(job, writer, warn)
+    return Made(len(wanted), len(mine) - len(wanted), missing)
+
+
+def _finish(job: Job, writer: Writer, warn: Callable[[str], None] | None) -> None:
+    """Write the list of frames, and the exports."""
+    entries = writer.finish()
+    found = {entry.split for entry in entries}
+    for split, share in job.recipe.split.shares.items() if job.recipe.split else ():
+        if warn and share > 0 and split not in found:
+            places = len({entry.place for entry in entries})
+            warn(f"split: {split} has no frames: they are of {places} places, and places are not divided")
+    frames = reading.open(job.out)
+    with manifest.locked(job.out):
         for each in job.recipe.exports:
             exporting.write(each, frames, job.out)
-    return Made(len(wanted), len(mine) - len(wanted), missing)
 
 
 class _Making:
@@ -112,8 +127,11 @@ class _Making:
         self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
         self._renderer, self._geometry = Renderer(source), source.geometry()
         # A truth that captures may hide objects: no image is captured beside it.
-        alone = any(truths.get(name).captures for name in job.recipe.truth)
-        self._turn = Lock() if alone else nullcontext()
+        wanted = job.recipe.truth
+        names = {each for each in wanted if truths.get(each).may_capture(self._geometry, wanted[each])}
+        self._alone = {name: options for name, options in wanted.items() if name in names}
+        self._beside = {name: options for name, options in wanted.items() if name not in names}
+        self._turn = Lock() if names else nullcontext()
 
     def run(
         self,
@@ -167,8 +185,8 @@ class _Making:
             time=shot.time,
         )
         with self._turn:
-            records = derive(observation, self._job.recipe.truth)
-        self._writer.write(shot, image, records)
+            records = derive(observation, self._alone)
+        self._writer.write(shot, image, derive(observation, self._beside, records))
 
 
 def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
@@ -192,6 +210,11 @@ def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iter
 
 def _hash(key: str) -> int:
     return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big")
+
+
+def _scene(source: Source) -> str:
+    """The identity of the source's scene, as text."""
+    return "/".join(part for part in astuple(source.scene_identity) if part)
 
 
 def _names(job: Job, source: Source) -> dict[str, int]:

@@ -1,8 +1,10 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -15,7 +17,8 @@ from omniscv.dataset.splits import Split
 from omniscv.dataset.writer import Shot
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.jobs.rigs import cameras_of, poses_of
+from omniscv.jobs.rigs import cameras_of, trajectory_of
+from omniscv.jobs.sampled_poses import SampledPoses
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
 from omniscv.sources.recording import record
@@ -27,8 +30,8 @@ class Job:
     """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
 
     ``cameras`` are at the poses themselves; those of a ``rig``, whose poses they then are, join them.
-    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``recipe`` is
-    what a dataset holds beyond images.
+    ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``sampling``
+    chooses poses in an open source, see :meth:`posed`; ``recipe`` is what a dataset holds beyond images.
 
     Raises:
         ArgumentError: an unknown mode or image format, or a rig that does not fit the rest.
@@ -47,6 +50,7 @@ class Job:
     places: tuple[str, ...] | None = None
     recipe: Recipe = field(default_factory=Recipe)
     rig: Rig | None = None
+    sampling: SampledPoses | None = None
 
     def __post_init__(self) -> None:
         apart = {name: each for name, each in self.cameras.items() if not self._mounted(name, each)}
@@ -73,6 +77,17 @@ class Job:
             source.close()
             raise
 
+    def posed(self, source: Source) -> Self:
+        """Return this job with the poses that it samples in its source.
+
+        Raises:
+            OmniscvError: there are no such poses, or depth cannot be captured.
+        """
+        if self.sampling is None:
+            return self
+        found = self.sampling.poses(source)
+        return replace(self, poses=found.poses, times=found.times, sampling=None)
+
     def items(self) -> Iterator[tuple[str, Camera, Pose]]:
         """Yield stem, camera and pose of every image, pose by pose."""
         for frame in self.frames():
@@ -83,8 +98,8 @@ class Job:
         for i in range(len(self.poses)):
             yield [(stem, self.cameras[name], pose) for name, stem, pose in self._images(i)]
 
-    def shots(self) -> Iterator[list[Shot]]:
-        """Yield what the frames of a dataset are, those of each pose: an image, its time, place and split.
+    def shots(self, scene: str = "") -> Iterator[list[Shot]]:
+        """Yield what the frames of a dataset are, those of each pose: image, time, place, split and scene.
 
         Raises:
             ArgumentError: a camera's name that cannot start a key.
@@ -93,17 +108,27 @@ class Job:
         places = split.places(np.array([pose.position for pose in self.poses]), self.places or ())
         for i, place in enumerate(places):
             yield [
-                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place))
+                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place), scene)
                 for name, stem, pose in self._images(i)
             ]
 
     def _images(self, i: int) -> Iterator[tuple[str, str, Pose]]:
         """The camera's name, the stem and the pose of every image at a pose."""
         digits = len(str(max(0, len(self.poses) - 1)))
-        mounted = poses_of(self.rig, Trajectory(self.poses, self.times), i)
+        mounted = {} if self.rig is None else self.rig.poses(*self._rig_pose(i))
         for name in self.cameras:
             stem = f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name
             yield name, stem, mounted.get(name, self.poses[i])
+
+    def _rig_pose(self, i: int) -> tuple[Pose | Trajectory, float | None]:
+        """The rig's pose; or its timed poses and this one's time, where time offsets move its cameras."""
+        if self._trajectory is None:
+            return self.poses[i], None
+        return self._trajectory, (self.times or ())[i]
+
+    @cached_property
+    def _trajectory(self) -> Trajectory | None:
+        return trajectory_of(self.rig, self.poses, self.times)
 
     def _time(self, i: int, name: str) -> float | None:
         """When a camera takes its image at a pose, seconds."""

@@ -1,4 +1,5 @@
-"""The poses of a job's file: a list, with places and times where it gives them, or a trajectory's file."""
+"""The poses of a job's file: a list, with places and times where it gives them, a trajectory's file, or a
+description of poses to sample."""
 
 from __future__ import annotations
 
@@ -9,7 +10,9 @@ from typing import NamedTuple
 from omniscv.arguments import Reader, fields, number, numbers, shown, text
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.trajectory import read_trajectory
+from omniscv.geometry.trajectory import Trajectory, read_trajectory
+from omniscv.jobs import sampled_poses
+from omniscv.jobs.sampled_poses import SampledPoses
 
 
 class Posed(NamedTuple):
@@ -19,23 +22,28 @@ class Posed(NamedTuple):
         poses: of the cameras.
         times: of the poses, seconds; None where not all have one.
         places: of the poses, empty for a pose without one; None where no pose has one.
+        sampling: how poses are chosen when the source is open; there are none before.
     """
 
     poses: tuple[Pose, ...]
     times: tuple[float, ...] | None = None
     places: tuple[str, ...] | None = None
+    sampling: SampledPoses | None = None
 
 
 def read(name: str, value: object) -> str | Posed:
-    """Return the poses that a list describes, or the name of a trajectory's file.
+    """Return the poses that a list or a mapping describes, or the name of a trajectory's file.
 
     Raises:
         ArgumentError: anything else, or a pose with an unknown, missing or wrong field.
     """
     if isinstance(value, str):
         return text(name, value)
+    if isinstance(value, dict):
+        found = sampled_poses.read(name, value)
+        return Posed((), sampling=found) if found.captures else of(found.poses())
     if not isinstance(value, list) or not value:
-        wanted = "expected a list of poses or the name of a trajectory file"
+        wanted = "expected a list of poses, poses to sample, or the name of a trajectory file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
     given = [fields(f"{name}[{i}]", each, _POSE, needed=("position",)) for i, each in enumerate(value)]
     times = [each.pop("time", None) for each in given]
@@ -59,7 +67,11 @@ def opened(found: str | Posed, folder: Path) -> Posed:
     """
     if isinstance(found, Posed):
         return found
-    trajectory = read_trajectory(folder / found)
+    return of(read_trajectory(folder / found))
+
+
+def of(trajectory: Trajectory) -> Posed:
+    """Return the poses of a trajectory, with its times."""
     return Posed(trajectory.poses, trajectory.times)
 
 

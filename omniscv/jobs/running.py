@@ -45,7 +45,7 @@ def run(
     """
     written: list[Path] = []
     with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
-        saving = None
+        saving, job = None, job.posed(source)
         for stem, image in _images(job, Renderer(source), progress):
             if warn:
                 for line in warnings_of(stem, image):
@@ -108,7 +108,7 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
     needed: dict[Request, None] = {}
     with replace(job, record=path).open() as source:
         source.objects()
-        renderer = Renderer(source)
+        job, renderer = job.posed(source), Renderer(source)
         modes = planning.sampled(job.modes, job.options)
 
         def capture_round(round_: Round) -> Kept:
@@ -141,7 +141,7 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         measure: open the source in any case.
     """
     capabilities = known_capabilities(job.sources[0])
-    if capabilities is not None and not measure:
+    if capabilities is not None and not measure and job.sampling is None:
         rays = {camera: CameraRays(camera) for camera in job.cameras.values()}
         frames = [
             [Task(rays[camera], pose, capabilities, job.options) for _, camera, pose in frame]
@@ -150,7 +150,7 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         seconds_per_request = _TICK_S
     else:
         with replace(job, record=None).open() as source:
-            renderer = Renderer(source)
+            job, renderer = job.posed(source), Renderer(source)
             frames = [
                 [renderer.task(camera, pose, job.options) for _, camera, pose in frame]
                 for frame in job.frames()

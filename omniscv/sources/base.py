@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Self
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv import modalities
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -315,6 +316,12 @@ class SourceWrapper(Source):
 def closed_error(what: str) -> SourceError:
     """The error to raise where a closed source is used."""
     return SourceError(f"{what}: expected an open source, got a closed one; open it again")
+
+
+def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:
+    """Raise ArgumentError for names of objects that are not known."""
+    if strange := sorted(set(objects) - set(known)):
+        raise ArgumentError(f"{what}: expected objects of the scene, got {shown(strange[0])}")
 
 
 def not_picklable(what: str) -> SourceError:

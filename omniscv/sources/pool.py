@@ -13,6 +13,7 @@ from typing import Any, NoReturn, TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -74,6 +75,21 @@ class SourcePool(Source):
         views = [source.recorded_views() for source in self._sources]
         common = [set(each) for each in views if each is not None]
         return tuple(v for v in views[0] or () if all(v in each for each in common)) if all(views) else None
+
+    def geometry(self) -> SceneGeometry:
+        """What the first replica that still works knows."""
+        self._check_working()
+        return self._working[0].geometry()
+
+    def without(self, objects: Iterable[str]) -> Source:
+        """A pool of the replicas that still work, each without the objects."""
+        self._check_working()
+        names = list(objects)
+        with ExitStack() as opened:
+            hidden = [opened.enter_context(each.without(names)) for each in self._working]
+            pool = SourcePool(hidden)
+            opened.pop_all()
+            return pool
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -19,6 +21,7 @@ from omniscv.sources.base import (
     Source,
     View,
     closed_error,
+    known_objects,
 )
 from omniscv.sources.registry import split_address
 
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
 
+_NEAR = 1e-3
+"""Metres in front of a camera from which on boxes are projected."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
 
 
@@ -40,12 +45,13 @@ class SceneSource(Source):
         lit: dtype of colours: uint8, or float32 0..1.
         masks: object masks as colours, or as uint16 instance ids, which are the labels.
         cached_views: how many views are kept, those used last, of 22 to 31 bytes a pixel.
+        hidden: names of objects to leave out of every view.
 
     Attributes:
         made: how many views were traced.
 
     Raises:
-        ArgumentError: another ``lit`` or ``masks``.
+        ArgumentError: another ``lit`` or ``masks``, or no object of a name to hide.
     """
 
     def __init__(
@@ -55,11 +61,13 @@ class SceneSource(Source):
         lit: Lit = "uint8",
         masks: Masks = "colors",
         cached_views: int = 32,
+        hidden: Iterable[str] = (),
     ) -> None:
         for name, value, kind in (("lit", lit, Lit), ("masks", masks, Masks)):
             if value not in get_args(kind):
                 raise ArgumentError(f"{name}: expected one of {', '.join(get_args(kind))}; got {value!r}")
-        self.scene, self.made = scene, 0
+        self.scene, self.made, self._hidden = scene, 0, frozenset(hidden)
+        known_objects(self._hidden, scene.objects, f"scene {scene.name}")
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
@@ -68,7 +76,7 @@ class SceneSource(Source):
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._shown = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
         self._traced = lru_cache(cached_views)(self._trace)
-        self._made_of = scene, capabilities, lit, masks, cached_views
+        self._like = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -92,12 +100,22 @@ class SceneSource(Source):
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
             yield Capture(request, request.view, self._traced(request.view)[request.mode], provenance)
 
+    def geometry(self) -> SceneGeometry:
+        """The boxes of all objects, each turned as its object, and the room."""
+        self._check_open()
+        return geometry_of(self.scene)
+
+    def without(self, objects: Iterable[str]) -> SceneSource:
+        """As :meth:`Source.without`; both may be used at the same time."""
+        self._check_open()
+        return self._like(self._hidden.union(objects))
+
     def close(self) -> None:
         self._closed = True
         self._traced.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return SceneSource, self._made_of
+        return self._like, (self._hidden,)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -106,8 +124,10 @@ class SceneSource(Source):
     def _trace(self, view: View) -> dict[str, NDArray[Any]]:
         from mock_server.render import pinhole_rays
 
-        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height)
-        hits = self.scene.trace(view.pose.position, rays)
+        sky = self.scene.sky
+        where = None if not self._hidden or sky is None else self._reached(view)
+        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
+        hits = self.scene.trace(view.pose.position, rays, self._hidden)
         self.made += 1
         lit = hits.color if self._lit == "float32" else np.round(255 * np.clip(hits.color, 0, 1))
         pixels: dict[str, NDArray[Any]] = {
@@ -116,9 +136,66 @@ class SceneSource(Source):
             "depth": (hits.distance / lengths).astype(np.float32),
             "normals": hits.normal.astype(np.float32),
         }
+        if where is not None and sky is not None:
+            shown = sky if self._lit == "float32" else np.round(255 * sky)
+            beyond = {"lit": shown, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
+            pixels = {mode: _spread(some, where, beyond[mode]) for mode, some in pixels.items()}
         for array in pixels.values():
             array.flags.writeable = False
         return pixels
+
+    def _reached(self, view: View) -> NDArray[np.bool_]:
+        """(H, W) the pixels whose rays may meet an object that is not hidden: around the boxes' corners."""
+        found = np.zeros((view.height, view.width), bool)
+        for corners_w in self._shown_corners:
+            found[_around(view, corners_w)] = True
+        return found
+
+    @cached_property
+    def _shown_corners(self) -> list[NDArray[np.float64]]:
+        """The corners (8, 3) of the boxes of objects that are not hidden."""
+        names = set(self.scene.objects) - self._hidden
+        return [ObjectBox.of(*self.scene.box(name), "scene").corners_w() for name in names]
+
+
+def _around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
+    """Rows and columns of a view that hold all of a box that is in front, by its corners (8, 3)."""
+    points_c = view.pose.to_camera(corners_w)
+    ends = points_c[BOX_EDGES]  # (12, 2, 3)
+    a, b = ends[:, 0, 2] - _NEAR, ends[:, 1, 2] - _NEAR
+    crossed = a * b < 0
+    share = (a / np.where(crossed, a - b, 1.0))[crossed, None]
+    points = np.concatenate(
+        [points_c[points_c[:, 2] >= _NEAR], ends[crossed, 0] * (1 - share) + ends[crossed, 1] * share]
+    )
+    if not len(points):
+        return slice(0), slice(0)
+    size = np.array([view.width, view.height])
+    pixels = np.clip(size / 2 + view.focal_px * points[:, :2] / points[:, 2:], -1, size + 1)
+    (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
+    return slice(max(0, int(v0)), max(0, int(v1))), slice(max(0, int(u0)), max(0, int(u1)))
+
+
+def _spread(some: NDArray[Any], where: NDArray[np.bool_], beyond: Any) -> NDArray[Any]:
+    """An image (H, W, ...) of pixels ``some`` where they are known, and of one value elsewhere."""
+    image = np.empty((*where.shape, *some.shape[1:]), some.dtype)
+    image[...] = beyond
+    image[where] = some
+    return image
+
+
+def geometry_of(scene: Scene) -> SceneGeometry:
+    """Return what is known of the shapes in a scene of the mock server."""
+    boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
+    return SceneGeometry(MappingProxyType(boxes), room_of(scene))
+
+
+def room_of(scene: Scene) -> Room | None:
+    """Return the room of a scene of the mock server; None for one without."""
+    room = scene.room
+    if room is None:
+        return None
+    return Room(room.corners, 0.0, room.height, room.walls, room.floor, room.ceiling)
 
 
 def open_scene(address: str) -> SceneSource:

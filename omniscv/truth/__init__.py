@@ -1,1 +1,66 @@
-"""Ground truth as records: pure functions from images and scenes; nothing here reads or writes files."""
+"""Ground truth as records: pure functions from images and scenes; nothing here reads or writes files.
+
+Public names are imported when they are first used.
+"""
+
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from omniscv.truth.object_boxes import boxes
+    from omniscv.truth.optical_flow import Flow, flow
+    from omniscv.truth.oriented_boxes import boxes3d
+    from omniscv.truth.point_cloud import Points, merged, points
+    from omniscv.truth.room_layout import RoomLayout, layout, project_layout, room_of
+    from omniscv.truth.spherical import SphericalBox, fov_iou, spherical_iou
+    from omniscv.truth.spherical_fit import bfov
+    from omniscv.truth.visibility import amodal
+
+_HOMES = {
+    "Flow": "omniscv.truth.optical_flow:Flow",
+    "Points": "omniscv.truth.point_cloud:Points",
+    "RoomLayout": "omniscv.truth.room_layout:RoomLayout",
+    "SphericalBox": "omniscv.truth.spherical:SphericalBox",
+    "amodal": "omniscv.truth.visibility:amodal",
+    "bfov": "omniscv.truth.spherical_fit:bfov",
+    "boxes": "omniscv.truth.object_boxes:boxes",
+    "boxes3d": "omniscv.truth.oriented_boxes:boxes3d",
+    "flow": "omniscv.truth.optical_flow:flow",
+    "fov_iou": "omniscv.truth.spherical:fov_iou",
+    "layout": "omniscv.truth.room_layout:layout",
+    "merged": "omniscv.truth.point_cloud:merged",
+    "points": "omniscv.truth.point_cloud:points",
+    "project_layout": "omniscv.truth.room_layout:project_layout",
+    "room_of": "omniscv.truth.room_layout:room_of",
+    "spherical_iou": "omniscv.truth.spherical:spherical_iou",
+}
+
+__all__ = [
+    "Flow",
+    "Points",
+    "RoomLayout",
+    "SphericalBox",
+    "amodal",
+    "bfov",
+    "boxes",
+    "boxes3d",
+    "flow",
+    "fov_iou",
+    "layout",
+    "merged",
+    "points",
+    "project_layout",
+    "room_of",
+    "spherical_iou",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'omniscv.truth' has no attribute {name!r}")
+    globals()[name] = resolve_name(_HOMES[name])
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

@@ -165,8 +165,9 @@ class ClassRules:
         }
 
     def class_of(self, name: str) -> str | None:
-        """Return the class of the first rule that matches an object; None without one."""
-        return next((rule.class_name for rule in self.rules if rule.matches(name)), None)
+        """Return the class of an object: of the first rule that matches, else ``other``; None without one."""
+        other = _OTHER.get(self.taxonomy, "other") if self.unmatched == "other" else None
+        return next((rule.class_name for rule in self.rules if rule.matches(name)), other)
 
     def table(self, names: Iterable[str]) -> ClassTable:
         """Return the classes of objects.
@@ -178,11 +179,8 @@ class ClassRules:
         unmatched = [name for name, class_name in found.items() if class_name is None]
         if unmatched and self.unmatched == "error":
             raise UnmatchedNamesError(unmatched)
-        other = _OTHER.get(self.taxonomy, "other") if self.unmatched == "other" else None
-        of_object = {name: class_name or other for name, class_name in found.items()}
-        return ClassTable(
-            self.classes, {name: each for name, each in of_object.items() if each is not None}, self.taxonomy
-        )
+        of_object = {name: class_name for name, class_name in found.items() if class_name is not None}
+        return ClassTable(self.classes, of_object, self.taxonomy)
 
 
 def taxonomies() -> tuple[str, ...]:

@@ -182,8 +182,8 @@ def test_a_missing_parameter_is_answered_with_all_of_them(name):
     assert all(re.search(rf"\b{key}\b", str(caught.value)) for key in parameters)
 
 
-def test_a_profile_is_one_of_two_words():
-    with pytest.raises(ArgumentError, match="profile: expected one of angular, perspective; got 'flat'"):
+def test_a_profile_is_one_of_a_few_words():
+    with pytest.raises(ArgumentError, match=r"profile: expected one of angular, perspective, .*; got 'flat'"):
         cameras.create("cylindrical", 64, 32, profile="flat")
 
 

@@ -9,7 +9,11 @@ import pytest
 import omniscv
 from omniscv.cli import COMMANDS, run
 
-GROUPS = {"cameras": ("show", "fit"), "captures": ("info", "verify", "export", "import")}
+GROUPS = {
+    "cameras": ("show", "fit"),
+    "captures": ("info", "verify", "export", "import"),
+    "dataset": ("make", "export", "check", "info", "classes", "pack"),
+}
 LINES = [(name, *sub) for name in COMMANDS for sub in ([(each,) for each in GROUPS.get(name, ())] or [()])]
 
 

@@ -23,10 +23,18 @@ def test_commands_are_where_they_are_run(name):
     assert unfenced(BY_NAME[name]) == []
 
 
+@pytest.fixture(scope="module")
+def processes():
+    """Forks of one process that has imported what documents use, and done nothing else."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["test_documents", "omniscv.jobs", "omniscv.cli"])
+    return context
+
+
 @pytest.mark.parametrize("name", BY_NAME)
-def test_a_document_runs(name, folder, ports):
+def test_a_document_runs(name, folder, ports, processes):
     """In a process of its own, because what a document registers stays registered."""
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
+    with processes.Pool(1) as pool:
         pool.apply(execute, (blocks(BY_NAME[name]), name, folder, ports))
 
 
@@ -36,7 +44,7 @@ def execute(document, name, folder, ports):
     namespace = {"__name__": "__main__"}
     for block in document:
         if block.file_name():
-            (folder / block.file_name()).write_text(block.text, encoding="utf-8")
+            (folder / block.file_name()).write_text(shrunk(block.text), encoding="utf-8")
         elif block.language == "python" and not tests:
             text = "\n" * (block.line - 1) + at_ports(shrunk(block.text), ports)
             exec(compile(text, name, "exec"), namespace)
@@ -59,6 +67,8 @@ def run_tests(texts, folder):
         "--record-mode=once",
         "-p",
         "no:cacheprovider",
+        "-p",
+        "no:hypothesispytest",  # a second's import
         path.name,
     ]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -81,7 +81,9 @@ def test_a_script_must_be_an_executable_file():
     [
         ('create("pinhole", width=1024, height=768)', 'create("pinhole", width=128, height=96)'),
         ("--size 2048x1024 --face-size 512", "--size 256x128 --face-size 64"),
-        ("--size 48x300", "--size 48x64"),
+        ("--size 24x240 --overscan 512", "--size 24x32 --overscan 64"),
+        ("fisheye: {width: 256, height: 128}", "fisheye: {width: 32, height: 32}"),
+        ("image_width: 1280", "image_width: 1280"),
         ("mock://four-wall?dialect=0.3.10&size=512x512", "mock://four-wall?dialect=0.3.10&size=64x64"),
         ("fov_deg=185, --position 0,0,1.5", "fov_deg=185, --position 0,0,1.5"),
     ],

@@ -29,6 +29,8 @@ def test_the_example_of_a_command_runs(name, folder, ports):
     found = examples(f"{command.help}\n\n{command.epilog}")
     assert found, f"{name}: expected 'Example: {name} ...' in its help"
     assert all(" ".join(words).startswith(name) for words in found)
-    example_inputs(folder, faces=name != "omniscv captures export")
+    example_inputs(
+        folder, faces=name != "omniscv captures export", dataset=name.startswith("omniscv dataset ")
+    )
     for words in found:
         run(words, ports)

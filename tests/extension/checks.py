@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import omniscv
-from omniscv import cli, jobs
+from omniscv import cli, dataset, jobs
 
 POSE = omniscv.Pose.from_angles((0.0, 0.0, 0.0), yaw_deg=20.0)
 CAMERA = outsider.Lambert(384, 128)
@@ -27,7 +27,9 @@ def squares(camera):
     return (np.arctan2(y, x) // np.radians(10) + np.arctan2(z, np.hypot(x, y)) // np.radians(10)) % 2 == 1
 
 
-@pytest.mark.parametrize("kind", ["Lambert", "Checkerboard", "DepthFirst", "Rough", "write_ppm"])
+@pytest.mark.parametrize(
+    "kind", ["Lambert", "Checkerboard", "DepthFirst", "Rough", "write_ppm", "brightness", "Table"]
+)
 def test_each_takes_at_most_forty_lines(kind):
     assert len(inspect.getsource(getattr(outsider, kind)).splitlines()) <= 40
 
@@ -136,3 +138,60 @@ def test_all_of_them_through_the_command_line(tmp_path):
 def test_the_command_line_lists_them(capsys):
     assert cli.run(["cameras", "lambert"]) == 0
     assert "Lambert" in capsys.readouterr().out
+
+
+DATASET = """
+source: checker://
+cameras: {{broom: {{model: lambert, width: 96, height: 32}}}}
+poses: [{{position: [0, 0, 0]}}, {{position: [0, 0, 0], yaw_deg: 5}}]
+modes: [lit, object_mask, depth]
+image_format: ppm
+truth: {{brightness: {{scale: 0.5}}}}
+export: [{export}]
+out: dataset
+"""
+
+
+def test_a_truth_and_a_format_through_a_dataset(tmp_path):
+    """Made, exported again without the source, and checked."""
+    (tmp_path / "job.yaml").write_text(DATASET.format(export="table"), encoding="utf-8")
+    jobs.make(jobs.load(tmp_path / "job.yaml"))
+    out = tmp_path / "dataset"
+    assert dataset.check(out, deep=True) == []
+    (path,) = dataset.export(out, "table", tmp_path / "again")
+    assert path.read_bytes() == (out / "exports" / "table" / "table.csv").read_bytes()
+    found = {tuple(line.split(",")) for line in path.read_text(encoding="utf-8").splitlines()}
+    assert {(key, name) for key, name, _ in found} == {
+        (f"broom-{i}", name) for i in (0, 1) for name in ("Dark", "Light")
+    }
+    means = {name: float(mean) for _, name, mean in found}
+    assert means["Dark"] < 45 < 80 < means["Light"]  # half of 40 and 220, blended where squares are small
+    path = out / "exports" / "table" / "table.csv"
+    path.write_text("wrong", encoding="utf-8")
+    assert dataset.check(out, format="table") == [
+        "exports/table: table.csv: expected what the frames give, got other bytes"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "model: lambert",
+            "model: noncentral-panorama, radius: 1",
+            "table: cannot carry camera 'broom': its pixels",
+        ),
+        ("truth: {brightness", "media: {}\nlayout: {brightness", "table: expected frames with truth"),
+        (
+            "modes: [lit, object_mask, depth]",
+            "modes: [lit, depth]",
+            "truth.brightness: expected modes with labels",
+        ),
+    ],
+)
+def test_what_they_cannot_carry_is_refused_before_the_source_is_opened(old, new, says, tmp_path):
+    text = DATASET.format(export="table").replace("checker://", "checker-missing://").replace(old, new)
+    (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(omniscv.OmniscvError) as failed:
+        jobs.make(jobs.load(tmp_path / "job.yaml"))
+    assert says in str(failed.value)

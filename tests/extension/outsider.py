@@ -1,11 +1,12 @@
-"""Another package: a camera, a source, a strategy, a modality with its source, and an exporter of images.
+"""Another package: a camera, a source, a strategy, a modality and its source, an exporter of images, and of
+datasets a truth and a format.
 
 Each is written as an outsider would, with public names alone, and in at most 40 lines.
 """
 
 import numpy as np
 
-from omniscv import cameras, modalities, planning, sources
+from omniscv import cameras, dataset, modalities, planning, sources
 from omniscv.compose import files
 from omniscv.planning import face_viewpoints
 
@@ -127,3 +128,41 @@ def write_ppm(path, pixels, row):
 
 
 files.register("ppm", write_ppm)
+
+
+# -- a truth of datasets -----------------------------------------------------------------------------
+def brightness(observation, options):
+    """The mean colour of each object that is seen, scaled by an option."""
+    lit, labels = observation.image.lit, observation.labels
+    return [
+        {
+            "instance_id": instance,
+            "name": name,
+            "mean": options.get("scale", 1.0) * float(lit[labels == instance].mean()),
+        }
+        for name, instance in observation.instances.items()
+        if (labels == instance).any()
+    ]
+
+
+dataset.register_truth(dataset.Truth("brightness", brightness, needs=("lit", "labels")))
+
+
+# -- a format of datasets ----------------------------------------------------------------------------
+class Table:
+    """``table.csv``: a line of key, object and brightness for each record."""
+
+    name = "table"
+    needs = ("truth",)
+
+    def refuses(self, camera):
+        return None if camera.central else "its pixels have several origins"
+
+    def write(self, frames, out, options):
+        rows = [(frame.key, each) for frame in frames for each in frame.truth["brightness"]]
+        lines = [f"{key},{each['name']},{each['mean']:.2f}" for key, each in rows]
+        (out / "table.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return [out / "table.csv"]
+
+
+dataset.register(Table())

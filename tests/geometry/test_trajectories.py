@@ -1,12 +1,129 @@
-"""Trajectory files of SLAM benchmarks, as the poses of a job."""
+"""Trajectory files of SLAM benchmarks: read, written, and between their poses."""
 
 import numpy as np
 import pytest
+from evo.core import metrics, trajectory
+from evo.tools import file_interface
+from scipy.spatial.transform import Rotation
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.trajectory import read_trajectory
+from omniscv.geometry.trajectory import (
+    Trajectory,
+    read_trajectory,
+    write_euroc,
+    write_kitti,
+    write_kitti_times,
+    write_tum,
+)
 from omniscv.jobs import load
+
+STEPS = Trajectory((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5))), (0.1, 0.2))
+
+
+def wandering(count=40):
+    """Poses turned every way, at uneven times."""
+    draw = np.random.default_rng(5)
+    turns = Rotation.random(count, rng=draw).as_matrix()
+    poses = tuple(Pose(place, R) for place, R in zip(draw.normal(size=(count, 3)) * 30, turns, strict=True))
+    return Trajectory(poses, tuple(np.cumsum(draw.uniform(0.01, 0.4, count)).tolist()))
+
+
+def matrices(poses):
+    return [np.vstack([np.column_stack([p.rotation, p.position]), [0, 0, 0, 1]]) for p in poses]
+
+
+def test_one_pose_in_every_format():
+    """Section 4.4 of the formats' reference."""
+    assert write_tum(STEPS).splitlines()[1:] == [
+        "0.1 0 0 1.5 -0.5 0.5 -0.5 0.5",
+        "0.2 1 0 1.5 -0.5 0.5 -0.5 0.5",
+    ]
+    assert write_euroc(STEPS).splitlines()[1] == "100000000,0,0,1.5,0.5,-0.5,0.5,-0.5"
+    assert write_kitti(STEPS).splitlines() == ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0 0 1 0 0 0 0 1 1"]
+    assert write_kitti_times(STEPS).splitlines() == ["0.1", "0.2"]
+
+
+@pytest.mark.parametrize("kind", ["tum", "euroc", "kitti"])
+def test_evo_reads_what_was_written(kind, tmp_path):
+    """Its own absolute pose error, of positions and of angles, against poses that no file has held."""
+    poses = wandering()
+    write = {"tum": write_tum, "euroc": write_euroc, "kitti": write_kitti}[kind]
+    path = tmp_path / f"path.{kind}"
+    path.write_text(write(poses))
+    expected = matrices(poses)
+    if kind == "kitti":
+        read = file_interface.read_kitti_poses_file(path)
+        reference = trajectory.PosePath3D(poses_se3=[np.linalg.inv(expected[0]) @ each for each in expected])
+    else:
+        read = getattr(
+            file_interface, {"tum": "read_tum_trajectory_file", "euroc": "read_euroc_csv_trajectory"}[kind]
+        )(path)
+        reference = trajectory.PoseTrajectory3D(poses_se3=expected, timestamps=np.array(poses.times))
+        np.testing.assert_allclose(read.timestamps, poses.times, atol=1e-9)
+    for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_rad):
+        error = metrics.APE(relation)
+        error.process_data((reference, read))
+        assert error.get_statistic(metrics.StatisticsType.max) < 1e-7  # arccos near 0 has no more digits
+    np.testing.assert_allclose(read.poses_se3, reference.poses_se3, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["tum", "euroc", "kitti"])
+def test_what_was_written_is_read(kind, tmp_path):
+    poses = wandering()
+    path = tmp_path / f"path.{kind}"
+    path.write_text({"tum": write_tum, "euroc": write_euroc, "kitti": write_kitti}[kind](poses))
+    (tmp_path / "path.times").write_text(write_kitti_times(poses))
+    read = read_trajectory(path, first=poses[0])
+    np.testing.assert_allclose(matrices(read), matrices(poses), atol=1e-12)
+    assert read.times == pytest.approx(poses.times, abs=5e-10)  # EuRoC counts nanoseconds
+
+
+def test_kitti_without_times_has_none(tmp_path):
+    (tmp_path / "00.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n")
+    read = read_trajectory(tmp_path / "00.txt")
+    assert read.times is None
+    np.testing.assert_allclose(read[1].position, (1, 0, 0), atol=1e-12)  # level: the camera's z is ahead
+    with pytest.raises(ArgumentError, match="expected times"):
+        read.at(0.5)
+
+
+def test_poses_without_times_are_numbered():
+    poses = Trajectory(STEPS.poses)
+    assert [line.split()[0] for line in write_tum(poses).splitlines()[1:]] == ["0", "1"]
+    assert write_euroc(poses).splitlines()[2].startswith("1000000000,")
+
+
+def test_between_poses_positions_are_linear_and_turns_steady():
+    """A turn by 90 degrees about the camera's y: a third of the time turns 30."""
+    first, last = Pose.from_angles((0, 0, 1)), Pose.from_angles((3, 6, 1), yaw_deg=90)
+    poses = Trajectory((first, last), (10.0, 13.0))
+    third = poses.at(11.0)
+    np.testing.assert_allclose(third.position, (1, 2, 1), atol=1e-12)
+    assert third.angles() == pytest.approx((30, 0, 0), abs=1e-9)
+    for time, pose in zip(poses.times, poses, strict=True):
+        np.testing.assert_allclose(poses.at(time).rotation, pose.rotation, atol=1e-12)
+    for outside in (9.9, 13.1, np.nan):
+        with pytest.raises(ArgumentError, match="time: expected a finite number"):
+            poses.at(outside)
+
+
+def test_a_part_keeps_its_times():
+    assert wandering()[3:5].times == wandering().times[3:5]
+
+
+@pytest.mark.parametrize(
+    ("poses", "times", "says"),
+    [
+        ((), None, "at least one pose"),
+        (STEPS.poses, (1.0,), "one a pose, got 1 for 2"),
+        (STEPS.poses, (1.0, 1.0), "increasing"),
+        (STEPS.poses, (1.0, float("nan")), "increasing"),
+    ],
+)
+def test_wrong_trajectories(poses, times, says):
+    with pytest.raises(ArgumentError, match=says):
+        Trajectory(poses, times)
 
 
 def test_quaternions_turn_camera_to_world(tmp_path):
@@ -22,13 +139,14 @@ def test_quaternions_turn_camera_to_world(tmp_path):
     np.testing.assert_array_equal(plain.R_w_c, np.eye(3))
 
 
-def test_a_job_takes_its_poses_from_a_file_beside_it(tmp_path):
+def test_a_job_takes_its_poses_and_their_times_from_a_file_beside_it(tmp_path):
     (tmp_path / "path.txt").write_text("0 1 0 1.5 0.5 -0.5 0.5 -0.5\n1 2 0 1.5 0.5 -0.5 0.5 -0.5\n")
     job = tmp_path / "job.yaml"
     job.write_text(
         "source: mock://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8}}\nposes: path.txt\n"
     )
     assert [pose.t_w_c.tolist() for pose in load(job).poses] == [[1, 0, 1.5], [2, 0, 1.5]]
+    assert load(job).times == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -39,6 +157,13 @@ def test_a_job_takes_its_poses_from_a_file_beside_it(tmp_path):
         ("0 0 0 0 0 0 0 1\n0 1 2 3 0 0 0 0\n", "line 2: expected"),
         ("0 1 2 nan 0 0 0 1\n", "line 1: expected"),
         ("time x y z\n", "line 1: expected"),
+        ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "increasing"),
+        ("nan 0 0 0 0 0 0 1\n", "line 1: expected"),
+        ("1 0 0 0 0 1 0 0 0 0 2 0\n", "line 1: expected the 12 numbers of a rigid"),
+        ("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0\n", "line 2: expected"),
+        ("#t\n100,0,0,0,1,0,0,0\n1.5,0,0,0,1,0,0,0\n", "line 3: expected 'nanoseconds"),
+        ("100,0,0,0,1,0,0\n", "line 1: expected 'nanoseconds"),
+        ("9" * 400 + ",0,0,0,1,0,0,0\n", "line 1: expected 'nanoseconds"),
     ],
 )
 def test_a_wrong_line_is_named(text, says, tmp_path):

@@ -1,15 +1,11 @@
 """Kill -9 at random moments: whatever a process did to a recording, it opens, verifies, and resumes."""
 
-import json
 import os
-import random
 import shutil
-import signal
-import subprocess
-import sys
 
 import pytest
 from support import recorder
+from support.killed import Processes, moments
 from support.recordings import CountingSource, contents, downgrade
 
 import mock_server
@@ -27,26 +23,6 @@ NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.
 def server():
     with mock_server.serve("four-wall") as running:
         yield running
-
-
-class Processes:
-    """Starts processes of :mod:`support.recorder`, and kills them."""
-
-    def __init__(self):
-        self._parent = subprocess.Popen(
-            [sys.executable, recorder.__file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def run(self, action, *arguments, kill_after_s=None):
-        """Run an action; the seconds that it took, None if it was killed first."""
-        self._parent.stdin.write(json.dumps([action, kill_after_s, *map(str, arguments)]) + "\n")
-        self._parent.stdin.flush()
-        status, seconds = self._parent.stdout.readline().split()
-        assert int(status) in (0, -signal.SIGKILL)
-        return None if int(status) else float(seconds)
-
-    def close(self):
-        self._parent.communicate(timeout=60)
 
 
 @pytest.fixture(scope="module")
@@ -71,12 +47,6 @@ def half(whole, tmp_path_factory):
     with omniscv.open_source(whole) as replay, omniscv.record(replay, path) as source:
         list(source.capture(recorder.requests()[::2]))
     return path
-
-
-def moments(kills, longest_s):
-    """When to kill, seconds after the start: at any moment, with all parts of the time alike."""
-    draw = random.Random(kills)
-    return [(i + draw.random()) / kills * longest_s for i in range(kills)]
 
 
 def check(path, allowed):

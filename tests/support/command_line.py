@@ -69,12 +69,20 @@ out: images
 """
 
 
-def example_inputs(folder, faces):
-    """Write the files that examples of the help read: a job, recordings, images, a folder of captures."""
+CLASSES = "rules: [{match: '*', class: thing}]\n"
+
+
+def example_inputs(folder, faces, dataset=False):
+    """Write the files that examples of the help read: a job, recordings, images, captures, a dataset."""
     (folder / "job.yaml").write_text(JOB, encoding="utf-8")
     recording = folder / "captures" / "four-wall.sqlite"
     for name in ("room.sqlite", "kitchen.sqlite"):
         shutil.copy(recording, folder / name)
     run(["omniscv", "render", "job.yaml"], {})
+    if dataset:
+        job = JOB.replace("out: images", "modes: [lit, object_mask]\nclasses: classes.yaml\nout: dataset")
+        (folder / "classes.yaml").write_text(CLASSES, encoding="utf-8")
+        (folder / "dataset.yaml").write_text(job, encoding="utf-8")
+        run(["omniscv", "dataset", "make", "dataset.yaml"], {})
     if faces:
         run(["omniscv", "captures", "export", str(recording), "faces/"], {})

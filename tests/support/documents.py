@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 _FENCE = re.compile(r"^( *)```(\w*)[^\n]*\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
 _FILE_NAME = re.compile(r"\A(?:#|//) ([\w-]+\.\w+)\n")
-_SIZES = re.compile(r"((?:width|height|face_size|size)=|--(?:face-)?size[ =\0])(\d+)(?:x(\d+))?")
+_SIZES = re.compile(
+    r"(\b(?:width|height|face_size|size)(?:=|: )|--(?:size|face-size|overscan)[ =\0])(\d+)(?:x(\d+))?"
+)
 _SHELLS = ("sh", "bash", "console")
 
-LEAST_PX, SHRINK = 64, 8
+LEAST_PX, SHRINK = 32, 8
 """Sizes in documents are divided by SHRINK, but not below LEAST_PX: what they show is that it runs."""
 
 
@@ -57,7 +59,7 @@ def command(line):
 
 
 def shrunk(text):
-    """Python or a command line with smaller images."""
+    """Python, a command line or a file with smaller images."""
 
     def smaller(found):
         sizes = [max(min(int(size), LEAST_PX), int(size) // SHRINK) for size in found.groups()[1:] if size]

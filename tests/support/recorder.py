@@ -1,8 +1,8 @@
-"""Starts processes that change recordings, and may be killed: one is forked for each line of standard input.
+"""Starts processes that write files, and may be killed: one is forked for each line of standard input.
 
 A line is a JSON list: an action of ``ACTIONS``, after how many seconds to kill the process, or null, and the
 action's arguments. Prints the process's status and how long it took. All that the actions need is imported
-before, so that they are quick.
+before, so that they are quick; ``warm`` renders in this process, so that its kernels are loaded too.
 """
 
 import json
@@ -10,11 +10,14 @@ import os
 import signal
 import sys
 import time
+import traceback
 from contextlib import closing
+from pathlib import Path
 
 import omniscv
 import omniscv.sources.unreal.source  # what opening a source imports
-from omniscv.geometry import Pose, cube_rotations
+from omniscv import jobs
+from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.sources import Request, View
 from omniscv.sources.recording import folders, upgrade
 from omniscv.sources.recording.replacing import part_of, place_of, publish
@@ -58,12 +61,20 @@ def change(path, other):
             store.add(capture)
 
 
+def warm():
+    """Render in this process; no file is written, because OpenImageIO's threads do not survive a fork."""
+    camera = omniscv.cameras.create("equirectangular", width=48, height=24)
+    with omniscv.open_source("scene://four-wall") as source:
+        omniscv.render(camera, Pose((0, 0, 1.5), R_LEVEL), source, MODES, face_size=32)
+
+
 ACTIONS = {
     "record": lambda address, path: record(omniscv.open_source(address), path),
     "upgrade": upgrade.upgrade,
     "import": folders.import_folder,
     "replace": replace,
     "change": change,
+    "make": lambda job: jobs.make(jobs.load(Path(job)), resume=True),
 }
 
 
@@ -71,12 +82,18 @@ def main():
     for line in sys.stdin:
         action, kill_after_s, *arguments = json.loads(line)
         started = time.perf_counter()
+        if action == "warm":
+            warm()
+            print(0, time.perf_counter() - started, flush=True)
+            continue
         child = os.fork()
         if child == 0:
             code = 1
             try:
                 ACTIONS[action](*arguments)
                 code = 0
+            except BaseException:
+                traceback.print_exc()
             finally:
                 os._exit(code)
         if kill_after_s is not None:

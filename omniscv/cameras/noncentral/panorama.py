@@ -1,19 +1,76 @@
-"""The non-central panorama: a camera that turns on an arm while it scans column after column."""
+"""Non-central panoramas: a camera that turns on an arm while it scans column after column."""
 
-from typing import ClassVar
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
-from omniscv.arguments import number, whole_number
+from omniscv.arguments import number, one_of
 from omniscv.cameras.base import Array, Mask, Viewpoints
+from omniscv.cameras.noncentral.lines import viewpoints_by_line
 from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
 
 _ROUNDING = 8 * np.finfo(np.float64).eps
+_TANGENT = 4e-16  # rounding of a point on the circle; it would turn the answer by the root of that
+Eye = Literal["left", "right"]
+
+
+class CirclePanorama(AngularGrid):
+    """An equirectangular image whose columns look from a circle of optical centres around the axis y.
+
+    The column at azimuth theta looks outward, along ``n = (sin theta, 0, cos theta)``, from
+    ``radial n + tangential (cos theta, 0, -sin theta)``; both in metres, set by the model.
+    """
+
+    central = False
+    _radial = 0.0
+    _tangential = 0.0
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
+        theta, phi = self._angles(pixels)
+        outward = _outward(theta)
+        directions = np.cos(phi)[..., None] * outward
+        directions[..., 1] = -np.sin(phi)
+        return self._origins(outward), directions, True
+
+    def _origins(self, outward: Array) -> Array:
+        origins = self._radial * outward
+        if self._tangential:
+            origins[..., 0] += self._tangential * outward[..., 2]
+            origins[..., 2] -= self._tangential * outward[..., 0]
+        return origins
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        from_axis = np.hypot(x, z)
+        theta, reach = np.arctan2(x, z), from_axis
+        inner = abs(self._tangential)
+        if inner:  # the ray's line passes the axis at this distance
+            sine = np.clip(self._tangential / from_axis, -1, 1)
+            sine = np.where(np.abs(sine) < 1 - _TANGENT, sine, np.sign(sine))
+            reach = from_axis * np.sqrt((1 - sine) * (1 + sine))
+            theta = _wrapped(theta - np.arcsin(sine))
+        ahead = reach - self._radial
+        # The first and last row look straight up and down, along the cylinder: rounding must not lose them.
+        seen = (ahead >= -_ROUNDING * self._radial) & (from_axis >= inner * (1 - _ROUNDING))
+        ahead = np.maximum(ahead, 0.0)
+        pixels = self._pixels_at(theta, np.arctan2(-y, ahead) / self._half[1])
+        return pixels, seen & ((ahead > 0) | (y != 0))
+
+    def viewpoints(self, count: int | None = None) -> Viewpoints:
+        """One centre per column, or at most ``count`` for equal steps of azimuth.
+
+        A shared centre is the mean of its columns' own centres (least squares; a single column's is
+        exact, and ``count=1`` is the axis). Columns of a step of ``2 pi / count`` are displaced by at
+        most about ``radius * pi / count`` from it. One centre suffices at radius 0.
+        """
+        theta = (2 * np.arange(0.5, self.width) / self.width - 1) * np.pi
+        valid = np.ones((self.height, self.width), np.bool_)
+        return viewpoints_by_line(self._origins(_outward(theta)), valid, 1, count)
 
 
 @register
-class NoncentralPanorama(AngularGrid):
+class NoncentralPanorama(CirclePanorama):
     """An equirectangular image whose columns look outward from a circle of optical centres.
 
     ``theta = (2u/W - 1) pi`` and ``phi = (1/2 - v/H) pi`` as in ``equirectangular``; the ray starts at
@@ -27,45 +84,37 @@ class NoncentralPanorama(AngularGrid):
 
     name = "noncentral-panorama"
     typical: ClassVar = {"radius": 1.0}
-    central = False
 
     def __init__(self, width: int, height: int, radius: float) -> None:
         super().__init__(width, height)
-        self.radius = number("radius", radius, least=0)
+        self.radius = self._radial = number("radius", radius, least=0)
 
-    def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
-        theta, phi = self._angles(pixels)
-        outward = _outward(theta)
-        directions = np.cos(phi)[..., None] * outward
-        directions[..., 1] = -np.sin(phi)
-        return self.radius * outward, directions, True
 
-    def _project(self, points: Array) -> tuple[Array, Mask]:
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        from_axis = np.hypot(x, z)
-        ahead = from_axis - self.radius
-        # The first and last row look straight up and down, along the cylinder: rounding must not lose them.
-        seen = ahead >= -_ROUNDING * self.radius
-        ahead = np.maximum(ahead, 0.0)
-        pixels = self._pixels_at(np.arctan2(x, z), np.arctan2(-y, ahead) / self._half[1])
-        return pixels, seen & ((ahead > 0) | (y != 0))
+@register
+class OmnidirectionalStereo(CirclePanorama):
+    """One eye of an omnidirectional stereo panorama (ODS): two eyes turn about the point between them.
 
-    def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre per column, or at most ``count`` for equal steps of azimuth.
+    ``theta = (2u/W - 1) pi`` and ``phi = (1/2 - v/H) pi`` as in ``equirectangular``; the ray starts at
+    ``s (b / 2) (cos theta, 0, -sin theta)``, s = -1 for the left eye and +1 for the right one.
+    Parameters: ``interpupillary`` b >= 0, metres (people: about 0.064); ``eye``, "left" or "right".
+    Domain: every pixel. A point at the distance rho from the axis is seen where rho >= b / 2, in the column
+    of its own azimuth less ``s asin(b / (2 rho))``; within the circle no ray comes.
+    Source: Google, Rendering Omni-directional Stereo Content (2015); Peleg et al. 2001.
+    """
 
-        A shared centre is the mean of its columns' own centres (least squares; a single column's is
-        exact, and ``count=1`` is the axis). Columns of a step of ``2 pi / count`` are displaced by at
-        most about ``radius * pi / count`` from it. One centre suffices at radius 0.
-        """
-        count = whole_number("count", self.width if count is None else count, "viewpoints")
-        groups = 1 if self.radius == 0 else min(count, self.width)
-        group = np.arange(self.width) * groups // self.width
-        theta = (2 * np.arange(0.5, self.width) / self.width - 1) * np.pi
-        origins = self.radius * _outward(theta)
-        first = np.searchsorted(group, np.arange(groups))
-        centers = np.add.reduceat(origins, first) / np.bincount(group)[:, None]
-        index = np.broadcast_to(group.astype(np.int32), (self.height, self.width)).copy()
-        return Viewpoints(centers, index)
+    name = "ods"
+    typical: ClassVar = {"interpupillary": 0.064}
+
+    def __init__(self, width: int, height: int, interpupillary: float, eye: Eye = "left") -> None:
+        super().__init__(width, height)
+        self.interpupillary = number("interpupillary", interpupillary, least=0)
+        self.eye: Eye = one_of("eye", eye, get_args(Eye))
+        self._tangential = side(self.eye) * self.interpupillary / 2
+
+
+def side(eye: Eye) -> float:
+    """-1 for the left eye, +1 for the right one: along the camera's x axis."""
+    return 1.0 if eye == "right" else -1.0
 
 
 def _outward(theta: Array) -> Array:
@@ -73,3 +122,8 @@ def _outward(theta: Array) -> Array:
     outward = np.zeros((*theta.shape, 3))
     outward[..., 0], outward[..., 2] = np.sin(theta), np.cos(theta)
     return outward
+
+
+def _wrapped(theta: Array) -> Array:
+    """The same azimuth from -pi to pi."""
+    return theta - 2 * np.pi * np.round(theta / (2 * np.pi))

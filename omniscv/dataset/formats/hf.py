@@ -54,11 +54,12 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         rows.setdefault(folder.name, []).append(_row(frame))
         for path in frame.files.values():
             written.append(Path(shutil.copyfile(path, folder / path.name)))
-    # ``file_name`` first: the reader gives it to the first column of pictures.
-    known = {key for mine in rows.values() for row in mine for key, value in row.items() if value is not None}
-    columns = sorted(known, key=lambda key: (key != "file_name", key))
+    # What every frame has: null in all rows of a split would be another type than in the others. The reader
+    # gives ``file_name`` to the first column of pictures.
+    every = [{key for key in row if row[key] is not None} for mine in rows.values() for row in mine]
+    columns = sorted(set[str]().union(*every).intersection(*every), key=lambda key: (key != "file_name", key))
     for split, mine in rows.items():
-        lines = [json.dumps({key: row.get(key) for key in columns}, allow_nan=False) for row in mine]
+        lines = [json.dumps({key: row[key] for key in columns}, allow_nan=False) for row in mine]
         written.append(_text(out / split / "metadata.jsonl", "\n".join(lines) + "\n"))
     return [*written, _text(out / "README.md", _card(frames, rows, options))]
 

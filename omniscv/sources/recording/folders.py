@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import modalities
-from omniscv.arguments import number, numbers, shown, whole_number
+from omniscv.arguments import number, numbers, shown, whole_number, within
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -19,6 +19,7 @@ from omniscv.errors import (
 )
 from omniscv.files import read_bytes
 from omniscv.geometry import Pose
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.recording.object_tables import labelled_modes
@@ -35,6 +36,7 @@ from omniscv.sources.recording.schema import MOST_OBJECTS
 from omniscv.sources.recording.store import Store
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
+GEOMETRY = "geometry.json"
 
 _MOST_BYTES = 1 << 30  # of a file in a folder
 
@@ -78,6 +80,8 @@ def export(path: Path | str, folder: Path | str) -> int:
             if objects.ids or objects.tolerance != DEFAULT_TOLERANCE:
                 _write_json(folder / MASKS, {"tolerance": objects.tolerance, "ids": objects.ids})
             _write_json(folder / SCENE, asdict(store.scene_identity))
+            if geometry := store.geometry():
+                _write_json(folder / GEOMETRY, geometry.to_dict())
             _write_json(folder / INDEX, entries)  # last: a folder with an index is complete
             return len(entries)
         except OSError as cause:
@@ -103,7 +107,7 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
         capture = _read_entry(folder, *entry)
         masks = masks or capture.mode in labelled_modes()
         scenes.add(scene_in(capture.provenance))
-    scene = _scene(folder) or the_scene(scenes)
+    scene, geometry = _scene(folder) or the_scene(scenes), _geometry(folder)
     with _opened(path) as store, store.transaction():
         store.set_scene(scene)
         given, known = bool(objects.colors), bool(store.objects().colors)
@@ -112,6 +116,8 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
             raise RecordingNotWritableError(f"{path}: {wanted}, got one without; import into another file")
         if given:
             store.set_objects(objects)
+        if geometry:
+            store.set_geometry(geometry)
         for entry in entries:
             store.add(_read_entry(folder, *entry))
     return len(entries)
@@ -215,6 +221,14 @@ def _scene(folder: Path) -> SceneIdentity | None:
     except DamagedRecordingError as cause:
         wanted = "expected the texts 'name', 'level' and 'content'"
         raise ArgumentError(f"{folder / SCENE}: {wanted}, got: {cause}") from cause
+
+
+def _geometry(folder: Path) -> SceneGeometry:
+    """What a folder knows of shapes; empty where it has no file for them."""
+    if not (folder / GEOMETRY).exists():
+        return SceneGeometry()
+    with within(folder / GEOMETRY):
+        return SceneGeometry.from_dict(_read_json(folder / GEOMETRY, dict))
 
 
 def _objects(folder: Path) -> ObjectTable:

@@ -107,6 +107,7 @@ def verify(path: Path | str) -> Verification:
                 faults.append(str(cause).removeprefix(f"{store.path}: ").removesuffix(ADVICE))
 
         check(store.objects)
+        check(store.geometry)
         check(store.listing)
         captures = 0
         for row in store.rows():

@@ -12,6 +12,7 @@ import numpy as np
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import (
     Capabilities,
@@ -79,6 +80,10 @@ class RecordedSource(Source):
 
     def objects(self) -> ObjectTable:
         return self._store.objects()
+
+    def geometry(self) -> SceneGeometry:
+        """As recorded with the objects; empty in files of omniscv 0.1, and of sources that know no shapes."""
+        return self._store.geometry()
 
     def close(self) -> None:
         self._store.close()
@@ -159,12 +164,20 @@ class Recording(SourceWrapper):
                 yield self._stored(waiting.popleft())
 
     def objects(self) -> ObjectTable:
-        """The objects, with those that the file had before; written to it by :meth:`Store.set_objects`."""
+        """The objects, with those that the file had before; written to it by :meth:`Store.set_objects`, and
+        with them what is known of shapes."""
         with self._lock:
             if self._objects is None:
                 self._store.set_objects(self._source.objects())
+                if self._renewed is not None or not self._store.geometry():
+                    self._store.set_geometry(self._source.geometry())
                 self._objects = self._store.objects()
             return self._objects
+
+    def geometry(self) -> SceneGeometry:
+        """What is known of shapes, as written to the file."""
+        self.objects()
+        return self._store.geometry()
 
     def close(self) -> None:
         try:

@@ -1,7 +1,7 @@
-"""The tables of a recording, version 2 and 1, and connections that refuse all else.
+"""The tables of a recording, version 3 to 1, and connections that refuse all else.
 
-docs/recording-format.md describes version 2 for other programs. A file is data that anybody may have written:
-a connection is bounded in what it reads, and the schema is checked before a table is read.
+docs/recording-format.md describes versions 3 and 2 for other programs. A file is data that anybody may have
+written: a connection is bounded in what it reads, and the schema is checked before a table is read.
 """
 
 import contextlib
@@ -14,7 +14,9 @@ from omniscv import errors
 from omniscv.arguments import shown
 from omniscv.errors import DamagedRecordingError, NotARecordingError
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
+WITHOUT_GEOMETRY = 2
+"""The version of a recording that knows no shapes: it has no table for them."""
 LARGEST_BYTES = 1 << 29
 """Of a row that is written."""
 MOST_OBJECTS = 0xFFFF
@@ -36,6 +38,10 @@ CREATE TABLE object (
     instance INTEGER
 ) STRICT;
 """
+_GEOMETRY = """
+CREATE TABLE geometry (content TEXT NOT NULL, checksum INTEGER NOT NULL) STRICT;
+"""
+"""What version 3 has more."""
 # Version 1, as omniscv wrote it before: its tables, the last of which may be missing, and their columns.
 _TABLES_1 = {
     "capture": ("key", "mode", "asked", "captured", "encoding", "checksum", "provenance", "payload"),
@@ -87,7 +93,7 @@ def create(path: Path, head: Sequence[str | int]) -> sqlite3.Connection:
     database = connect(path, "rwc")
     try:
         database.execute("PRAGMA auto_vacuum = NONE")
-        for name, value in (("application_id", _APPLICATION_ID), ("user_version", SCHEMA_VERSION)):
+        for name, value in (("application_id", _APPLICATION_ID), ("user_version", WITHOUT_GEOMETRY)):
             database.execute(f"PRAGMA {name} = {value}")
         database.executescript(_TABLES)
         database.execute(f"INSERT INTO recording VALUES ({', '.join('?' * len(head))})", head)
@@ -95,6 +101,12 @@ def create(path: Path, head: Sequence[str | int]) -> sqlite3.Connection:
         database.close()
         raise
     return database
+
+
+def add_geometry(database: sqlite3.Connection) -> None:
+    """Make a recording of version 2 one of version 3, within a transaction."""
+    database.execute(_GEOMETRY)
+    database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
 def version_of(database: sqlite3.Connection, path: Path) -> int:
@@ -113,7 +125,7 @@ def version_of(database: sqlite3.Connection, path: Path) -> int:
         raise errors.NewerRecordingError(f"{path}: {wanted}; update omniscv to a newer one")
     if version < 1:
         raise NotARecordingError(f"{path}: expected a recording, got schema version {version}")
-    fault = _fault_of_1(database) if version == 1 else _fault(database)
+    fault = _fault_of_1(database) if version == 1 else _fault(database, version)
     if fault:
         raise NotARecordingError(f"{path}: expected the tables of a recording only, got {fault}")
     return int(version)
@@ -162,17 +174,18 @@ def _reason(cause: Exception) -> str:
     return str(cause) if isinstance(cause, OSError) else shown(str(cause))
 
 
-def _fault(database: sqlite3.Connection) -> str:
-    """What is too much or missing in a schema of version 2; empty if nothing is."""
-    bound = len(_schema()) + 1
+def _fault(database: sqlite3.Connection, version: int) -> str:
+    """What is too much or missing in a schema of version 2 or 3; empty if nothing is."""
+    wanted = _schema(version)
+    bound = len(wanted) + 1
     rows = database.execute(f"SELECT type, name, tbl_name, sql FROM sqlite_master LIMIT {bound}").fetchall()
-    return "" if set(rows) == _schema() else _named(set(rows) - _schema())
+    return "" if set(rows) == wanted else _named(set(rows) - wanted)
 
 
 @cache
-def _schema() -> frozenset[tuple[str, ...]]:
+def _schema(version: int) -> frozenset[tuple[str, ...]]:
     with contextlib.closing(sqlite3.connect(":memory:")) as model:
-        model.executescript(_TABLES)
+        model.executescript(_TABLES if version == WITHOUT_GEOMETRY else _TABLES + _GEOMETRY)
         return frozenset(model.execute("SELECT type, name, tbl_name, sql FROM sqlite_master"))
 
 

@@ -16,8 +16,9 @@ from typing import Any, NoReturn
 
 from omniscv.arguments import shown
 from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingNotWritableError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
-from omniscv.sources.recording import object_tables, schema
+from omniscv.sources.recording import geometry_table, object_tables, schema
 from omniscv.sources.recording.logs import settle
 from omniscv.sources.recording.replacing import (
     followed,
@@ -40,7 +41,7 @@ from omniscv.sources.recording.upgrade import COLUMNS_1, upgrade
 
 ADVICE = "; run 'omniscv captures verify'"  # at the end of errors about damage
 
-_COLUMNS = {1: COLUMNS_1, 2: ", ".join(Row._fields)}
+_COLUMNS = {1: COLUMNS_1, **dict.fromkeys((2, 3), ", ".join(Row._fields))}
 # Errors of a file that needs the index of a log beside it, in a folder where none can be created:
 _NO_INDEX = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY_DIRECTORY)
 # Connections of the parent process, which a forked child must neither use nor close:
@@ -212,6 +213,21 @@ class Store:
             crc = object_tables.checksum_of(rows)
             self._head = self._head._replace(tolerance=after.tolerance, object_checksum=crc)
 
+    def geometry(self) -> SceneGeometry:
+        """What is known of shapes; DamagedRecordingError if that is not as it was written."""
+        with self._named(), self._reading():
+            return geometry_table.read(self._query, self._recording_id())
+
+    def set_geometry(self, geometry: SceneGeometry) -> None:
+        """Note what is known of shapes; makes a recording of version 2 one of version 3."""
+        with self.transaction() as database:
+            assert self._head is not None  # there is a transaction
+            known = self.geometry()
+            merged = SceneGeometry({**known.boxes, **geometry.boxes}, geometry.room or known.room)
+            if merged.to_dict() != known.to_dict():
+                geometry_table.write(database, self._head.id, merged)
+                self._version = schema.SCHEMA_VERSION
+
     def has_masks(self) -> bool:
         """Whether there is a capture that the object table gives names to."""
         modes = object_tables.labelled_modes()
@@ -251,8 +267,9 @@ class Store:
                 self._head = head = head._replace(token=secrets.token_hex(16), parent=head.token)
                 try:
                     write_head(database, head)  # first: see omniscv.sources.recording.logs
+                    before = database.total_changes
                     yield database
-                    if self._head != head:
+                    if self._head != head or database.total_changes != before:
                         write_head(database, self._head)
                     else:
                         database.rollback()

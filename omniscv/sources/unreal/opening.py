@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capabilities, Source
 from omniscv.sources.registry import Opener, read_size, split_address
+from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import Endpoint
 from omniscv.sources.unreal.commands import MODERN
 from omniscv.sources.unreal.connection import PATIENCE_S, RETRIES, TIMEOUT_S, Connection
@@ -20,7 +23,7 @@ from omniscv.sources.unreal.process_bound import ProcessBound
 from omniscv.sources.unreal.source import connect
 
 if TYPE_CHECKING:
-    from mock_server import Server
+    from mock_server import Scene, Server
 
 _Readers = dict[str, Callable[[str], Any]]
 _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
@@ -67,7 +70,18 @@ def open_mock(address: str, connect: Connect) -> Source:
     """Start the mock server for this source alone, and open it: ``mock://four-wall?dialect=0.3.10``."""
     with ExitStack() as held:
         server = held.enter_context(_mock(address))
-        return HostedSource(connect((server.host, server.port)), held.pop_all())
+        return MockSource(connect((server.host, server.port)), held.pop_all(), server.scene)
+
+
+class MockSource(HostedSource):
+    """The mock server that was started for this source. Boxes come over the wire, the room from its scene."""
+
+    def __init__(self, source: Source, host: ExitStack, scene: Scene) -> None:
+        super().__init__(source, host)
+        self._scene = scene
+
+    def geometry(self) -> SceneGeometry:
+        return replace(super().geometry(), room=room_of(self._scene))
 
 
 def _mock_capabilities(address: str) -> Capabilities | None:

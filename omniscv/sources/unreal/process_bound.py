@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from typing import NoReturn
 
 from omniscv.errors import SourceError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, not_picklable
 
 
@@ -22,6 +23,14 @@ class ProcessBound(SourceWrapper):
     def objects(self) -> ObjectTable:
         self._check_process()
         return super().objects()
+
+    def geometry(self) -> SceneGeometry:
+        self._check_process()
+        return super().geometry()
+
+    def without(self, objects: Iterable[str]) -> Source:
+        self._check_process()
+        return ProcessBound(super().without(objects), self._address)
 
     def close(self) -> None:
         if self._process == os.getpid():

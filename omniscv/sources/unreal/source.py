@@ -3,12 +3,17 @@
 The dialect is found by probing: versions do not identify it (protocol reference, section 0).
 """
 
+import contextlib
+import functools
 import re
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from types import MappingProxyType
+from typing import Literal
 
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, SourceError
+from omniscv.errors import BadReplyError, ServerRefusedError, SourceError
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -16,17 +21,20 @@ from omniscv.sources.base import (
     Request,
     SceneIdentity,
     Source,
+    SourceWrapper,
     View,
     closed_error,
+    known_objects,
 )
 from omniscv.sources.unreal.client import Client, Reply
-from omniscv.sources.unreal.commands import LEVEL
+from omniscv.sources.unreal.commands import LEVEL, VERSION
 from omniscv.sources.unreal.connection import RETRIED, Connection
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.legacy import LegacyDriver
-from omniscv.sources.unreal.mask_colors import object_table
+from omniscv.sources.unreal.mask_colors import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
-from omniscv.sources.unreal.stale_frames import StaleFrames
+from omniscv.sources.unreal.shapes import boxes
+from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
 
 _BATCH = 24  # requests in flight at once: enough to hide latency, few enough to wait in memory
 _BATCH_PX = 1 << 24  # pixels in flight at once; a larger picture is requested alone
@@ -49,6 +57,7 @@ class UnrealSource(Source):
         self._stale_frames = StaleFrames(each_mode=driver.each_mode_lags)
         self._attached: Client | None = None
         self._closed = False
+        self._hidden: list[str] = []
         self._lock = threading.RLock()
         self._client()
 
@@ -79,12 +88,55 @@ class UnrealSource(Source):
     def cover(self, view: View) -> tuple[View, ...]:
         return self._driver.cover(view)
 
+    def geometry(self) -> SceneGeometry:
+        """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
+        with self._lock:
+            self._check_open()
+            names = colors(self._connection)
+            return SceneGeometry(MappingProxyType(boxes(self._connection, list(names))))
+
+    def without(self, objects: Iterable[str]) -> Source:
+        """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
+        with self._lock:
+            self._check_open()
+            wanted = list(dict.fromkeys(objects))
+            known_objects(wanted, colors(self._connection), self._connection.address)
+            hiding = [name for name in wanted if name not in self._hidden]
+            self._hidden += hiding
+            try:
+                self._set_visible("hide", hiding)
+            except BaseException:
+                with contextlib.suppress(SourceError):  # the fault that is raised came first
+                    self._show(hiding)
+                raise
+            return HiddenObjects(self, functools.partial(self._show, hiding))
+
     def close(self) -> None:
         with self._lock:
             if not self._closed:
+                with contextlib.suppress(SourceError):  # the game may have ended
+                    self._show(self._hidden)
                 self._closed = True
                 self._driver.release()
                 self._connection.close()
+
+    def _set_visible(self, how: Literal["hide", "show"], objects: Iterable[str]) -> None:
+        """Hide or show objects; frames from before are stale."""
+        commands = [f"vset /object/{name}/{how}" for name in objects]
+        for command, reply in zip(commands, self._connection.texts(commands), strict=True):
+            if reply != "ok":
+                expected = f"expected a server that answers {shown(command)} with ok"
+                raise ServerRefusedError(f"{self._connection.address}: {expected}, got {shown(reply)}")
+        if commands:
+            self._stale_frames.reset()
+            self._connection.texts([VERSION] * SETTLED)  # each reply is a frame later at least
+
+    def _show(self, objects: Iterable[str]) -> None:
+        with self._lock:
+            gone = [name for name in objects if name in self._hidden]
+            if gone and not self._closed:
+                self._hidden = [name for name in self._hidden if name not in gone]
+                self._set_visible("show", gone)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -127,6 +179,17 @@ class UnrealSource(Source):
                     fault = cause
                 if captures or fault is None:
                     return captures, fault
+
+
+class HiddenObjects(SourceWrapper):
+    """A source in which objects are hidden; closing it shows them, and leaves the source open."""
+
+    def __init__(self, source: Source, show: Callable[[], None]) -> None:
+        super().__init__(source)
+        self._show = show
+
+    def close(self) -> None:
+        self._show()
 
 
 def connect(connection: Connection, fix_exposure: bool = False) -> UnrealSource:

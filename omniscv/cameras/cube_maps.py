@@ -1,0 +1,164 @@
+"""Cube maps: the six faces of a cube around the camera, laid out in one image.
+
+Every face looks like the picture of a pinhole camera of 90 degrees inside the cube; none is mirrored. Front,
+right, back and left stand upright; the lower edge of ``up`` and the upper edge of ``down`` touch ``front``.
+"""
+
+from typing import Any, ClassVar, Literal, Self, get_args
+
+import numpy as np
+from numba import njit
+
+from omniscv.arguments import one_of, whole_number
+from omniscv.cameras.base import Array, CentralCamera, Mask
+from omniscv.cameras.radial import ROUNDING
+from omniscv.cameras.registry import register
+
+Layout = Literal["strip", "3x2", "cross", "dice"]
+Slots = tuple[tuple[str, ...], ...]
+
+LAYOUTS: dict[str, Slots] = {
+    "strip": (("F0", "R0", "B0", "L0", "U0", "D0"),),  # py360convert's order, but it mirrors R, B and U
+    "3x2": (("R0", "L0", "U0"), ("D0", "F0", "B0")),  # FFmpeg v360 c3x2
+    "cross": ((" ", "U0", " "), ("L0", "F0", "R0"), (" ", "D0", " "), (" ", "B2", " ")),  # vertical, of HDRI
+    "dice": ((" ", "U0", " ", " "), ("L0", "F0", "R0", "B0"), (" ", "D0", " ", " ")),  # py360convert's dice
+}
+"""Rows of slots: a face (front, right, back, left, up, down) and by how many quarter turns clockwise it is
+turned in the image; a blank slot shows nothing."""
+
+_FACES = "FRBLUD"
+# Columns: the face's x (right), y (down) and z (outward) axes in the camera frame.
+_AXES = np.array([
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+    [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+], dtype=np.float64)  # fmt: skip
+_TURN = np.array(
+    [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+)  # a quarter turn clockwise in the image
+_INSIDE = 2e-15
+"""What keeps a ray off a face's edge, that it be seen in the slot of its own pixel; of the face's half."""
+
+
+class CubeLayout(CentralCamera):
+    """Six faces in slots of a grid, their pixels equally spaced on the face's plane or by equal angles."""
+
+    _layouts: ClassVar[dict[str, Slots]] = LAYOUTS
+    _equiangular: ClassVar = False
+    _unresolved_px = 0.0  # rays jump where slots meet, but pixels resolve them
+
+    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
+        super().__init__(width, height)
+        self.layout: Layout = one_of("layout", layout, get_args(Layout))
+        rows = self._layouts[self.layout]
+        most = (min(self.width, self.height // len(rows)) - 1) // 2
+        self.padding_px = whole_number("padding_px", padding_px, "pixels", least=0, most=max(most, 0))
+        self._grid = np.array([len(rows[0]), len(rows)])
+        room = np.array([self.width, self.height]) - 2 * self.padding_px * np.array([1, len(rows)])
+        self._slot_px = room / self._grid
+        # By slot, row-major: the face, -1 for none, and its axes; by face: its slot.
+        slots = [slot for row in rows for slot in row]
+        self._face = np.array([_FACES.find(slot[0]) for slot in slots])
+        self._slot_axes = np.array([_axes(slot) for slot in slots])
+        self._slot_of = np.array([np.flatnonzero(self._face == face)[0] for face in range(6)])
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, max(1, 3 * width // 4), layout="dice")
+
+    def _directions(self, pixels: Array) -> tuple[Array, Mask]:
+        flat = pixels.reshape(-1, 2)
+        rays, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
+        grid = self._grid, self._slot_px, self.padding_px, self._equiangular
+        _cast(flat, *grid, self._face, self._slot_axes, rays, valid)
+        return rays.reshape(*pixels.shape[:-1], 3), valid.reshape(pixels.shape[:-1])
+
+    def _project(self, points: Array) -> tuple[Array, bool]:
+        along = np.abs(points)
+        axis = np.argmax(along, axis=-1)
+        ahead = np.take_along_axis(points, axis[..., None], axis=-1)[..., 0]
+        face = np.array([[3, 1], [4, 5], [2, 0]])[axis, (ahead > 0).astype(np.int64)]
+        slot = self._slot_of[face]
+        scaled = points / np.abs(ahead)[..., None]
+        xy = np.stack([(self._slot_axes[slot, :, k] * scaled).sum(axis=-1) for k in (0, 1)], axis=-1)
+        edge = 1 - 1e-13  # the pixel that comes out lies in this slot
+        a = np.clip(4 / np.pi * np.arctan(xy) if self._equiangular else xy, -edge, edge)
+        cell = np.stack([slot % self._grid[0], slot // self._grid[0]], axis=-1)
+        gap = self.padding_px * np.stack([np.ones_like(slot), 2 * cell[..., 1] + 1], axis=-1)
+        return (cell + (a + 1) / 2) * self._slot_px + gap, True
+
+
+def _axes(slot: str) -> Any:
+    """(3, 3) columns: a slot's x, y and z axes in the camera frame."""
+    if slot == " ":
+        return np.eye(3)
+    return _AXES[_FACES.index(slot[0])] @ np.linalg.matrix_power(_TURN, int(slot[1]))
+
+
+@register
+class CubeMap(CubeLayout):
+    """The six 90 degree faces of a cube in one image: in a face ``a = X / Z``, -1 to 1 from edge to edge.
+
+    ``layout`` (F front, R right, B back, L left, U up, D down; a number: quarter turns clockwise):
+        ``strip``  F R B L U D        ``3x2``  R L U / D F B
+        ``cross``  . U . / L F R / . D . / . B2 .        ``dice``  . U . . / L F R B / . D . .
+    Parameters: ``layout`` (default "3x2", FFmpeg's c3x2); ``padding_px`` around each row of faces, px.
+    Domain: every pixel of a face, every direction; a direction on an edge of the cube is answered by one
+    of its faces. In the padding faces go on beyond their edges; ``project`` answers no pixel there.
+    Source: Greene 1986; the orders are those of FFmpeg's v360 and py360convert (strip, dice).
+    """
+
+    name = "cube-map"
+
+    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
+        super().__init__(width, height, layout, padding_px)
+
+
+@register
+class EquiangularCube(CubeLayout):
+    """A cube map whose pixels are spaced by equal angles: in a face ``a = (4 / pi) atan(X / Z)``, both axes.
+
+    The largest pixel spans 1.4 times the solid angle of the smallest, in a plain cube map 5.2 times.
+    Parameters: ``layout`` as in ``cube-map``, but ``3x2`` (default) is that of YouTube and of FFmpeg's eac,
+    L F R / D3 B1 U3, in which faces go on across the edges within each row; ``padding_px`` around each
+    row of faces, px, in which the faces at its ends go on (FFmpeg: 2).
+    Domain: as ``cube-map``.
+    Source: Brown 2017, Bringing pixels front and center in VR video; FFmpeg's v360.
+    """
+
+    name = "equiangular-cube"
+    _equiangular = True
+    _layouts: ClassVar[dict[str, Slots]] = {**LAYOUTS, "3x2": (("L0", "F0", "R0"), ("D3", "B1", "U3"))}
+
+    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
+        super().__init__(width, height, layout, padding_px)
+
+
+@njit(cache=True, nogil=True)
+def _cast(
+    pixels: Any, grid: Any, slot_px: Any, padding: int, equiangular: bool,
+    face: Any, axes: Any, rays: Any, valid: Any,
+) -> None:  # fmt: skip
+    """Write the unit rays (N, 3) of pixels (N, 2), and which lie in a slot with a face."""
+    row_px, edge = slot_px[1] + 2 * padding, 1 - _INSIDE
+    a = np.empty(2)
+    for i in range(pixels.shape[0]):
+        row = min(max(np.floor(pixels[i, 1] / row_px), 0), grid[1] - 1)
+        a[0], a[1] = pixels[i, 0] - padding, pixels[i, 1] - row * row_px - padding
+        column = min(max(np.floor(a[0] / slot_px[0]), 0), grid[0] - 1)
+        a[0] -= column * slot_px[0]
+        for k in range(2):
+            a[k] = 2 * a[k] / slot_px[k] - 1
+            # Beyond a face's edges, in the padding, its plane goes on.
+            if not (padding > 0 and abs(a[k]) > 1 + ROUNDING):
+                a[k] = min(max(a[k], -edge), edge)
+            if equiangular:
+                a[k] = np.tan(np.pi / 4 * a[k])
+        z = 1 / np.sqrt(1 + a[0] * a[0] + a[1] * a[1])
+        slot = int(row * grid[0] + column)
+        valid[i] = face[slot] >= 0
+        for k in range(3):
+            rays[i, k] = z * (axes[slot, k, 0] * a[0] + axes[slot, k, 1] * a[1] + axes[slot, k, 2])

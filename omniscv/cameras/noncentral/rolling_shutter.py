@@ -1,0 +1,257 @@
+"""The rolling shutter: a camera that moves while its image is read line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.arguments import number, numbers, one_of, shown, within
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
+from omniscv.cameras.noncentral.lines import viewpoints_by_line
+from omniscv.cameras.registry import from_dict, model, register
+from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from omniscv.geometry import Pose
+
+Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
+_MOST_TURN_DEG = 90.0
+_INTERVALS = 16
+"""Of the read-out, in each of which a point is looked for once."""
+_MOST_STEPS = 60
+_CONVERGED = 1e-14
+"""Of the image: how far a point's line may be from the line that is read, to end the search."""
+_MEETS = 1e-9
+"""Of the image: how far it may be for the point to be seen in it."""
+
+
+@register
+class RollingShutter(Camera):
+    """A central camera that moves while its lines are read, one after the other.
+
+    The line at a part s of the image, 0 to 1 in the direction of ``scan``, is read at the time
+    ``t = s readout``; its rays are those of ``base``, turned by ``R = exp(t w)`` and starting at ``t v``.
+    Parameters: ``base``, the camera at rest, or its dict (size and a centre in the middle are left out);
+    ``readout`` >= 0, seconds from the first edge to the last; ``velocity`` v, metres per second, and
+    ``angular_velocity_deg`` w, axis times degrees per second, both in the frame of the camera at t = 0, whose
+    pose is the image's; ``scan``, "top-to-bottom", "bottom-to-top", "left-to-right" or "right-to-left".
+    Domain: that of the base; turns of at most 90 degrees. A point that several lines see is answered by the
+    first of them. ``readout=0``, or no motion, equals the base to the bit.
+    Source: Meingast et al. 2005, Geometric models of rolling-shutter cameras.
+    """
+
+    name = "rolling-shutter"
+    typical: ClassVar = {
+        "base": {"model": "pinhole"},
+        "readout": 0.03,
+        "velocity": (20.0, 0.0, 0.0),
+    }
+    central = False
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        base: Camera | Mapping[str, Any],
+        readout: float,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocity_deg: ArrayLike = (0.0, 0.0, 0.0),
+        scan: Scan = "top-to-bottom",
+    ) -> None:
+        super().__init__(width, height)
+        self.base = _central(base, self.width, self.height)
+        self.readout = number("readout", readout, least=0)
+        self.velocity = numbers("velocity", velocity, (3,))
+        self.angular_velocity_deg = numbers("angular_velocity_deg", angular_velocity_deg, (3,))
+        self.scan: Scan = one_of("scan", scan, get_args(Scan))
+        self._travel = self.readout * self.velocity
+        turn_deg = self.readout * float(np.linalg.norm(self.angular_velocity_deg))
+        number(
+            "angular_velocity_deg: the turn in degrees while the image is read", turn_deg, most=_MOST_TURN_DEG
+        )
+        self._turn = np.radians(turn_deg)
+        self._turn_axis = self.angular_velocity_deg * (self.readout / turn_deg if turn_deg else 0.0)
+        self._axis = 1 if self.scan in ("top-to-bottom", "bottom-to-top") else 0
+        self._backward = self.scan in ("bottom-to-top", "right-to-left")
+        self._lines = self.height if self._axis == 1 else self.width
+        self._at_rest = not (self._travel.any() or self._turn)
+
+    @classmethod
+    def between(
+        cls, base: Camera, readout: float, start: Pose, end: Pose, scan: Scan = "top-to-bottom"
+    ) -> tuple[Self, Pose]:
+        """Return the camera that is at two poses when its first and its last line are read, and its pose.
+
+        Positions between are interpolated linearly, rotations by the shortest turn (slerp).
+
+        Args:
+            base: the camera at rest.
+            readout: seconds between the poses, > 0.
+            start, end: of the base, world frame.
+            scan: where the first line is.
+        """
+        from omniscv.geometry.motion import rotation_vector  # loads scipy, which nothing else here needs
+
+        readout = number("readout", readout, above=0)
+        velocity = start.R_w_c.T @ (end.t_w_c - start.t_w_c) / readout
+        angular_velocity_deg = np.degrees(rotation_vector(start, end)) / readout
+        camera = cls(base.width, base.height, base, readout, velocity, angular_velocity_deg, scan)
+        return camera, start
+
+    @classmethod
+    def along(
+        cls,
+        base: Camera,
+        readout: float,
+        times: ArrayLike,
+        poses: Sequence[Pose],
+        at: float,
+        scan: Scan = "top-to-bottom",
+    ) -> tuple[Self, Pose]:
+        """Return the camera whose image is read from the time ``at`` on along a trajectory, and its pose.
+
+        Within the image the trajectory is taken as uniform motion between its poses at the first and the
+        last line.
+
+        Args:
+            base, readout, scan: as :meth:`between`.
+            times, poses: of the trajectory: seconds, increasing, and as many poses of the base, world frame.
+            at: seconds; the first line's time.
+
+        Raises:
+            ArgumentError: the trajectory does not last from the first line to the last.
+        """
+        from omniscv.geometry.motion import pose_at
+
+        start, end = (pose_at(times, poses, time) for time in (at, at + readout))
+        return cls.between(base, readout, start, end, scan)
+
+    def _arguments(self) -> dict[str, Any]:
+        return {**super()._arguments(), "base": _description(self.base)}
+
+    # -- rays -----------------------------------------------------------------------------------
+
+    def _part(self, pixels: Array) -> Array:
+        """(...) the part of the read-out at which pixels (..., 2) are read."""
+        part: Array = pixels[..., self._axis] / self._lines
+        return 1 - part if self._backward else part
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
+        origins, directions, valid = self.base._unproject(pixels)
+        if self._at_rest:
+            return origins, directions, valid
+        part = self._part(pixels)
+        return part[..., None] * self._travel, self._turned(directions, part), valid
+
+    def _turned(self, vectors: Array, part: Array) -> Array:
+        """Vectors (..., 3) of the moving camera in the frame of the first line (Rodrigues' formula)."""
+        if not self._turn:
+            return vectors
+        angle, axis = (part * self._turn)[..., None], self._turn_axis
+        along = (vectors @ axis)[..., None] * axis
+        turned: Array = along + np.cos(angle) * (vectors - along) + np.sin(angle) * np.cross(axis, vectors)
+        return turned
+
+    def viewpoints(self, count: int | None = None) -> Viewpoints:
+        """One centre per line that is read, or at most ``count`` for equal parts of the read-out."""
+        middle = np.arange(0.5, self._lines) / self._lines
+        origins = (1 - middle if self._backward else middle)[:, None] * self._travel
+        return viewpoints_by_line(origins, self.valid(), 1 - self._axis, count)
+
+    # -- points ---------------------------------------------------------------------------------
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        if self._at_rest:
+            there = np.asarray(points.any(axis=-1))
+            pixels, valid = self.base._project(np.where(there[..., None], points, 1.0))
+            return pixels, np.asarray(valid & there)
+        flat = points.reshape(-1, 3)
+        part = self._part_seeing(flat)
+        found = ~np.isnan(part)
+        pixels, _ = self._seen_at(flat, np.where(found, part, 0.0))
+        return pixels.reshape(*points.shape[:-1], 2), found.reshape(points.shape[:-1])
+
+    def _seen_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
+        """Where the base sees points (N, 3) at parts (N,) of the read-out."""
+        offset = points - part[:, None] * self._travel
+        there = np.asarray(offset.any(axis=1))
+        pixels, valid = self.base._project(self._turned(np.where(there[:, None], offset, 1.0), -part))
+        return pixels, np.asarray(valid & there & self._within_image(pixels)[1])
+
+    def _late(self, points: Array, part: Array) -> Array:
+        """(N,) how much later than ``part`` the line is read that points fall on then; NaN: on none."""
+        return self._part(self._seen_at(points, part)[0]) - part
+
+    def _part_seeing(self, points: Array) -> Array:
+        """(N,) the first part of the read-out whose line sees points (N, 3); NaN if none is found."""
+        found = np.full(len(points), np.nan)
+        before = self._late(points, np.zeros(len(points)))
+        for k in range(_INTERVALS):
+            low, high = k / _INTERVALS, (k + 1) / _INTERVALS
+            after = self._late(points, np.full(len(points), high))
+            # Where the base sees the point at one end only, it may be seen up to the border in between.
+            meets = (before >= -_CONVERGED) & (after <= _CONVERGED) | (before <= 0) & (after >= 0)
+            meets |= np.isnan(before) & (after <= _CONVERGED) | np.isnan(after) & (before >= -_CONVERGED)
+            rows = np.flatnonzero(meets & np.isnan(found))
+            if len(rows):
+                root = self._root(points[rows], (low, high), (before[rows], after[rows]))
+                pixels, valid = self._seen_at(points[rows], root)
+                seen = valid & (np.abs(self._part(pixels) - root) <= _MEETS)
+                found[rows] = np.where(seen, root, np.nan)
+            before = after
+        return found
+
+    def _root(self, points: Array, ends: tuple[float, float], late: tuple[Array, Array]) -> Array:
+        """(N,) where points' lines are met between two parts of the read-out.
+
+        Regula falsi (Illinois) where both ends are known, else bisection towards the end of what is seen.
+        """
+        sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
+        root = np.array(ends)[sides]
+        left, right = (np.full(len(points), end) for end in ends)
+        late_left, late_right = late[0].copy(), late[1].copy()
+        open_ = np.flatnonzero(~(np.minimum(np.abs(late_left), np.abs(late_right)) <= _CONVERGED))
+        kept = np.zeros(len(points))  # the side that stayed: -1 left, 1 right
+        for _ in range(_MOST_STEPS):
+            if not len(open_):
+                break
+            a, b, fa, fb = left[open_], right[open_], late_left[open_], late_right[open_]
+            secant = (a * fb - b * fa) / (fb - fa)
+            at = np.where((secant > a) & (secant < b), secant, (a + b) / 2)
+            value = self._late(points[open_], at)
+            # The half that goes on has unlike signs at its ends, or an end where nothing is seen.
+            first = np.where(np.isnan(fa) | np.isnan(fb), np.isnan(value) == np.isnan(fb), value * fa < 0)
+            stays = np.where(first, -1.0, 1.0)
+            half = np.where(kept[open_] == stays, 0.5, 1.0)
+            left[open_], right[open_] = np.where(first, a, at), np.where(first, at, b)
+            late_left[open_] = np.where(first, fa * half, value)
+            late_right[open_] = np.where(first, value, fb * half)
+            root[open_], kept[open_] = at, stays
+            done = (np.abs(value) <= _CONVERGED) | (right[open_] - left[open_] <= _CONVERGED / 8)
+            open_ = open_[~done]
+        return root
+
+
+def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camera:
+    """The base camera of a size, from its description or itself; ArgumentError if it is not central."""
+    with within("base"):
+        described = base.to_dict() if isinstance(base, Camera) else base
+        if not isinstance(described, Mapping) or "model" not in described:
+            raise ArgumentError(f"expected a camera or a mapping with 'model' in it, got {shown(base)}")
+        if not model(described["model"]).central:
+            raise ArgumentError(f"expected a central camera, got {described['model']}")
+        camera = from_dict({"width": width, "height": height, **described})
+        if (camera.width, camera.height) != (width, height):
+            got = f"{camera.width} x {camera.height}"
+            raise ArgumentError(f"expected an image of {width} x {height} px, got {got}")
+        return camera
+
+
+def _description(base: Camera) -> dict[str, Any]:
+    """What describes the base in an image of any size: without size, and without a centre in the middle."""
+    middle = (base.center == (base.width / 2, base.height / 2)).all()
+    known = {"width", "height", *(("center", "cx", "cy") if middle else ())}
+    return {key: value for key, value in base.to_dict().items() if key not in known}

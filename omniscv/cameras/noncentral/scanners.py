@@ -1,0 +1,125 @@
+"""Cameras of parallel rays: the push-broom's are parallel along the way, the orthographic's all are."""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omniscv.arguments import number, numbers, whole_number
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.noncentral.lines import viewpoints_by_line
+from omniscv.cameras.registry import register
+from omniscv.errors import ArgumentError
+
+
+@register
+class PushBroom(Camera):
+    """A line camera that travels sideways: every column is taken from another place, looking straight ahead.
+
+    The ray of (u, v) starts at ``(u/W - 1/2) T`` and points to ``(0, (v - H/2) / f, 1)``, normalised.
+    Parameters: ``travel`` T = (x, y, z), metres, from the left edge of the image to its right one, x > 0;
+    ``focal`` f of the columns, px, or ``fov_deg``, the angle from the top to the bottom edge, 0 < fov_deg <
+    180; 90 if neither is given.
+    Domain: every pixel; points ahead of the place that has their x.
+    Source: Gupta and Hartley 1997, Linear pushbroom cameras.
+    """
+
+    name = "push-broom"
+    typical: ClassVar = {"travel": (2.0, 0.0, 0.0)}
+    central = False
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        travel: ArrayLike,
+        focal: float | None = None,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.travel = numbers("travel", travel, (3,))
+        if not self.travel[0] > 0:
+            raise ArgumentError(f"travel: expected x > 0, to the right, got {self.travel.tolist()}")
+        refuse_focal_and_fov(focal, fov_deg)
+        if focal is not None:
+            self.focal = number("focal", focal, above=0)
+        else:
+            fov = number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
+            across, along = sin_cos_of_half(fov)
+            self.focal = self.height / 2 * float(along / across)
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
+        down = (pixels[..., 1] - self.height / 2) / self.focal
+        level = 1 / np.hypot(1.0, down)
+        directions = np.stack([np.zeros_like(down), down * level, level], axis=-1)
+        return self._origins(pixels[..., 0]), directions, np.isfinite(down)
+
+    def _origins(self, u: Array) -> Array:
+        return (u / self.width - 0.5)[..., None] * self.travel
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        part = points[..., 0] / self.travel[0]
+        ahead = points - part[..., None] * self.travel
+        z = ahead[..., 2]
+        pixels = (part + 0.5) * self.width, self.height / 2 + self.focal * ahead[..., 1] / z
+        return np.stack(pixels, axis=-1), z > 0
+
+    def viewpoints(self, count: int | None = None) -> Viewpoints:
+        """One centre per column, or at most ``count`` for equal parts of the way."""
+        return viewpoints_by_line(self._origins(np.arange(0.5, self.width)), self.valid(), 1, count)
+
+
+@register
+class Orthographic(Camera):
+    """A camera of parallel rays: every pixel looks straight ahead from a place of its own, as in a plan.
+
+    The ray of (u, v) starts at ``(u - u_0, v - v_0, 0) / s``, ``s = W / w``, and points to ``(0, 0, 1)``.
+    Parameter: ``width_m`` w > 0, metres that the image is wide; pixels are square.
+    Domain: every pixel; points with z > 0.
+    Source: any textbook. Every pixel has an optical centre: engines' captures serve it by strategy
+    ``adaptive`` (and ``auto``), through depth captured at a few centres.
+    """
+
+    name = "orthographic"
+    typical: ClassVar = {"width_m": 4.0}
+    central = False
+
+    def __init__(self, width: int, height: int, width_m: float, center: ArrayLike | None = None) -> None:
+        super().__init__(width, height, center)
+        self.width_m = number("width_m", width_m, above=0)
+        self._pixel_m = self.width_m / self.width
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
+        origins = np.zeros((*pixels.shape[:-1], 3))
+        origins[..., :2] = (pixels - self.center) * self._pixel_m
+        return origins, np.broadcast_to([0.0, 0.0, 1.0], origins.shape), True
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        return self.center + points[..., :2] / self._pixel_m, points[..., 2] > 0
+
+    def viewpoints(self, count: int | None = None) -> Viewpoints:
+        """One centre per pixel, or at most ``count`` in the middles of a grid of blocks of pixels.
+
+        Centres are in Morton's order, so that those of near pixels are near each other in it.
+        """
+        most = self.width * self.height
+        count = min(whole_number("count", most if count is None else count, "viewpoints"), most)
+        across = np.sqrt(count * self.width / self.height)
+        across = int(np.clip(across, max(1, count / self.height), self.width))
+        down = min(count // across, self.height)
+        column = np.arange(self.width) * across // self.width
+        row = np.arange(self.height) * down // self.height
+        order = np.argsort(_morton(*np.meshgrid(np.arange(across), np.arange(down))), axis=None)
+        rank = np.empty(len(order), np.int32)
+        rank[order] = np.arange(len(order))
+        middles = [np.bincount(of, np.arange(0.5, len(of))) / np.bincount(of) for of in (column, row)]
+        centers, _, _ = self._unproject(np.stack(np.meshgrid(*middles), axis=-1))
+        return Viewpoints(centers.reshape(-1, 3)[order], rank.reshape(down, across)[np.ix_(row, column)])
+
+
+def _morton(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The bits of two numbers in turn: a curve through a grid that keeps neighbours together."""
+    found = np.zeros_like(x)
+    for bit in range(int(max(x.max(), y.max())).bit_length()):
+        found |= (x >> bit & 1) << 2 * bit | (y >> bit & 1) << 2 * bit + 1
+    return found

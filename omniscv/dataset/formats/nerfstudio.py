@@ -1,0 +1,141 @@
+"""nerfstudio's ``transforms.json``, with ``images/KEY.png``, and ``depth/KEY.png`` and ``masks/CAMERA.png``.
+
+One file holds one camera model: a dataset of several cameras gets a folder for each, as ``CAMERA/images``.
+Poses are from the camera to the world, which stays ours (metres, Z up), in OpenGL's axes: x right, y up,
+z back. nerfstudio turns, centres and scales them unless it is run with ``--center-method none
+--auto-scale-poses False``; ``orientation_override`` already says none. Frames are in the order of their file
+names, as nerfstudio sorts them; splits become ``train_filenames``, ``val_filenames``, ``test_filenames``.
+
+Depth, where all frames have it, is 16-bit PNG in millimetres, 0 where there is none: planar for ``pinhole``
+cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The mask, where
+pixels lie outside the field of view, is black there.
+
+Carried: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` and ``fisheye-equidistant`` as
+OPENCV_FISHEYE; ``equirectangular``.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import fields
+from omniscv.calibration.intrinsics import FormatModel, fit_format
+from omniscv.cameras import Camera, Equirectangular
+from omniscv.compose.files import write_json, write_picture
+from omniscv.dataset.formats import depth_png
+from omniscv.dataset.frames import Frame
+from omniscv.dataset.pictures import copy_lit, write_mask
+from omniscv.dataset.sequences import by_camera
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.modalities import Modality
+
+name = "nerfstudio"
+needs = ("lit",)
+
+_FOCAL = ("fx", "fy", "cx", "cy")
+_MODELS = (
+    FormatModel("PINHOLE", "pinhole", _FOCAL),
+    FormatModel("OPENCV", "pinhole", (*_FOCAL, "k1", "k2", "k3", "p1", "p2")),
+    FormatModel("OPENCV_FISHEYE", "kannala-brandt", (*_FOCAL, "k1", "k2", "k3", "k4")),
+)
+_NAMES = {"fx": "fl_x", "fy": "fl_y"}
+_GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
+_SPLITS = ("train", "val", "test")
+_DEPTH = Modality("depth", ("uint16",))
+
+
+def refuses(camera: Camera) -> str | None:
+    """Return why nerfstudio cannot carry a camera; None where it can."""
+    try:
+        intrinsics(camera)
+    except ArgumentError as cause:
+        return str(cause)
+    return None
+
+
+def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
+    """Raise ArgumentError for an option: there are none."""
+    fields("", options, {})
+
+
+def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
+    """Write the transforms, images, depth and masks.
+
+    Raises:
+        ArgumentError: a camera that nerfstudio cannot carry, a frame without colours as PNG or JPEG, or an
+            option.
+    """
+    fields("", options, {})
+    cameras = by_camera(frames)
+    written = []
+    for camera_name, mine in cameras.items():
+        folder = out if len(cameras) == 1 else out / camera_name
+        written += _write_camera(sorted(mine, key=lambda frame: frame.key), folder, camera_name)
+    return written
+
+
+def intrinsics(camera: Camera) -> dict[str, Any]:
+    """Return the fields of ``transforms.json`` that describe a camera.
+
+    Raises:
+        ArgumentError: nerfstudio has no such camera.
+    """
+    width, height = camera.width, camera.height
+    size = {"w": width, "h": height}
+    if isinstance(camera, Equirectangular):
+        place = {"fl_x": width / 2, "fl_y": height, "cx": width / 2, "cy": height / 2}
+        return {"camera_model": "EQUIRECTANGULAR", **place, **size}
+    found = fit_format(camera, _MODELS, 0.0) if camera.central else None
+    if found is None:
+        raise ArgumentError(
+            f"nerfstudio: expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular, got "
+            f"{camera.name}"
+        )
+    model, values = found
+    named = zip(model.numbers, values, strict=True)
+    return {"camera_model": model.name, **{_NAMES.get(key, key): value for key, value in named}, **size}
+
+
+def opengl(pose: Pose) -> list[list[float]]:
+    """Return the 4x4 matrix from the camera, in OpenGL's axes, to the world."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose.rotation @ _GL_FROM_CV
+    matrix[:3, 3] = pose.position
+    return [[value + 0.0 for value in row] for row in matrix.tolist()]
+
+
+def _write_camera(frames: Sequence[Frame], folder: Path, camera_name: str) -> list[Path]:
+    camera = frames[0].camera
+    with_depth = all("depth" in frame.files for frame in frames)
+    mask = write_mask(camera, folder / "masks" / f"{camera_name}.png")
+    written = [] if mask is None else [mask]
+    listed = []
+    for frame in frames:
+        entry: dict[str, Any] = {"file_path": copy_lit(frame, folder / "images")}
+        if with_depth:
+            (folder / "depth").mkdir(exist_ok=True)
+            depth, _ = depth_png.encoded(frame.layer("depth"), camera, depth_png.PRESETS["mm"])
+            entry["depth_file_path"] = write_picture(folder / "depth" / f"{frame.key}.png", depth, _DEPTH)
+        written += entry.values()
+        if mask is not None:
+            entry["mask_path"] = mask
+        paths = {key: path.relative_to(folder).as_posix() for key, path in entry.items()}
+        listed.append({**paths, "transform_matrix": opengl(frame.pose)})
+    meaning = {
+        **intrinsics(camera),
+        "orientation_override": "none",
+        **_splits(frames, listed),
+        "frames": listed,
+    }
+    return [*written, write_json(folder / "transforms.json", meaning)]
+
+
+def _splits(frames: Sequence[Frame], listed: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """The files of each split; where one is listed, nerfstudio wants all of them."""
+    if not any(frame.split in _SPLITS for frame in frames):
+        return {}
+    files = [(frame.split, str(entry["file_path"])) for frame, entry in zip(frames, listed, strict=True)]
+    return {f"{split}_filenames": [file for mine, file in files if mine == split] for split in _SPLITS}

@@ -1,0 +1,115 @@
+"""The boxes of objects, from their vertices or bounds, where the plugin has these commands."""
+
+import math
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from omniscv.arguments import shown
+from omniscv.errors import BadReplyError
+from omniscv.geometry import Array
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.geometry.unreal_frame import position_from_unreal, rotation_from_unreal
+from omniscv.sources.unreal import replies
+from omniscv.sources.unreal.client import Reply
+from omniscv.sources.unreal.connection import Connection
+
+_QUERIES = ("vertex_location", "bounds", "rotation")
+_MOST_VERTICES = 10_000_000
+_MAX_CM = 1e9
+_TIGHTER = 0.99
+"""Of the volume in the object's own frame: a box in another frame is worth it if it is below."""
+
+
+def boxes(connection: Connection, names: list[str]) -> dict[str, ObjectBox]:
+    """Return the boxes of objects by name; objects without a shape have none.
+
+    The plugin is probed with the first object. Vertices give a box in the object's own frame, or an upright
+    one that is tighter; bounds give one along the world's axes.
+
+    Raises:
+        BadReplyError: a reply that is neither numbers nor an error.
+    """
+    if not names:
+        return {}
+    found = {}
+    known = [what for what in _QUERIES if _knows(connection, names[0], what)]
+    if not {"vertex_location", "bounds"} & set(known):
+        return {}
+    commands = [f"vget /object/{name}/{what}" for name in names for what in known]
+    answers = connection.read(commands, _numbers)
+    for i, name in enumerate(names):
+        of = dict(zip(known, answers[i * len(known) :], strict=False))
+        vertices, bounds, rotation = (of.get(what) for what in _QUERIES)
+        if vertices is not None:
+            found[name] = _around(vertices, np.zeros(3) if rotation is None else rotation)
+        elif bounds is not None and bounds.any():  # what has no shape has empty bounds
+            low, high = np.sort(_to_world(bounds), axis=0)
+            found[name] = ObjectBox((low + high) / 2, np.eye(3), high - low, "bounds")
+    return found
+
+
+def _knows(connection: Connection, name: str, what: str) -> bool:
+    """Whether a server has a command; it may still refuse it for some objects."""
+    (reply,) = connection.texts([f"vget /object/{name}/{what}"])
+    return not reply.startswith(("error Can not find a handler", "error No handler found"))
+
+
+def _numbers(command: str, reply: Reply) -> Array | None:
+    """Return the numbers of a reply: (N, 3) vertices, (2, 3) bounds or a rotation (3,); None for none."""
+    if isinstance(reply, str) and (reply == "ok" or reply.startswith("error")):
+        return None
+    if command.endswith("/vertex_location"):
+        return _vertices(command, reply)
+    count = 6 if command.endswith("/bounds") else 3
+    values = np.array(replies.numbers(reply, count))
+    return values.reshape(2, 3) if count == 6 else values
+
+
+def _vertices(command: str, reply: Reply) -> Array:
+    words = reply.split(maxsplit=3 * _MOST_VERTICES)
+    try:
+        values = np.array(words, dtype=np.float64)
+    except ValueError:
+        values = np.array([math.nan])
+    if len(values) % 3 or not (np.abs(values) <= _MAX_CM).all():  # NaN is not
+        expected = f"expected three numbers of at most {_MAX_CM:g} for each vertex from {shown(command)}"
+        raise BadReplyError(f"{expected}, got {shown(reply[:100])}")
+    return values.reshape(-1, 3)
+
+
+def _to_world(points_cm: Array) -> Array:
+    """(N, 3) metres in the world."""
+    return position_from_unreal(points_cm.T).T
+
+
+def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
+    """Return the box of vertices in the frame of their object, or an upright one that is tighter."""
+    points = _to_world(vertices_cm)
+    own, upright = _box(points, rotation_from_unreal(rotator_deg).T), _box(points, _upright_axes(points))
+    return upright if np.prod(upright.size) < _TIGHTER * np.prod(own.size) else own
+
+
+def _box(points: Array, axes: Array) -> ObjectBox:
+    along = points @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    return ObjectBox.of((low + high) / 2 @ axes, axes, high - low, "vertices")
+
+
+def _upright_axes(points: Array) -> Array:
+    """Return the axes, as rows, of the smallest upright box around points (N, 3).
+
+    It has a side along one of the hull's, seen from above (Freeman and Shapira 1975).
+    """
+    try:
+        hull = points[ConvexHull(points[:, :2]).vertices, :2]
+    except (QhullError, ValueError):  # fewer than three points, or all in an upright plane
+        hull = points[:2, :2]
+    x, y = (np.roll(hull, -1, axis=0) - hull).T
+    angles = np.arctan2(y, x)
+    across, along = (
+        np.ptp(np.outer(hull[:, 0], np.cos(a)) + np.outer(hull[:, 1], np.sin(a)), axis=0)
+        for a in (angles, angles + np.pi / 2)
+    )
+    a = angles[(across * along).argmin()]
+    return np.array([[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])

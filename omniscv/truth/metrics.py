@@ -1,0 +1,142 @@
+"""How far a layout that a network found is off the truth, by the measures that papers print.
+
+Of corners in upright panoramas: :func:`layout_scores`; sources: sunset1995/HorizonNet eval_general.py
+(intersection over union, depth), zhigangjiang/LGT-Net evaluation/accuracy.py (corner and pixel error).
+Of CFL's maps: :func:`map_scores`; source: cfernandezlab/CFL test_CFL.py.
+Plans are intersected by shapely (the extra ``evaluate``).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omniscv.arguments import shown
+from omniscv.cameras import create
+from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.geometry.pose import R_LEVEL, Array
+from omniscv.geometry.scene_geometry import Room
+from omniscv.truth.cor_id import room_seen
+from omniscv.truth.room_surfaces import first_hits
+
+_CLOSE = 1.25  # ratio of depths that count as equal
+_TRUE_FROM, _FOUND_ABOVE = 0.01, 0.1  # CFL's thresholds, which differ on purpose
+
+
+class LayoutScores(NamedTuple):
+    """Of one panorama.
+
+    Attributes:
+        iou_2d, iou_3d: intersection over union of the plans, of the volumes; 0 to 1.
+        corner_error: mean distance of corners, percent of the image's diagonal; None of unequal counts.
+        pixel_error: percent of pixels that show another of ceiling, wall and floor.
+        rmse_m: of the depth along rays, metres, the camera being 1.6 m up.
+        delta_1: share of pixels whose depths are within a factor of 1.25.
+    """
+
+    iou_2d: float
+    iou_3d: float
+    corner_error: float | None
+    pixel_error: float
+    rmse_m: float
+    delta_1: float
+
+
+class MapScores(NamedTuple):
+    """Of one map of edges or corners; all 0 to 1."""
+
+    precision: float
+    recall: float
+    accuracy: float
+    f1: float
+    iou: float
+
+
+def layout_scores(found: ArrayLike, truth: ArrayLike, width: int = 1024, height: int = 512) -> LayoutScores:
+    """Return the measures of corners against the true ones.
+
+    Args:
+        found, truth: (2N, 2) px as :mod:`omniscv.truth.cor_id` orders them; a column's depth is that of the
+            nearest wall, the ceiling is level.
+        width, height: of the panorama, px.
+
+    Raises:
+        ArgumentError: corners that are none of an upright panorama, or whose plan crosses itself.
+        OmniscvError: shapely is not installed.
+    """
+    rooms = [room_seen(corners, width, height) for corners in (found, truth)]
+    (area, other, shared), heights = _areas(rooms), [room.ceiling_z - room.floor_z for room in rooms]
+    volumes = area * heights[0] + other * heights[1]
+    volume = shared * min(heights)
+    (depth, kind), (true_depth, true_kind) = (_depth(room, width, height) for room in rooms)
+    ratio = np.maximum(depth / true_depth, true_depth / depth)
+    return LayoutScores(
+        iou_2d=shared / (area + other - shared),
+        iou_3d=volume / (volumes - volume),
+        corner_error=_corner_error(np.asarray(found), np.asarray(truth), width, height),
+        pixel_error=100 * float((kind != true_kind).mean()),
+        rmse_m=float(np.sqrt(((depth - true_depth) ** 2).mean())),
+        delta_1=float((ratio < _CLOSE).mean()),
+    )
+
+
+def map_scores(found: ArrayLike, truth: ArrayLike) -> MapScores:
+    """Return CFL's measures of a map against the true one.
+
+    What is found counts above 0.1, what is true from 0.01: a map against itself has a precision of 1 and a
+    recall below 1.
+
+    Args:
+        found: (H, W) 0 to 1.
+        truth: (H', W') uint8, resized to the size of ``found`` as Pillow does, like CFL.
+
+    Raises:
+        ArgumentError: arrays of another kind.
+    """
+    from PIL import Image
+
+    prediction, expected = np.asarray(found), np.asarray(truth)
+    if prediction.ndim != 2 or expected.ndim != 2 or expected.dtype != np.uint8:
+        got = shown((prediction.shape, expected.shape, expected.dtype.name))
+        raise ArgumentError(f"maps: expected (H, W) numbers and a uint8 (H, W) map, got {got}")
+    size = prediction.shape[::-1]
+    resized = np.asarray(Image.fromarray(expected).resize(size)) / 255.0
+    positive, true = prediction > _FOUND_ABOVE, resized >= _TRUE_FROM
+    both, either = int((positive & true).sum()), int((positive | true).sum())
+    precision, recall = _ratio(both, positive.sum()), _ratio(both, true.sum())
+    f1 = _ratio(2 * precision * recall, precision + recall)
+    return MapScores(precision, recall, float((positive == true).mean()), f1, _ratio(both, either))
+
+
+def _ratio(part: float, whole: float) -> float:
+    return float(part / whole) if whole else 0.0
+
+
+def _areas(rooms: list[Room]) -> tuple[float, float, float]:
+    """Areas of two plans and of what they share, square metres."""
+    try:
+        from shapely import Polygon
+    except ImportError as cause:
+        raise OmniscvError("layout_scores: expected shapely; install omniscv[evaluate]") from cause
+    plans: list[Any] = [Polygon(room.corners_w) for room in rooms]
+    for plan in plans:
+        if not plan.is_valid:
+            raise ArgumentError("cor_id: expected corners in the order of a plan that does not cross itself")
+    return plans[0].area, plans[1].area, plans[0].intersection(plans[1]).area
+
+
+def _depth(room: Room, width: int, height: int) -> tuple[Array, NDArray[np.int16]]:
+    """(H, W) metres along the rays, and 0, 1, 2 of wall, floor, ceiling."""
+    directions_w = create("equirectangular", width, height).unproject().directions @ R_LEVEL.T
+    hits = first_hits(room, np.zeros(3), directions_w)
+    return hits.distance, np.maximum(hits.surface - np.int16(len(room.corners_w) - 1), np.int16(0))
+
+
+def _corner_error(found: Array, truth: Array, width: int, height: int) -> float | None:
+    if found.shape != truth.shape:
+        return None
+    ordered = [np.roll(each, -2 * int(each[1::2, 0].argmin()), axis=0) for each in (found, truth)]
+    apart = np.linalg.norm(ordered[0] - ordered[1], axis=1).mean()
+    return 100 * float(apart / np.hypot(width, height))

@@ -1,0 +1,181 @@
+"""Boxes on the sphere of directions (BFoV), upright and rotated, their areas and overlaps.
+
+A box has a centre and two angles. Its region is where the angles in its tangent frame (x right, y down, z to
+its centre) are small: ``|atan(x/z)| <= fov_h/2`` and ``|atan(y/z)| <= fov_v/2``, z > 0: inside four great
+circles. Longitude is positive to the right, latitude up; ``rot`` turns the frame clockwise as the image shows
+it. An object too wide for that has the kind ``lonlat``: the ranges of its longitudes and latitudes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from omniscv.geometry import Array
+
+Kind = Literal["perspective", "lonlat"]
+_CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+_FLAT = 1e-12
+"""Of products of unit vectors: rounding."""
+
+
+@dataclass(frozen=True)
+class SphericalBox:
+    """A box on the sphere; all angles in degrees.
+
+    Attributes:
+        lon, lat: of its centre: -180 to 180, -90 to 90.
+        fov_h, fov_v: across and down.
+        rot: clockwise, -90 to 90.
+        kind: what the angles mean.
+    """
+
+    lon: float
+    lat: float
+    fov_h: float
+    fov_v: float
+    rot: float = 0.0
+    kind: Kind = "perspective"
+
+    @classmethod
+    def of(cls, box: SphericalBox | Mapping[str, Any]) -> Self:
+        """Return a box of its record, or the box itself."""
+        return cls(**(asdict(box) if isinstance(box, SphericalBox) else box))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values: the record."""
+        return asdict(self)
+
+    @property
+    def R_c_b(self) -> Array:
+        """(3, 3) from the box's tangent frame to the camera's: its columns are right, down, forward."""
+        return np.asarray(frames(*np.radians([[self.lon], [self.lat], [self.rot]]))[0])
+
+    @property
+    def area(self) -> float:
+        """Steradians."""
+        a, b = np.radians([self.fov_h, self.fov_v])
+        if self.kind == "lonlat":
+            low, high = np.radians([self.lat - self.fov_v / 2, self.lat + self.fov_v / 2])
+            return float(a * (np.sin(high) - np.sin(low)))
+        return float(4 * np.arcsin(np.sin(a / 2) * np.sin(b / 2)))
+
+    def contains(self, directions: Array) -> Array:
+        """Return (...) how far directions (..., 3) are inside, degrees: below 0 if they are outside.
+
+        It is the least of the angles, in the tangent frame, to the four sides.
+        """
+        if self.kind == "lonlat":
+            lon, lat = lon_lat(directions)
+            across = np.abs((np.degrees(lon) - self.lon + 180) % 360 - 180)
+            down = np.abs(np.degrees(lat) - self.lat)
+        else:
+            x, y, z = np.moveaxis(directions @ self.R_c_b, -1, 0)
+            across, down = np.degrees(np.abs(np.arctan2(x, z))), np.degrees(np.abs(np.arctan2(y, z)))
+        return np.asarray(np.minimum(self.fov_h / 2 - across, self.fov_v / 2 - down))
+
+    def corners(self) -> Array:
+        """Return (4, 3) unit directions, clockwise from the upper left."""
+        half = np.tan(np.radians([self.fov_h, self.fov_v]) / 2)
+        rays = np.column_stack([_CORNERS * half, np.ones(4)]) @ self.R_c_b.T
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def lon_lat(directions: Array) -> tuple[Array, Array]:
+    """Return longitude and latitude, radians, of directions (..., 3) in the camera frame."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
+
+
+def frames(lon: Array, lat: Array, rot: Array) -> Array:
+    """Return (N, 3, 3) tangent frames, columns right, down, forward, of angles (N,), radians."""
+    (sl, cl), (sp, cp), (sr, cr) = ((np.sin(each), np.cos(each)) for each in (lon, lat, rot))
+    zero = np.zeros_like(sl)
+    right = np.stack([cl, zero, -sl], axis=-1)
+    down = np.stack([sp * sl, cp, sp * cl], axis=-1)
+    forward = np.stack([cp * sl, -sp, cp * cl], axis=-1)
+    r, d = cr[:, None] * right + sr[:, None] * down, cr[:, None] * down - sr[:, None] * right
+    return np.stack([r, d, forward], axis=-1)
+
+
+def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
+    """Return the unbiased overlap of two boxes: the area that both cover over the area that either does.
+
+    Where both are is the spherical polygon inside eight great circles: its area is the sum of its angles,
+    less ``(n - 2) pi`` (Girard).
+
+    Raises:
+        ArgumentError: a box of kind ``lonlat``, or a fov of 180 degrees or more.
+    """
+    first, second = _perspective("b1", b1), _perspective("b2", b2)
+    both = _polygon_area(_clipped(first.corners(), _sides(second)))
+    return both / (first.area + second.area - both)
+
+
+def fov_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
+    """Return FoV-IoU: the overlap of the boxes' angles as if they lay in one plane; exact side by side at the
+    horizon, cheap elsewhere. ``rot`` does not count.
+
+    Source: Cao et al. 2022, Field-of-View IoU for object detection in 360 degree images.
+
+    Raises:
+        ArgumentError: as :func:`spherical_iou`.
+    """
+    g, p = _perspective("b1", b1), _perspective("b2", b2)
+    apart = (p.lon - g.lon + 180) % 360 - 180
+    shift = apart * np.cos(np.radians(g.lat + p.lat) / 2)
+    across = min(g.fov_h / 2, shift + p.fov_h / 2) - max(-g.fov_h / 2, shift - p.fov_h / 2)
+    down = min(g.lat + g.fov_v / 2, p.lat + p.fov_v / 2) - max(g.lat - g.fov_v / 2, p.lat - p.fov_v / 2)
+    both = max(0.0, across) * max(0.0, down)
+    return float(both / (g.fov_h * g.fov_v + p.fov_h * p.fov_v - both))
+
+
+def _perspective(name: str, box: SphericalBox | Mapping[str, Any]) -> SphericalBox:
+    from omniscv.errors import ArgumentError
+
+    found = SphericalBox.of(box)
+    if found.kind != "perspective" or not (0 < found.fov_h < 180 and 0 < found.fov_v < 180):
+        wanted = "expected a box of kind perspective with angles between 0 and 180 degrees"
+        raise ArgumentError(f"{name}: {wanted}, got {found}")
+    return found
+
+
+def _sides(box: SphericalBox) -> Array:
+    """(4, 3) inward normals of the great circles that a box lies within."""
+    corners = box.corners()
+    normals = np.cross(corners, np.roll(corners, -1, axis=0))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def _clipped(polygon: Array, normals: Array) -> Array:
+    """Return the part (N, 3) of a convex spherical polygon inside great circles (Sutherland and Hodgman)."""
+    for normal in normals:
+        inside = polygon @ normal
+        kept = []
+        for i in range(len(polygon)):
+            a, b, da, db = polygon[i - 1], polygon[i], inside[i - 1], inside[i]
+            if (da > _FLAT and db < -_FLAT) or (da < -_FLAT and db > _FLAT):
+                crossing = a * abs(db) + b * abs(da)
+                kept.append(crossing / np.linalg.norm(crossing))
+            if db >= -_FLAT:
+                kept.append(b)
+        polygon = np.array(kept).reshape(-1, 3)
+    return polygon
+
+
+def _polygon_area(polygon: Array) -> float:
+    """Steradians of a convex spherical polygon (N, 3); 0 for fewer than three corners."""
+    if len(polygon) < 3:
+        return 0.0
+    apart = np.linalg.norm(polygon - np.roll(polygon, 1, axis=0), axis=1)
+    polygon = polygon[apart > _FLAT]
+    if len(polygon) < 3:
+        return 0.0
+    first, second, third = polygon[0], polygon[1:-1], polygon[2:]
+    # Van Oosterom and Strackee 1983: tan(area / 2) of triangles, exact for small ones.
+    volume = np.einsum("j,ij->i", first, np.cross(second, third))
+    edges = 1 + second @ first + third @ first + (second * third).sum(axis=1)
+    return float(2 * np.arctan2(np.abs(volume), edges).sum())

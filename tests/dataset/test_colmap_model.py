@@ -1,0 +1,224 @@
+"""COLMAP's text model with rigs, as pycolmap reads it."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+from support.traced_frames import frame_of, traced_frame
+
+import mock_server
+from omniscv import Pose, cameras
+from omniscv.dataset import get
+from omniscv.dataset.rigs import rigs
+from omniscv.errors import ArgumentError
+
+SCENE = mock_server.load_scene("four-wall")
+PANORAMA = cameras.create("equirectangular", width=64, height=32)
+CAMERAS = {
+    "panorama": PANORAMA,
+    "fisheye": cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=170),
+    "brandt": cameras.create(
+        "kannala-brandt", width=48, height=40, fx=15.0, fy=14.0, k=[0.02, -0.008, 0.002, -0.0004]
+    ),
+    "pinhole": cameras.create("pinhole", width=32, height=24, fov_deg=80, center=(15, 13)),
+    "eucm": cameras.create(
+        "extended-unified", width=40, height=40, fx=12.0, fy=12.5, cx=20.0, cy=19.0, alpha=0.6, beta=1.1
+    ),
+}
+MOUNTED = dict(
+    zip(CAMERAS, [Pose.from_angles((0, 0.1 * i, 0), 40 * i, 5 * i) for i in range(5)], strict=True)
+)
+MOVES = [Pose.from_angles((0.3 * i - 0.5, 0.2 * i, 1.3 + 0.1 * i), 50 * i, 4 * i, -3 * i) for i in range(3)]
+
+
+def level(pose):
+    """A pose of a camera, as T_rig_cam of a rig that is level in it."""
+    return Pose.from_angles((0, 0, 0)).inverse() @ pose
+
+
+def rig_frames(folder, names=tuple(CAMERAS), write=traced_frame):
+    return [
+        write(folder, SCENE, CAMERAS[name], move @ level(MOUNTED[name]), name, f"{name}-{i}")
+        for i, move in enumerate(MOVES) for name in names
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """The frames of a rig of five cameras at three moments, and what pycolmap reads of their export."""
+    folder = tmp_path_factory.mktemp("colmap")
+    frames = rig_frames(folder)
+    get("colmap").write(frames, folder / "out", {"points": 0.15})
+    return frames, folder / "out", pycolmap.Reconstruction(folder / "out/sparse/0")
+
+
+def by_name(read):
+    return {image.name.split("/")[1].removesuffix(".png"): image for image in read.images.values()}
+
+
+def test_pycolmap_projects_as_we_do(model):
+    """Rays in front of every camera, and all around for the panorama."""
+    frames, _, read = model
+    assert len(read.cameras) == 5
+    draw = np.random.default_rng(4)
+    directions = draw.normal(size=(10_000, 3))
+    for frame in frames[:5]:
+        points = directions if frame.camera is PANORAMA else directions * np.sign(directions[:, 2:])
+        pixels, valid = frame.camera.project(points)
+        theirs = by_name(read)[frame.key].camera.img_from_cam(points)
+        assert valid.sum() > 1000
+        np.testing.assert_allclose(theirs[valid], pixels[valid], atol=1e-9)
+
+
+def test_pycolmap_has_the_poses_of_all_sensors_and_frames(model):
+    frames, _, read = model
+    (rig,) = read.rigs.values()
+    assert rig.num_sensors() == 5
+    assert len(read.frames) == 3
+    images = by_name(read)
+    assert len(images) == 15
+    for frame in frames:
+        image = images[frame.key]
+        np.testing.assert_allclose(image.cam_from_world().matrix(), w2c(frame.pose), atol=1e-9)
+        np.testing.assert_allclose(image.projection_center(), frame.pose.position, atol=1e-9)
+        sensor = rig.sensor_from_rig(image.camera.sensor_id).matrix() if image.camera_id > 1 else np.eye(3, 4)
+        reference = next(
+            each for each in frames if each.key == frame.key.replace(frame.camera_name, "brandt")
+        )
+        np.testing.assert_allclose(sensor, w2c(reference.pose.inverse() @ frame.pose), atol=1e-9)
+
+
+def w2c(pose):
+    return np.column_stack([pose.rotation.T, -pose.rotation.T @ pose.position])
+
+
+def test_points_project_to_where_they_were_seen(model):
+    """Pixel centres, in every image; and they lie where the scene has surfaces."""
+    _, _, read = model
+    assert len(read.points3D) > 1000
+    seen = dict.fromkeys(read.images, 0)
+    for point in read.points3D.values():
+        (element,) = point.track.elements
+        image = read.images[element.image_id]
+        observed = image.points2D[element.point2D_idx].xy
+        np.testing.assert_allclose(image.project_point(point.xyz), observed, atol=1e-3)  # float32 depth
+        np.testing.assert_allclose(observed % 1, 0.5)
+        seen[element.image_id] += 1
+    assert min(seen.values()) > 0
+    xyz = np.array([point.xyz for point in read.points3D.values()])
+    hits = SCENE.trace(MOVES[0].position, xyz - MOVES[0].position)
+    colors = np.array([point.color for point in read.points3D.values()])
+    visible = np.abs(hits.distance - np.linalg.norm(xyz - MOVES[0].position, axis=1)) < 1e-3
+    close = np.abs(colors[visible] - 255 * hits.color[visible]).max(axis=1) < 3
+    assert close.mean() > 0.95  # the edge of a texture's square may be between two rays
+
+
+def test_images_and_masks(model):
+    frames, out, read = model
+    for image in read.images.values():
+        size = image.camera.height, image.camera.width
+        assert cv2.imread(str(out / "images" / image.name)).shape[:2] == size
+    mask = cv2.imread(str(out / "masks/fisheye.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(mask > 0, CAMERAS["fisheye"].valid())
+    assert not (out / "masks/panorama.png").exists()
+    first = (out / "images/panorama/panorama-0.png").read_bytes()
+    assert first == next(frame for frame in frames if frame.key == "panorama-0").files["lit"].read_bytes()
+
+
+def test_the_example_of_the_reference(tmp_path):
+    """Section 4.3 of the formats' reference: a second camera 0.1 m to the right of the first one."""
+    brandt = cameras.create(
+        "kannala-brandt", width=8, height=8, fx=2.3, fy=2.3, cx=4, cy=4, k=[0.01, 0, 0, 0]
+    )
+    poses = [Pose.from_angles((0, 0, 1.5)), Pose.from_angles((0, -0.1, 1.5))]
+    pair = [
+        frame_of(
+            tmp_path,
+            {"lit": np.zeros((camera.height, camera.width, 3), np.uint8)},
+            camera,
+            pose,
+            f"cam{i}",
+            f"cam{i}",
+        )
+        for i, (camera, pose) in enumerate(zip((PANORAMA, brandt), poses, strict=True))
+    ]
+    get("colmap").write(pair, tmp_path, {})
+    lines = {
+        name: [
+            [float(each) if each[-1].isdigit() and "/" not in each else each for each in line.split()]
+            for line in (tmp_path / f"sparse/0/{name}.txt").read_text().splitlines() if line[:1] != "#"
+        ]
+        for name in ("cameras", "rigs", "frames", "images", "points3D")
+    }  # fmt: skip
+    assert lines["cameras"] == [
+        [1, "EQUIRECTANGULAR", 64, 32, 64, 32],
+        [2, "OPENCV_FISHEYE", 8, 8, 2.3, 2.3, 4, 4, 0.01, 0, 0, 0],
+    ]
+    assert lines["rigs"] == [[1, 2, "CAMERA", 1, "CAMERA", 2, 1, 1, 0, 0, 0, -0.1, 0, 0]]
+    assert lines["frames"] == [[1, 1, 0.5, 0.5, -0.5, 0.5, 0, 1.5, 0, 2, "CAMERA", 1, 1, "CAMERA", 2, 2]]
+    assert lines["images"] == [
+        [1, 0.5, 0.5, -0.5, 0.5, 0, 1.5, 0, 1, "cam0/cam0.png"], [],
+        [2, 0.5, 0.5, -0.5, 0.5, -0.1, 1.5, 0, 2, "cam1/cam1.png"], [],
+    ]  # fmt: skip
+    assert lines["points3D"] == []
+
+
+def small(folder, scene, camera, pose, camera_name, key, **more):
+    lit = np.zeros((camera.height, camera.width, 3), np.uint8)
+    return frame_of(folder, {"lit": lit}, camera, pose, camera_name, key, **more)
+
+
+def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
+    frames = rig_frames(tmp_path, ("panorama", "pinhole"), small)
+    turning = [
+        small(tmp_path, SCENE, PANORAMA, Pose.from_angles((i, 0, 1), 30 * i * i), "turning", f"turning-{i}")
+        for i in range(2)
+    ]
+    found = rigs([*frames, *turning])
+    assert [list(each.rig.cameras) for each in found] == [["panorama", "pinhole"], ["turning"]]
+    assert [len(each.moments) for each in found] == [3, 2]
+    get("colmap").write([*frames, *turning], tmp_path, {})
+    read = pycolmap.Reconstruction(tmp_path / "sparse/0")
+    assert (len(read.rigs), len(read.frames), len(read.images)) == (2, 5, 8)
+    for frame in turning:
+        np.testing.assert_allclose(
+            by_name(read)[frame.key].cam_from_world().matrix(), w2c(frame.pose), atol=1e-9
+        )
+
+
+def test_a_moment_may_lack_an_image(tmp_path):
+    """Of the reference camera, even: the rig's pose follows from another one."""
+    frames = [f for f in rig_frames(tmp_path, ("panorama", "pinhole"), small) if f.key != "panorama-1"]
+    get("colmap").write(frames, tmp_path, {})
+    read = pycolmap.Reconstruction(tmp_path / "sparse/0")
+    for frame in frames:
+        np.testing.assert_allclose(
+            by_name(read)[frame.key].cam_from_world().matrix(), w2c(frame.pose), atol=1e-9
+        )
+
+
+def test_frames_of_other_names_are_together_by_time_or_pose(tmp_path):
+    def of(name, key, pose, time=None):
+        return small(tmp_path, SCENE, PANORAMA, pose, name, key, time=time)
+
+    here, there = MOVES[:2]
+    timed = [of("a", "k0", here, 1.0), of("b", "k1", there, 1.0), of("a", "k2", there, 2.0)]
+    assert [len(each.moments) for each in rigs(timed)] == [2]
+    still = [of("a", "k0", here), of("b", "k1", here), of("b", "k2", there)]
+    assert [len(each.moments) for each in rigs(still)] == [2]
+    with pytest.raises(ArgumentError, match="expected one frame of a camera in a moment, got k0 and k1"):
+        rigs([of("a", "k0", here), of("a", "k1", here)])
+
+
+def test_what_colmap_cannot_carry_is_refused(tmp_path):
+    format = get("colmap")
+    for name in ("noncentral-panorama", "scaramuzza", "cylindrical", "noncentral-spherical-mirror"):
+        assert name in format.refuses(cameras.model(name).example(32))
+    for camera in CAMERAS.values():
+        assert format.refuses(camera) is None
+    with pytest.raises(ArgumentError, match="points: expected a finite number > 0"):
+        format.check_options({"points": -1}, {})
+    with pytest.raises(ArgumentError, match="cam: expected a frame with lit"):
+        format.write(
+            [frame_of(tmp_path, {"depth": np.ones((32, 64), np.float32)}, PANORAMA, MOVES[0])], tmp_path, {}
+        )

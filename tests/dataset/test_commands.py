@@ -1,0 +1,103 @@
+"""``omniscv dataset``: what its commands print, and one clear line where something is wrong."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from support.datasets import job_file, tree
+
+from omniscv.cli import run
+
+
+def lines(capsys, code, *arguments):
+    assert run(["dataset", *map(str, arguments)]) == code
+    printed = capsys.readouterr()
+    return (printed.out if code == 0 else printed.err).splitlines()
+
+
+def test_a_dataset_is_made_in_shards_and_finished(whole, tmp_path, capsys):
+    job, out = job_file(tmp_path, more="export: [webdataset]\n"), tmp_path / "dataset"
+    (first,) = lines(capsys, 0, "make", job, "--shard", "0/2")
+    (second,) = lines(capsys, 0, "make", job, "--shard", "1/2", "--workers", "2")
+    (third,) = lines(capsys, 0, "make", job, "--resume")
+    assert "frames are missing: finish with --resume" in first
+    assert "complete" in second
+    assert third == f"{out}: 0 frames made, 6 kept; complete"
+    assert tree(out) == tree(whole / "dataset")
+    (check,) = lines(capsys, 0, "check", out, "--deep")
+    assert check == f"{out}: 6 frames, no faults"
+
+
+def test_info_counts(whole, capsys):
+    found = json.loads("\n".join(lines(capsys, 0, "info", whole / "dataset", "--json")))
+    assert found["complete"] is True
+    assert (found["frames"], found["objects"], found["places"]) == (6, 20, 2)
+    assert found["cameras"] == {"lens": 3, "pano": 3}
+    assert sorted(found["splits"].values()) == [2, 4]
+    assert sum(found["classes"].values()) == 20
+    assert found["missing"] == {}
+    assert found["bytes"]["lit"] == sum(path.stat().st_size for path in (whole / "dataset").glob("*.lit.png"))
+    table = lines(capsys, 0, "info", whole / "dataset")
+    assert any(line.startswith("frames ") and " 6" in line for line in table)
+
+
+def test_export_prints_its_files(whole, tmp_path, capsys):
+    printed = lines(
+        capsys,
+        0,
+        "export",
+        whole / "dataset",
+        "--to",
+        "webdataset",
+        "--out",
+        tmp_path / "x",
+        "--option",
+        "max_count=3",
+    )
+    assert sorted(printed) == sorted(str(path) for path in (tmp_path / "x").iterdir())
+    assert len(printed) == 4
+    (tmp_path / "x" / "mine.txt").touch()
+    again = lines(capsys, 0, "pack", whole / "dataset", "--as", "webdataset", "--out", tmp_path / "x")
+    assert {path.name for path in (tmp_path / "x").iterdir()} >= {"mine.txt", "shards.json"}
+    assert len(again) == 3
+
+
+def test_classes_of_a_dataset(whole, capsys):
+    printed = lines(capsys, 0, "classes", whole / "dataset", whole / "classes.yaml")
+    rows = [line.split() for line in printed]
+    assert ["Chair_1", "chair", "5"] in rows
+    assert ["Ball", "otherprop", "40"] in rows
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["make", "nothing.yaml"], "nothing.yaml: expected a readable file"),
+        (
+            ["make", "{job}", "--shard", "2/2"],
+            "--shard: expected I/N with I from 0 to N - 1, such as 0/4, got '2/2'",
+        ),
+        (["make", "{job}", "--shard", "x"], "--shard: expected I/N"),
+        (["make", "{job}"], "expected a new folder, got a dataset"),
+        (["export", "{out}", "--to", "kitti"], "format: expected one of"),
+        (["export", "{out}", "--to", "webdataset", "--option", "max_count"], "--option: expected NAME=VALUE"),
+        (["export", "{out}", "--to", "webdataset", "--option", "size=3"], "expected fields among max_count"),
+        (["export", "{folder}", "--to", "webdataset"], "expected the folder of a dataset"),
+        (["info", "{folder}"], "expected the folder of a dataset"),
+        (["classes", "mars", "{folder}/classes.yaml"], "mars"),
+        (["classes", "four-wall", "{folder}/dataset.yaml"], "expected fields among taxonomy"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_code_2(arguments, says, whole, capsys):
+    names = {"job": whole / "dataset.yaml", "out": whole / "dataset", "folder": whole}
+    (line,) = lines(capsys, 2, *(each.format(**names) for each in arguments))
+    assert line.startswith("omniscv: ")
+    assert says in line
+    assert len(line) <= 310
+
+
+def test_importing_omniscv_loads_no_dataset():
+    program = "import omniscv, sys; print('omniscv.dataset' in sys.modules, omniscv.dataset.names()[:1])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("False (")

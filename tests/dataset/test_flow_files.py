@@ -1,0 +1,165 @@
+"""Files of flow, as OpenCV and OpenEXR read them."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from support.traced_frames import frame_of, traced_frame
+
+import mock_server
+from omniscv import Pose, cameras, truth
+from omniscv.dataset import get
+from omniscv.dataset.formats.flow import flo_bytes, kitti_codes
+from omniscv.errors import ArgumentError
+from omniscv.truth import Flow
+
+SCENE = mock_server.load_scene("four-wall")
+CAMERA = cameras.create("equirectangular", width=64, height=32)
+POSES = [Pose.from_angles((0.2 * i, 0.1 * i, 1.4), 12 * i) for i in range(3)]
+
+
+def frames(folder, times=(None,) * 3):
+    return [
+        traced_frame(folder, SCENE, CAMERA, pose, key=f"cam-{i}", time=time)
+        for i, (pose, time) in enumerate(zip(POSES, times, strict=True))
+    ]
+
+
+def expected(first, second, **options):
+    one, two = first.layer("depth"), second.layer("depth")
+    labels = first.layer("labels")
+    return truth.flow(one, CAMERA.unproject(), first.pose, CAMERA, second.pose, two, labels, **options)
+
+
+def channels(path):
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: each.pixels for name, each in file.channels().items()}
+
+
+def test_both_readers_get_the_flow_between_neighbours(tmp_path):
+    one, two, three = frames(tmp_path)
+    written = get("flow").write([three, one, two], tmp_path, {"backward": True, "scene": True})
+    names = ["cam-0", "cam-1.backward", "cam-1", "cam-2.backward"]
+    assert [path.name for path in written] == [
+        f"{name}.{suffix}" for name in names for suffix in ("flo", "exr", "sceneflow.exr")
+    ] + ["flow.json"]
+    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == dict(
+        zip(names, ["cam-1", "cam-0", "cam-2", "cam-1"], strict=True)
+    )
+    for name, pair in zip(names, [(one, two), (two, one), (two, three), (three, two)], strict=True):
+        wanted = expected(*pair)
+        pixels = wanted.pixels.astype(np.float32)
+        read = cv2.readOpticalFlow(str(tmp_path / f"flow/{name}.flo"))
+        np.testing.assert_array_equal(read, np.where(np.isnan(pixels), np.float32(1e10), pixels))
+        found = channels(tmp_path / f"flow/{name}.exr")
+        assert {each.dtype for each in found.values()} == {np.dtype(np.float32)}
+        np.testing.assert_array_equal(found["flow.X"], pixels[..., 0])
+        np.testing.assert_array_equal(found["flow.Y"], pixels[..., 1])
+        np.testing.assert_array_equal(found["mask"], wanted.mask)
+        moved = channels(tmp_path / f"flow/{name}.sceneflow.exr")
+        for i, axis in enumerate("XYZ"):
+            np.testing.assert_array_equal(moved[f"sceneflow.{axis}"], wanted.scene[..., i].astype(np.float32))
+
+
+def test_frames_pair_by_time_and_gap(tmp_path):
+    get("flow").write(frames(tmp_path, times=(2.0, 1.0, 3.0)), tmp_path, {})
+    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-1": "cam-0", "cam-0": "cam-2"}
+    get("flow").write(frames(tmp_path), tmp_path, {"gap": 2})
+    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-0": "cam-2"}
+    (only,) = get("flow").write(frames(tmp_path), tmp_path / "far", {"gap": 3})
+    assert json.loads(only.read_text())["to"] == {}
+
+
+def test_objects_move_by_their_recorded_poses(tmp_path):
+    """One is turned and moved, another one has a pose in the first frame only."""
+    label, lost = SCENE.label("Chair_1"), SCENE.label("Ball")
+    before, after = Pose.from_angles((1, 2, 0), 10), Pose.from_angles((1.1, 1.8, 0.1), 35)
+    recorded = [{"Chair_1": before, "Ball": before}, {"Chair_1": after}]
+    pair = []
+    for i, poses in enumerate(recorded):
+        frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[i], key=f"cam-{i}")
+        path = tmp_path / f"cam-{i}.truth.json"
+        path.write_text(json.dumps({"poses": {name: pose.to_dict() for name, pose in poses.items()}}))
+        pair.append(replace(frame, files={**frame.files, "truth": path}))
+    get("flow").write(pair, tmp_path, {"scene": True})
+    T = [np.vstack([np.column_stack([p.rotation, p.position]), [0, 0, 0, 1]]) for p in (before, after)]
+    motion = T[1] @ np.linalg.inv(T[0])
+    frame, mine = pair[0], pair[0].layer("labels") == label
+    rays = CAMERA.unproject()
+    points_w = frame.pose.to_world(frame.layer("depth")[..., None] * rays.directions)[mine]
+    moved = points_w @ motion[:3, :3].T + motion[:3, 3]
+    found = channels(tmp_path / "flow/cam-0.sceneflow.exr")
+    scene = np.stack([found[f"sceneflow.{axis}"] for axis in "XYZ"], axis=-1)
+    np.testing.assert_allclose(scene[mine], moved - points_w, atol=1e-6)
+    flow = channels(tmp_path / "flow/cam-0.exr")
+    target, _ = CAMERA.project(POSES[1].to_camera(moved))
+    off = target - CAMERA.pixels()[mine] - np.stack([flow["flow.X"], flow["flow.Y"]], axis=-1)[mine]
+    np.testing.assert_allclose(off - 64 * np.rint(off / 64), 0, atol=1e-3)
+    assert mine.sum() > 5
+    others = frame.layer("labels") == lost
+    assert others.any()
+    assert (flow["mask"][others] == 0).all()
+    assert not scene[~mine & ~others].any()
+
+
+def test_unsure_pixels_have_no_flow(tmp_path):
+    depth = np.full((32, 64), 2, np.float32)
+    unsure = np.zeros((32, 64), bool)
+    unsure[5:9] = True
+    pair = [
+        frame_of(tmp_path, {"depth": depth, "unsure": unsure}, CAMERA, POSES[0], key=f"cam-{i}")
+        for i in (0, 1)
+    ]
+    get("flow").write(pair, tmp_path, {})
+    mask = channels(tmp_path / "flow/cam-0.exr")["mask"]
+    np.testing.assert_array_equal(mask == 0, unsure)
+
+
+def test_first_bytes_of_a_flo_file():
+    assert flo_bytes(np.zeros((2, 3, 2), np.float32))[:12] == b"PIEH\x03\0\0\0\x02\0\0\0"
+
+
+def known_flow(*values):
+    pixels = np.array([[(value, 0.0) for value in values]])
+    mask = np.where(np.isnan(pixels[..., 0]), 0, 1).astype(np.uint8)
+    return Flow(pixels, mask, np.zeros((1, len(values), 3)))
+
+
+def test_known_answers_of_kitti():
+    """Section 11.6 of the formats' reference."""
+    codes = kitti_codes(known_flow(-512, -511.984375, 0, 1.5, 511.984375, np.nan))
+    assert codes[0, :, 0].tolist() == [0, 1, 32768, 32864, 65535, 0]
+    assert codes[0, :, 2].tolist() == [1, 1, 1, 1, 1, 0]
+    for beyond in (-512.1, 512.0):
+        with pytest.raises(ArgumentError, match="kitti: expected flow within"):
+            kitti_codes(known_flow(0, beyond))
+
+
+def test_kitti_refuses_classic_flow_of_wide_panoramas(tmp_path):
+    wide = cameras.create("equirectangular", width=1040, height=2)
+    depth = np.full((2, 1040), 2, np.float32)
+    pair = [
+        frame_of(tmp_path, {"depth": depth}, wide, Pose.from_angles((0, 0, 0), 5 * i), key=f"cam-{i}")
+        for i in (0, 1)
+    ]
+    with pytest.raises(ArgumentError, match=r"cam-0: kitti: expected flow within -512 to 511.98 px"):
+        get("flow").write(pair, tmp_path, {"kitti": True, "wrap": "classic"})
+    get("flow").write(pair, tmp_path, {"kitti": True})
+    read = cv2.imread(str(tmp_path / "flow/cam-0.png"), cv2.IMREAD_UNCHANGED)[..., ::-1].astype(float)
+    assert (read[..., 2] == 1).all()
+    exact = channels(tmp_path / "flow/cam-0.exr")
+    np.testing.assert_allclose((read[..., 0] - 2**15) / 64, exact["flow.X"], atol=1 / 128 + 1e-4)
+
+
+def test_wrong_options_are_refused():
+    for wrong, says in [
+        ({"gap": 0}, "gap: expected a whole number >= 1"),
+        ({"wrap": "none"}, "wrap: expected one of"),
+        ({"tolerance": {"abs": 1}}, "tolerance: expected fields among abs_m, rel"),
+        ({"step": 1}, "expected fields among"),
+    ]:
+        with pytest.raises(ArgumentError, match=says):
+            get("flow").check_options(wrong, {})

@@ -1,0 +1,201 @@
+"""``dataset make``: the same bytes in every way, and nothing captured for what cannot be made."""
+
+import hashlib
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import pytest
+from support.datasets import CLASSES, image, job_file, tree
+
+import mock_server
+import omniscv
+from omniscv import dataset, jobs
+from omniscv.dataset import manifest
+from omniscv.errors import ArgumentError, DatasetError
+
+EXPORT = "export: [webdataset]\n"
+
+
+def test_workers_and_shards_make_the_same_bytes(whole, tmp_path):
+    """Shards into one folder; shards into folders of their own, joined by copying; several workers."""
+    wanted = tree(whole / "dataset")
+    job = jobs.load(job_file(tmp_path, more=EXPORT))
+    jobs.make(replace(job, out=tmp_path / "workers"), workers=3)
+    done = [jobs.make(replace(job, out=tmp_path / "one"), shard=(i, 3)) for i in (2, 0, 1)]
+    for i in range(2):
+        jobs.make(replace(job, out=tmp_path / f"part-{i}"), shard=(i, 2))
+        shutil.copytree(tmp_path / f"part-{i}", tmp_path / "joined", dirs_exist_ok=True)
+    joined = jobs.make(replace(job, out=tmp_path / "joined"), resume=True)
+    assert (joined.written, joined.kept, joined.missing) == (0, 6, 0)
+    assert sum(each.written for each in done) == 6
+    assert [each.missing > 0 for each in done] == [True, True, False]
+    for name in ("workers", "one", "joined"):
+        assert tree(tmp_path / name) == wanted, name
+
+
+def test_a_frame_is_made_again_where_a_file_of_it_is_damaged(copied):
+    wanted = tree(copied)
+    (copied / "lens-0.depth.exr").unlink()
+    (copied / "pano-1.lit.png").write_bytes(b"damaged")
+    (copied / "pano-2.json").write_text("{", encoding="utf-8")
+    done = jobs.make(jobs.load(copied.with_name("dataset.yaml")), resume=True)
+    assert (done.written, done.kept) == (3, 3)
+    assert tree(copied) == wanted
+
+
+def test_no_file_holds_a_time_a_port_or_a_path(tmp_path):
+    """Two servers at two ports, some time apart, into two folders."""
+    trees = []
+    for name in ("first", "second"):
+        with mock_server.serve("four-wall") as server:
+            folder = tmp_path / name
+            folder.mkdir()
+            job = jobs.load(job_file(folder, source=server.uri))
+            jobs.make(replace(job, poses=job.poses[:1], times=(0.0,), places=("here",)))
+            trees.append(tree(job.out))
+        text = b"".join(path.read_bytes() for path in job.out.glob("*.json*"))
+        for strange in (str(server.port), str(tmp_path), "127.0.0.1"):
+            assert strange.encode() not in text
+    assert trees[0] == trees[1]
+
+
+def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
+    lines = (whole / "dataset" / "frames.jsonl").read_text(encoding="utf-8").splitlines()
+    rows = [json.loads(line) for line in lines]
+    assert [row["key"] for row in rows] == [f"{name}-{i}" for name in ("lens", "pano") for i in range(3)]
+    fields = {"key", "camera", "pose", "time", "place", "split", "scene", "files"}
+    for row in rows:
+        assert set(row) == fields
+        assert {"lit", "labels", "classes", "depth", "normals", "image"} <= set(row["files"])
+        for file in row["files"].values():
+            data = (whole / "dataset" / file["path"]).read_bytes()
+            assert len(data) == file["bytes"]
+            assert hashlib.sha256(data).hexdigest() == file["sha256"]
+    said = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
+    assert said["format"] == 1
+    assert said["omniscv"] == omniscv.__version__
+    assert said["conventions"]["depth"] == "ray metres"
+    assert said["conventions"]["pixels"] == "edge"
+    assert said["exports"] == [{"format": "webdataset", "out": "webdataset", "options": {}}]
+    assert {name: omniscv.cameras.from_dict(each) for name, each in said["cameras"].items()} == dict(
+        jobs.load(whole / "dataset.yaml").cameras
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("export: [cocoa]", "export[0]: format: expected one of"),
+        ("export: [webdataset, webdataset]", "got 'webdataset' twice"),
+        ("export: [{format: webdataset, max_count: 0}]", "max_count: expected a whole number >= 1"),
+        ("export: [{format: hf, out: ../x}]", "out: expected the name of a folder"),
+        ("export: {webdataset: true}", "export: expected a list"),
+        ("truth: {boxen: true}", "truth: expected fields among"),
+        ("truth: {tolerance: {abs_m: -1}}", "truth.tolerance.abs_m: expected a finite number >= 0"),
+        ("seam: torn", "seam: expected one of whole, split; got 'torn'"),
+        ("media: {exif: true}", "media: expected fields among xmp, north; got 'exif'"),
+        ("shards: {format: zip}", "shards: format: expected one of"),
+        ("shard: {format: webdataset}", "expected fields among"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_the_source_is_opened(more, says, tmp_path):
+    """Opening this one would be another error."""
+    with pytest.raises(ArgumentError) as failed:
+        jobs.make(jobs.load(job_file(tmp_path, source="scene://nowhere", more=more + "\n")))
+    assert says in str(failed.value)
+    assert len(str(failed.value)) <= 300
+
+
+def test_classes_and_truths_need_their_modes(tmp_path):
+    job = jobs.load(job_file(tmp_path, source="scene://nowhere"))
+    with pytest.raises(ArgumentError, match="classes: expected modes with object_mask, got lit; add them"):
+        jobs.make(replace(job, modes=("lit",)))
+
+
+def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
+    path = copied.with_name("dataset.yaml")
+    job = jobs.load(path)
+    with pytest.raises(ArgumentError, match="expected a new folder, got a dataset"):
+        jobs.make(job)
+    changed = {
+        "options": replace(job, modes=("lit", "object_mask")),
+        "camera 'pano'": replace(job, cameras={"pano": job.cameras["lens"]}),
+        "splits": replace(job, recipe=replace(job.recipe, split=None)),
+    }
+    (tmp_path / "classes.yaml").write_text(CLASSES.replace("door}", "window}"), encoding="utf-8")
+    changed["other classes"] = jobs.load(path)
+    for what, other in changed.items():
+        with pytest.raises(ArgumentError, match=what):
+            jobs.make(other, resume=True)
+    assert dataset.check(copied) == []
+
+
+def test_another_scene_s_frames_are_made_again(copied):
+    """A frame is kept only where the scene, the pose, the time and the place are the same."""
+    job = jobs.load(copied.with_name("dataset.yaml"))
+    done = jobs.make(replace(job, source="scene://six-wall"), resume=True)
+    assert (done.written, done.kept) == (6, 0)
+    assert {entry.scene.split("/")[0] for entry in manifest.read_frames(copied)} == {"six-wall"}
+    moved = replace(job, source="scene://six-wall", times=(0.0, 0.5, 2.0))
+    done = jobs.make(moved, resume=True)
+    assert (done.written, done.kept) == (2, 4)
+    assert dataset.check(copied, deep=True) == []
+
+
+def test_images_of_render_are_not_mixed_with_a_dataset(tmp_path):
+    job = jobs.load(job_file(tmp_path))
+    image().save(job.out)
+    with pytest.raises(ArgumentError, match="images of 'render'; write elsewhere"):
+        jobs.make(job)
+
+
+def test_a_key_has_no_dot_and_is_used_once(tmp_path):
+    job = jobs.load(job_file(tmp_path))
+    with pytest.raises(ArgumentError, match="without a dot"):
+        jobs.make(replace(job, cameras={"cam.left": job.cameras["pano"]}))
+    with dataset.Writer(tmp_path / "written") as writer:
+        shown = image()
+        for key in ("a.b", "", "a/b", "..", "a\0"):
+            with pytest.raises(ArgumentError, match="without a dot"):
+                writer.add(key, shown)
+        assert writer.add("a", shown)
+        with pytest.raises(ArgumentError, match="key: expected one that no other frame has, got 'a' again"):
+            writer.add("a", replace(shown, pose=omniscv.Pose.from_angles((1, 0, 1.5))))
+
+
+def test_objects_that_come_late_get_the_next_ids(tmp_path):
+    """Of a closed dataset, which several processes write, they are refused."""
+    first, second = image(), image("scene://six-wall")
+    begun = manifest.Manifest(names={name: i for i, name in enumerate(first.objects.names(), start=1)})
+    with dataset.Writer(tmp_path / "open", begun=begun) as writer:
+        writer.add("a", first)
+        writer.add("b", second)
+    ids = dataset.open(tmp_path / "open")[1].instances
+    late = [name for name in ids if name not in begun.names]
+    assert late == sorted(set(second.objects.names()) - set(first.objects.names()))
+    assert [ids[name] for name in late] == list(range(len(begun.names) + 1, len(ids) + 1))
+    with pytest.raises(DatasetError, match="expected the objects that the dataset was begun with"):
+        dataset.Writer(tmp_path / "closed", begun=begun, closed=True).add("b", second)
+
+
+def test_a_writer_keeps_what_it_is_given(tmp_path):
+    """Cameras are named after their models; poses, times, places, splits and records come back."""
+    shown, other = image(), image(width=48)
+    pose = omniscv.Pose.from_angles((1, 2, 3), 10, 20, 30)
+    with dataset.Writer(tmp_path / "d", classes={"rules": [{"match": "*", "class": "thing"}]}) as writer:
+        writer.add("b", shown, pose=pose, split="val", time=2.5, place="hall", truth={"note": [1, 2]})
+        writer.add("a", other)
+    first, second = dataset.open(tmp_path / "d")
+    assert (first.key, second.key) == ("a", "b")
+    assert {first.camera_name, second.camera_name} == {"equirectangular", "equirectangular-1"}
+    assert second.camera == shown.camera
+    assert second.pose.to_dict() == pose.to_dict()
+    assert (second.split, second.time, second.place) == ("val", 2.5, "hall")
+    assert second.truth == {"note": [1, 2]}
+    assert first.truth == {}
+    assert (first.layer("classes") == (first.layer("labels") > 0)).all()
+    assert dataset.check(tmp_path / "d", deep=True) == []
+    with pytest.raises(ArgumentError, match=re.escape("c.truth.json: expected finite, plain values")):
+        dataset.Writer(tmp_path / "d", resume=True).add("c", shown, truth={"note": float("nan")})

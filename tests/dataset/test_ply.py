@@ -1,0 +1,82 @@
+"""PLY files, as plyfile and trimesh read them."""
+
+import numpy as np
+import pytest
+import trimesh
+from plyfile import PlyData
+from support.exact import distance_to_surfaces
+from support.traced_frames import frame_of, traced, traced_frame
+
+import mock_server
+from omniscv import Pose, cameras
+from omniscv.dataset import get
+from omniscv.errors import ArgumentError
+
+SCENE = mock_server.load_scene("four-wall")
+CAMERA = cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=185)
+POSES = [Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3), Pose.from_angles((1.4, 0.1, 1.2), 80)]
+NORMALS, COLORS = ("nx", "ny", "nz"), ("red", "green", "blue")
+
+
+def columns(table, names):
+    return np.stack([table[each] for each in names], axis=-1)
+
+
+def test_plyfile_reads_a_frame_to_the_bit(tmp_path):
+    frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[0])
+    path, cloud = get("ply").write([frame], tmp_path, {})
+    assert (path.name, cloud.name) == ("cam.ply", "cloud.ply")
+    layers, pose = traced(SCENE, CAMERA, POSES[0]), POSES[0]
+    seen, rays = layers["depth"] > 0, CAMERA.unproject()
+    points_w = pose.position + layers["depth"][seen, None] * (rays.directions[seen] @ pose.rotation.T)
+
+    read = PlyData.read(path)
+    vertex = read["vertex"].data
+    np.testing.assert_allclose(columns(vertex, "xyz"), points_w, atol=1e-6)
+    assert distance_to_surfaces(SCENE, columns(vertex, "xyz").astype(float)).max() < 1e-3
+    np.testing.assert_array_equal(columns(vertex, COLORS), layers["lit"][seen])
+    np.testing.assert_array_equal(vertex["label"], layers["labels"][seen])
+    np.testing.assert_allclose(columns(vertex, NORMALS), layers["normals"][seen] @ pose.rotation.T, atol=1e-6)
+    assert [vertex.dtype[each].str for each in ("x", "nx", "red", "label")] == ["<f4", "<f4", "|u1", "<u2"]
+    assert f"label {SCENE.label('Chair_1')} Chair_1" in read.comments
+
+
+def test_trimesh_reads_the_merged_cloud(tmp_path):
+    """It keeps, of each cube, a point of one of the frames, and of the camera that is nearer."""
+    frames = [traced_frame(tmp_path, SCENE, CAMERA, pose, key=f"cam-{i}") for i, pose in enumerate(POSES)]
+    one, other, cloud = get("ply").write(frames, tmp_path, {"voxel": 0.1})
+    merged = trimesh.load(cloud)
+    apart = [columns(PlyData.read(path)["vertex"].data, "xyz") for path in (one, other)]
+    away = [np.linalg.norm(each - pose.position, axis=1) for each, pose in zip(apart, POSES, strict=True)]
+    cubes, cube_of = np.unique(cube(np.concatenate(apart).astype(float)), axis=0, return_inverse=True)
+    nearest = np.full(len(cubes), np.inf)
+    np.minimum.at(nearest, cube_of, np.concatenate(away))
+    assert len(merged.vertices) == pytest.approx(len(cubes), abs=3)  # float32 may cross a cube's side
+    assert len(cubes) < 0.9 * len(cube_of)
+
+    given = set(map(tuple, np.concatenate(apart).astype(float).tolist()))
+    assert set(map(tuple, merged.vertices.tolist())) <= given
+    best = dict(zip(map(tuple, cubes.tolist()), nearest, strict=True))
+    wanted = np.array([best[tuple(each)] for each in cube(merged.vertices).tolist()])
+    to_cameras = [np.linalg.norm(merged.vertices - pose.position, axis=1) for pose in POSES]
+    assert np.mean(np.abs(to_cameras - wanted).min(axis=0) < 1e-5) > 0.999
+
+
+def cube(points):
+    return np.floor(points / 0.1 + 0.5).astype(int)
+
+
+def test_frames_say_what_the_files_hold(tmp_path):
+    layers = traced(SCENE, CAMERA, POSES[0])
+    depth_only = frame_of(tmp_path, {"depth": layers["depth"]}, CAMERA, POSES[0])
+    (path,) = get("ply").write([depth_only], tmp_path, {"cloud": False})
+    assert [each.name for each in PlyData.read(path)["vertex"].properties] == ["x", "y", "z"]
+    (path,) = get("ply").write([depth_only], tmp_path, {"frames": False})
+    assert path.name == "cloud.ply"
+    unsure = {"depth": layers["depth"], "unsure": np.ones((40, 40), bool)}
+    (path,) = get("ply").write([frame_of(tmp_path, unsure, CAMERA, POSES[0])], tmp_path, {"cloud": False})
+    assert len(PlyData.read(path)["vertex"].data) == 0
+    with pytest.raises(ArgumentError, match="expected a frame with depth"):
+        get("ply").write([frame_of(tmp_path, {"lit": layers["lit"]}, CAMERA, POSES[0])], tmp_path, {})
+    with pytest.raises(ArgumentError, match="voxel: expected a finite number > 0"):
+        get("ply").write([depth_only], tmp_path, {"voxel": 0})

@@ -1,0 +1,99 @@
+"""Splits: places are never divided, and stay where they are when frames are added."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import pdist
+from support.cases import cases
+from support.datasets import made
+
+from omniscv import dataset, jobs
+from omniscv.dataset.splits import Split
+from omniscv.errors import ArgumentError
+
+SPLIT = Split({"train": 0.7, "val": 0.2, "test": 0.1}, distance_m=1.0)
+POSITIONS = st.lists(
+    st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0, 2)), min_size=2, max_size=25
+).map(np.array)
+
+
+@cases(50)
+@given(POSITIONS)
+def test_places_are_those_of_single_linkage(positions):
+    """Judged by SciPy's clustering: what is nearer than the distance is of one place, by chains too."""
+    places = SPLIT.places(positions)
+    if np.abs(pdist(positions) - SPLIT.distance_m).min() < 1e-9:
+        return
+    clusters = fcluster(linkage(positions, "single"), SPLIT.distance_m, "distance")
+    same = np.equal.outer(places, places)
+    np.testing.assert_array_equal(same, np.equal.outer(clusters, clusters))
+
+
+@cases(50)
+@given(POSITIONS, POSITIONS)
+def test_places_stay_in_their_split_when_others_come(before, after):
+    """Others that are far away."""
+    both = np.concatenate([before, after + 100])
+    assert SPLIT.places(both)[: len(before)] == SPLIT.places(before)
+
+
+def test_a_place_that_is_given_is_kept():
+    positions = np.zeros((3, 3))
+    assert SPLIT.places(positions, ("a", "", "b")) == ("a", "0.000,0.000,0.000", "b")
+    assert SPLIT.places(positions[:2], ("a", "b")) == ("a", "b")
+
+
+def test_shares_are_kept_and_another_seed_shares_otherwise():
+    places = [f"{i}" for i in range(4000)]
+    found = [SPLIT.of(place) for place in places]
+    for split, share in SPLIT.shares.items():
+        assert abs(found.count(split) / len(places) - share) < 4 * np.sqrt(share * (1 - share) / len(places))
+    assert found == [SPLIT.of(place) for place in places]
+    assert found != [Split(SPLIT.shares, seed=1).of(place) for place in places]
+    assert {Split({"a": 0.0, "b": 1.0}).of(place) for place in places} == {"b"}
+
+
+def test_frames_of_a_place_are_in_one_split(tmp_path):
+    frames = dataset.open(made(tmp_path))
+    split_of = {}
+    for frame in frames:
+        assert split_of.setdefault(frame.place, frame.split) == frame.split
+    assert set(split_of) == {"middle", "corner"}
+    assert set(split_of.values()) == {"train", "val"}
+    assert [frame.time for frame in frames] == [0, 0.5, 1] * 2
+
+
+def test_a_split_without_frames_is_told(tmp_path):
+    job = {
+        "source": "scene://four-wall",
+        "cameras": {"c": {"model": "equirectangular", "width": 16, "height": 8}},
+        "poses": [{"position": [0, 0, 1.5]}, {"position": [0.3, 0, 1.5]}],
+        "split": {"train": 0.5, "val": 0.5},
+    }
+    (tmp_path / "job.yaml").write_text(json.dumps(job), encoding="utf-8")
+    lines = []
+    jobs.make(jobs.load(tmp_path / "job.yaml"), warn=lines.append)
+    assert len(lines) == 1
+    assert "has no frames: they are of 1 places" in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"train": 0.5, "val": 0.4}, "shares by place that are 1 together"),
+        ({"train": -0.5, "val": 1.5}, "split.train: expected a finite number >= 0"),
+        ({"train": 1, "by": "frame"}, "split.by: expected one of place; got 'frame'"),
+        ({"train": 1, "distance_m": 0}, "distance_m"),
+        ({"train": 1, "seed": -1}, "seed"),
+        ({}, "shares by place"),
+        ([], "expected a mapping"),
+    ],
+)
+def test_wrong_splits_are_one_line(given, says):
+    with pytest.raises(ArgumentError) as failed:
+        Split.read("split", given)
+    assert says in str(failed.value)

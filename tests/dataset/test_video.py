@@ -1,0 +1,124 @@
+"""Videos, decoded by FFmpeg through PyAV, and their boxes walked by a reader of its own."""
+
+import io
+import struct
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.dataset import Frame, spherical_video
+from omniscv.dataset.video import write_video
+from omniscv.errors import ArgumentError
+
+POSE = omniscv.Pose.from_angles((0, 0, 1.5))
+
+
+def frames(folder, model="equirectangular", count=5, width=64, height=32):
+    """Frames whose colour changes smoothly."""
+    camera = omniscv.cameras.create(model, width=width, height=height)
+    for i in range(count):
+        ramp = np.add.outer(np.arange(height) * 3, np.arange(width) * 2) + 10 * i
+        cv2.imwrite(str(folder / f"{i}.png"), np.repeat(ramp[..., None] % 256, 3, axis=2).astype(np.uint8))
+    return [
+        Frame(f"{i}", "pano", camera, POSE, {"lit": folder / f"{i}.png"}, {}, time=i / 10)
+        for i in range(count)
+    ]
+
+
+def decoded(data):
+    with av.open(io.BytesIO(data)) as container:
+        return [(frame.to_ndarray(format="rgb24"), frame.side_data) for frame in container.decode(video=0)]
+
+
+def boxes(data, path=""):
+    """Every box by its path, from the specification of ISO media files; sample entries and sv3d included."""
+    found, start = {}, 0
+    inner = {
+        "moov": 0,
+        "trak": 0,
+        "mdia": 0,
+        "minf": 0,
+        "stbl": 0,
+        "stsd": 8,
+        "avc1": 78,
+        "sv3d": 0,
+        "proj": 0,
+    }
+    while start + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, start)
+        name = kind.decode("latin-1")
+        content = data[start + 8 : start + size]
+        found[f"{path}{name}"] = content
+        if name in inner:
+            found |= boxes(content[inner[name] :], f"{path}{name}/")
+        start += size
+    return found
+
+
+def test_the_boxes_are_those_of_the_specification():
+    expected = (
+        "0000000d737433640000000000"
+        "0000005873763364"
+        "000000147376686400000000"
+        "6f6d6e6973637600"
+        "0000003c70726f6a"
+        "000000187072686400000000000000000000000000000000"
+        "0000001c6571756900000000"
+        "00000000000000000000000000000000"
+    )
+    assert spherical_video.metadata().hex() == expected
+
+
+def test_panoramas_are_spheres_and_their_frames_the_same(tmp_path):
+    path = write_video(frames(tmp_path), tmp_path / "a" / "video.mp4", rate=10)
+    data = path.read_bytes()
+    found = boxes(data)
+    entry = "moov/trak/mdia/minf/stbl/stsd/avc1/"
+    assert found[f"{entry}st3d"] == bytes(5)
+    assert found[f"{entry}sv3d/proj/equi"] == bytes(20)
+    shown = decoded(data)
+    assert len(shown) == 5
+    for i, (pixels, side_data) in enumerate(shown):
+        assert {"SPHERICAL", "STEREO3D"} <= {each.type.name for each in side_data}
+        expected = cv2.imread(str(tmp_path / f"{i}.png"))[..., ::-1].astype(int)
+        smooth = (
+            np.abs(np.diff(expected, axis=1, append=0)).max(axis=2) < 9
+        )  # not where the ramp starts again
+        assert np.abs(pixels - expected)[smooth].mean() < 3  # of 256, lossy at a quality of 18
+    assert not list(tmp_path.glob("a/.*"))
+
+
+@pytest.mark.parametrize("faststart", [False, True])
+def test_tags_do_not_touch_the_pictures(tmp_path, faststart):
+    path, options = tmp_path / "a.mp4", {"movflags": "faststart"} if faststart else {}
+    with av.open(str(path), "w", options=options) as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 32, 16, "yuv420p"
+        for i in range(4):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.full((16, 32, 3), 40 * i, np.uint8))))
+        container.mux(stream.encode())
+    plain = path.read_bytes()
+    assert (plain.index(b"moov") < plain.index(b"mdat")) == faststart
+    before, after = decoded(plain), decoded(spherical_video.tagged(plain, "top-bottom"))
+    for (one, _), (other, side_data) in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert "STEREO3D" in {each.type.name for each in side_data}
+
+
+def test_other_cameras_have_no_sphere(tmp_path):
+    path = write_video(frames(tmp_path, "pinhole"), tmp_path / "video.mp4")
+    assert not {"SPHERICAL", "STEREO3D"} & {each.type.name for each in decoded(path.read_bytes())[0][1]}
+
+
+def test_what_is_no_video_is_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="expected an MP4 file with a video track, got none"):
+        spherical_video.tagged(b"\0\0\0\x10moov\0\0\0\x08trak")
+    with pytest.raises(ArgumentError, match="expected the frames of one camera, got none"):
+        write_video([], tmp_path / "a.mp4")
+    with pytest.raises(ArgumentError, match="expected an even width and height"):
+        write_video(frames(tmp_path, width=33), tmp_path / "a.mp4")
+    with pytest.raises(ArgumentError, match="rate: expected a finite number > 0"):
+        write_video(frames(tmp_path), tmp_path / "a.mp4", rate=0)

@@ -1,0 +1,299 @@
+"""What sources know of shapes, and what they show without some objects: against the scene itself."""
+
+import math
+import shutil
+import sqlite3
+from contextlib import closing, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+from support.unreal import relayed
+
+import mock_server
+import omniscv
+from omniscv.errors import ArgumentError, DamagedRecordingError, RecordingError, SourceError
+from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
+from omniscv.sources import Request
+from omniscv.sources.recording.folders import export, import_folder
+from omniscv.sources.recording.inspection import info, verify
+from omniscv.sources.registry import open_sources
+
+SCENE = mock_server.load_scene("four-wall")
+SMALL = "mock://four-wall?dialect=0.3.10&size=16x16"
+MASKS = face_requests(16, ["object_mask"])
+CM = 0.01
+
+
+def as_told(geometry):
+    return geometry.to_dict()
+
+
+@pytest.mark.parametrize("room", ["four-wall", "six-wall"])
+def test_boxes_of_a_scene_touch_its_objects_all_round(room):
+    scene = mock_server.load_scene(room)
+    with omniscv.open_source(f"scene://{room}") as source:
+        geometry = source.geometry()
+    assert set(geometry.boxes) == set(scene.objects)
+    for name, box in geometry.boxes.items():
+        assert box.source == "scene"
+        low, high = scene.bounds(name)
+        corners = box.corners_w()
+        if np.allclose(box.R_w_b, np.eye(3)):
+            assert corners.min(axis=0) == pytest.approx(low, abs=1e-9)
+            assert corners.max(axis=0) == pytest.approx(high, abs=1e-9)
+        assert (corners.min(axis=0) <= low + 1e-9).all()
+        assert (corners.max(axis=0) >= high - 1e-9).all()
+        points = (scene.vertices(name) - box.center_w) @ box.R_w_b
+        assert np.abs(points).max(axis=0) == pytest.approx(box.size / 2, abs=1e-3)  # 64 points on a circle
+
+
+@pytest.mark.parametrize("room", ["four-wall", "six-wall"])
+def test_the_room_is_where_its_walls_are_met(room):
+    """Seen from a point on the floor's outline each wall has its name, and so have floor and ceiling."""
+    scene = mock_server.load_scene(room)
+    with omniscv.open_source(f"scene://{room}") as source:
+        found = source.geometry().room
+    corners = np.column_stack([found.corners_w, np.full(len(found.corners_w), found.floor_z)])
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
+    x, y = (np.roll(corners, -1, axis=0) - corners)[:, :2].T
+    inward = np.stack([-y, x, 0 * x], axis=1) / np.hypot(x, y)[:, None]  # counterclockwise
+    up = (found.ceiling_z - found.floor_z) * np.array([0, 0, 1])
+    others = set(scene.objects) - set(found.surfaces)
+
+    def met(origins, directions):
+        hits = scene.trace(origins, directions, hidden=others)
+        return [scene.objects[label - 1] for label in hits.label], hits.distance
+
+    names, distances = met(middles + 0.1 * inward + up / 3, -inward)
+    assert names == list(found.walls)
+    assert distances == pytest.approx(0.1)
+    for direction, name in ((-up, found.floor), (up, found.ceiling)):
+        names, distances = met(middles + 0.1 * inward + up / 2, np.tile(direction, (len(middles), 1)))
+        assert set(names) == {name}
+        assert distances == pytest.approx(np.linalg.norm(up) / 2)
+
+
+@pytest.mark.parametrize("dialect", ["N1", "N2", "M"])
+def test_boxes_come_over_the_wire_from_vertices(dialect):
+    with omniscv.open_source(f"mock://four-wall?dialect={dialect}") as source:
+        geometry = source.geometry()
+    assert geometry.room.walls == SCENE.room.walls
+    assert set(geometry.boxes) == set(SCENE.objects)
+    for name, box in geometry.boxes.items():
+        assert box.source == "vertices"
+        low, high = SCENE.bounds(name)
+        inside = (SCENE.vertices(name) - box.center_w) @ box.R_w_b
+        assert np.abs(inside).max(axis=0) == pytest.approx(box.size / 2, abs=1e-6)  # tight, and around all
+        if np.array_equal(box.R_w_b, np.eye(3)):
+            assert box.center_w - box.size / 2 == pytest.approx(low, abs=CM)
+            assert box.center_w + box.size / 2 == pytest.approx(high, abs=CM)
+    exact, found = (SCENE.box("Chair_1")[2], geometry.boxes["Chair_1"].size)
+    assert np.sort(found) == pytest.approx(np.sort(exact), abs=1e-4)  # it is turned by 12 degrees
+
+
+def test_bounds_serve_where_there_are_no_vertices():
+    def refuses(command, forward):
+        return "error Can not find a handler for URI" if "vertex_location" in command else forward(command)
+
+    with (
+        mock_server.serve("four-wall") as server,
+        relayed(server, refuses) as address,
+        omniscv.open_source(address) as source,
+    ):
+        geometry = source.geometry()
+    assert geometry.room is None
+    for name in SCENE.objects:
+        box = geometry.boxes[name]
+        low, high = SCENE.bounds(name)
+        assert box.source == "bounds"
+        assert np.array_equal(box.R_w_b, np.eye(3))
+        assert box.center_w - box.size / 2 == pytest.approx(low, abs=CM)
+        assert box.center_w + box.size / 2 == pytest.approx(high, abs=CM)
+
+
+def test_an_object_that_was_turned_has_the_box_of_its_own_frame():
+    """Pitched, so that no upright box fits as well."""
+    with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
+        before = source.geometry().boxes["Door"]
+        server.world.objects["Door"].rotation = (30.0, 20.0, 10.0)
+        after = source.geometry().boxes["Door"]
+    assert np.prod(after.size) == pytest.approx(np.prod(before.size), rel=1e-3)
+    assert after.center_w == pytest.approx(before.center_w, abs=1e-4)
+
+
+def test_plugin_0_3_10_knows_no_boxes():
+    with omniscv.open_source(SMALL) as source:
+        assert source.geometry().boxes == {}
+        assert source.geometry().room.floor == "Layout_Floor"
+
+
+@pytest.mark.parametrize("reply", ["1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"])
+def test_vertices_that_are_none_are_a_fault(reply):
+    def spoils(command, forward):
+        return reply if "vertex_location" in command else forward(command)
+
+    with (
+        mock_server.serve("four-wall") as server,
+        relayed(server, spoils) as address,
+        omniscv.open_source(address, retries=1, patience_s=0.5) as source,
+        pytest.raises(SourceError, match=r"expected (three numbers|text)"),
+    ):
+        source.geometry()
+
+
+SOURCES = {
+    "scene": ["scene://four-wall"],
+    "mock": ["mock://four-wall"],
+    "N2": ["mock://four-wall?dialect=N2"],
+    "0.3.10": [SMALL],
+    "pool": ["scene://four-wall", "scene://four-wall"],
+}
+
+
+@pytest.mark.parametrize("uris", SOURCES.values(), ids=SOURCES)
+def test_hidden_objects_are_gone_until_the_source_is_closed(uris):
+    gone = ["Sofa", "Carpet"]
+    with open_sources(uris) as source:
+        before = [capture.pixels for capture in source.capture(MASKS)]
+        colors = [source.objects().colors[name] for name in gone]
+        assert any(shows(pixels, color) for pixels in before for color in colors)
+        with suppress(ZeroDivisionError), source.without(gone) as rest:
+            assert not any(shows(each.pixels, color) for each in rest.capture(MASKS) for color in colors)
+            raise ZeroDivisionError
+        after = [capture.pixels for capture in source.capture(MASKS)]
+        assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+        with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Sofy'"):
+            source.without(["Carpet", "Sofy"])
+
+
+def shows(pixels, color):
+    return (np.abs(pixels.astype(int) - color) <= 3).all(axis=-1).any()
+
+
+def test_a_game_shows_its_objects_when_its_source_is_closed():
+    with mock_server.serve("four-wall") as server:
+        with omniscv.open_source(server.uri) as source:
+            source.without(["Sofa"])
+            assert server.world.objects["Sofa"].hidden
+        assert not any(each.hidden for each in server.world.objects.values())
+
+
+def test_a_game_that_refuses_to_hide_is_left_as_it_was():
+    def refuses(command, forward):
+        return "error Can not hide" if command.endswith("Table/hide") else forward(command)
+
+    with (
+        mock_server.serve("four-wall") as server,
+        relayed(server, refuses) as address,
+        omniscv.open_source(address) as source,
+    ):
+        with pytest.raises(SourceError, match=r"Table/hide.* with ok, got 'error Can not hide'"):
+            source.without(["Sofa", "Table", "Vase"])
+        assert not any(each.hidden for each in server.world.objects.values())
+
+
+def test_recordings_cannot_hide(tmp_path):
+    with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "a.sqlite") as source:
+        source.objects()
+    wanted = "expected one that can hide objects, got RecordedSource"
+    with omniscv.open_source(tmp_path / "a.sqlite") as replay, pytest.raises(ArgumentError, match=wanted):
+        replay.without(["Sofa"])
+
+
+@pytest.mark.parametrize("uri", ["scene://six-wall", "mock://four-wall", SMALL])
+def test_shapes_are_recorded_with_the_objects(uri, tmp_path):
+    path = tmp_path / "room.sqlite"
+    with omniscv.record(omniscv.open_source(uri), path) as source:
+        list(source.capture(Request(each.view, "lit") for each in MASKS[:1]))
+        assert info(path).schema_version == 2  # nothing is asked of the source that is not needed
+        list(source.capture(MASKS[:1]))
+        wanted = as_told(source.geometry())
+    assert (info(path).schema_version, verify(path).ok) == (3, True)
+    with omniscv.open_source(path) as replay:
+        assert as_told(replay.geometry()) == wanted
+        assert len(list(replay.capture(MASKS[:1]))) == 1
+    assert export(path, tmp_path / "folder") == 2
+    import_folder(tmp_path / "folder", tmp_path / "again.sqlite")
+    with omniscv.open_source(tmp_path / "again.sqlite") as replay:
+        assert as_told(replay.geometry()) == wanted
+
+
+def test_a_recording_without_shapes_gets_them_when_masks_are_recorded(tmp_path):
+    path = tmp_path / "room.sqlite"
+    shutil.copy(Path(__file__).parents[2] / "captures" / "four-wall.sqlite", path)
+    with omniscv.open_source(path) as replay:
+        assert not replay.geometry()
+    with omniscv.record(omniscv.open_source("mock://four-wall"), path) as source:
+        assert source.geometry().room.walls == SCENE.room.walls
+    assert verify(path).ok
+    with omniscv.open_source(path) as replay:
+        assert len(replay.geometry().boxes) == len(SCENE.objects)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE geometry SET content = replace(content, '2.8', '2.9')",
+        "DELETE FROM geometry",
+        "INSERT INTO geometry SELECT * FROM geometry",
+        "UPDATE geometry SET checksum = checksum + 1",
+        "DROP TABLE geometry",
+        "PRAGMA user_version = 2",
+    ],
+)
+def test_damaged_shapes_are_refused(statement, tmp_path):
+    path = tmp_path / "room.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        source.objects()
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(statement)
+    with pytest.raises(RecordingError) as told, omniscv.open_source(path) as replay:
+        replay.geometry()
+    assert len(str(told.value)) - len(str(path)) <= 300
+    if "geometry SET" in statement or "FROM geometry" in statement:
+        assert isinstance(told.value, DamagedRecordingError)
+        assert not verify(path).ok
+
+
+BOX = {"center": [0, 0, 1], "rotation": np.eye(3).tolist(), "size": [1, 1, 2], "source": "scene"}
+ROOM = {
+    "corners": [[0, 0], [1, 0], [1, 1]],
+    "floor_z": 0,
+    "ceiling_z": 2,
+    "walls": ["a", "b", "c"],
+    "floor": "f",
+    "ceiling": "g",
+}
+
+
+@pytest.mark.parametrize(
+    ("boxes", "room", "says"),
+    [
+        ({"A": {**BOX, "size": [1, -1, 1]}}, None, r"boxes: 'A'.size: expected lengths of at least 0"),
+        ({"A": {**BOX, "rotation": [[1, 0, 0]] * 3}}, None, "rotation matrix"),
+        ({"A": {**BOX, "center": [0, math.nan, 0]}}, None, "finite"),
+        ({"A": {**BOX, "source": "dream"}}, None, "expected one of scene, vertices, bounds, points"),
+        ({"A": {}}, None, "expected a field 'center'"),
+        ([], None, "expected a mapping of object names to boxes"),
+        ({}, {**ROOM, "walls": ["a"]}, "as many walls as corners.*3 corners and 1 walls"),
+        ({}, {**ROOM, "door": 1}, "expected fields among"),
+    ],
+)
+def test_shapes_of_a_file_are_checked(boxes, room, says):
+    with pytest.raises(ArgumentError, match=says):
+        SceneGeometry.from_dict({"boxes": boxes, "room": room})
+
+
+def test_a_boxs_frame_is_the_one_nearest_to_the_worlds():
+    turn = math.radians(100)
+    axes = np.array([[math.cos(turn), math.sin(turn), 0], [-math.sin(turn), math.cos(turn), 0], [0, 0, 1]])
+    box = ObjectBox.of(np.zeros(3), axes, np.array([1.0, 2.0, 3.0]), "scene")
+    assert math.degrees(math.atan2(box.R_w_b[1, 0], box.R_w_b[0, 0])) == pytest.approx(10)
+    assert box.size == pytest.approx([2, 1, 3])
+    wanted = {tuple(np.round(c * (1, 2, 3) @ axes / 2, 9) + 0.0) for c in np.array(CORNERS)}
+    assert {tuple(np.round(corner, 9) + 0.0) for corner in box.corners_w()} == wanted
+
+
+CORNERS = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]

@@ -1,0 +1,77 @@
+"""Small datasets to test with."""
+
+import hashlib
+
+import numpy as np
+
+import mock_server
+import omniscv
+from omniscv import jobs
+
+CLASSES = """
+taxonomy: nyu40
+rules:
+  - {match: "Layout_Wall_*", class: wall, stuff: true}
+  - {match: "Layout_Floor", class: floor, stuff: true}
+  - {match: "Layout_Ceiling", class: ceiling, stuff: true}
+  - {regex: "Chair_[0-9]+", class: chair, supercategory: furniture}
+  - {match: "Door*", class: door}
+unmatched: other
+"""
+
+JOB = """
+source: {source}
+cameras:
+  pano: {{model: equirectangular, width: 48, height: 24}}
+  lens: {{model: fisheye-equidistant, width: 32, height: 32, fov_deg: 180}}
+poses:
+  - {{position: [0, 0, 1.5], place: middle, time: 0}}
+  - {{position: [0.5, 0.2, 1.5], yaw_deg: 40, place: middle, time: 0.5}}
+  - {{position: [-1.2, 0.5, 1.2], place: corner, time: 1}}
+modes: [lit, object_mask, depth, normals]
+face_size: 32
+classes: classes.yaml
+split: {{train: 0.5, val: 0.5, seed: 1}}
+out: {out}
+"""
+
+
+def job_file(folder, source="scene://four-wall", out="dataset", more=""):
+    """Write a job and its classes into a folder; return the job's path."""
+    (folder / "classes.yaml").write_text(CLASSES, encoding="utf-8")
+    path = folder / f"{out}.yaml"
+    path.write_text(JOB.format(source=source, out=out) + more, encoding="utf-8")
+    return path
+
+
+def made(folder, **job):
+    """Make the dataset of such a job; return its folder."""
+    wanted = jobs.load(job_file(folder, **job))
+    jobs.make(wanted)
+    return wanted.out
+
+
+def tree(folder):
+    """Every file below a folder, hidden ones too, with a digest of its bytes."""
+    return {
+        str(path.relative_to(folder)): hashlib.md5(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def traced_names(scene, camera, pose):
+    """(H, W) the name of the object that each pixel's ray meets, empty for none, by exact tracing."""
+    scene = mock_server.load_scene(scene)
+    rays = camera.unproject()
+    directions = np.where(rays.valid[..., None], rays.directions, (0, 0, 1)) @ pose.R_w_c.T
+    hits = scene.trace(pose.to_world(rays.origins), directions)
+    name_of = {0: ""} | {scene.label(name): name for name in scene.objects}
+    return np.vectorize(name_of.get)(np.where(rays.valid, hits.label, 0))
+
+
+def image(source="scene://four-wall", position=(0, 0, 1.5), width=32, modes=("lit", "object_mask")):
+    """A small panorama."""
+    camera = omniscv.cameras.create("equirectangular", width=width, height=width // 2)
+    with omniscv.open_source(source) as opened:
+        return omniscv.render(camera, omniscv.Pose.from_angles(position), opened, modes, face_size=32)

@@ -1,0 +1,130 @@
+"""Corners of upright panoramas and what papers measure on them, judged by shapely and written-out readers."""
+
+import numpy as np
+import pytest
+import shapely
+from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan
+
+from omniscv import Pose, cameras
+from omniscv.errors import ArgumentError
+from omniscv.truth.cor_id import CAMERA_HEIGHT_M, cor_id, room_seen
+from omniscv.truth.metrics import layout_scores
+
+PANORAMA = cameras.create("equirectangular", 1024, 512)
+SMALL = cameras.create("equirectangular", 256, 128)
+
+PLACES = [
+    (PLAIN, (0.5, -1, 1.5)),
+    (L_SHAPE, (0.5, -0.5, 1.4)),
+    (T_SHAPE, (3, 1, 1.2)),
+    (U_SHAPE, (2, 2, 1.7)),
+]
+
+
+def seen_from(plan, position, camera=PANORAMA, yaw_deg=0.0, height=2.8):
+    return cor_id(room_of_plan(plan, height), camera, Pose.from_angles(position, yaw_deg=yaw_deg))
+
+
+def plan_of(corners, width, height, camera_height):
+    """(N, 2) right and ahead, metres: the formulas of HorizonNet's reader, written out."""
+    floor = corners[1::2]
+    theta = ((floor[:, 0] + 0.5) / width - 0.5) * 2 * np.pi
+    down = ((floor[:, 1] + 0.5) / height - 0.5) * np.pi
+    away = camera_height / np.tan(down)
+    return np.column_stack([away * np.sin(theta), away * np.cos(theta)])
+
+
+@pytest.mark.parametrize(("plan", "position"), PLACES)
+@pytest.mark.parametrize("yaw_deg", [0, 75, -140])
+def test_corners_give_back_the_plan_clockwise_with_those_that_walls_hide(plan, position, yaw_deg):
+    corners = seen_from(plan, position, yaw_deg=yaw_deg)
+    assert np.array_equal(corners[0::2, 0], corners[1::2, 0])
+    assert (corners[0::2, 1] < corners[1::2, 1]).all()
+    assert corners[:, 0].argmin() < 2
+    found = plan_of(corners, 1024, 512, position[2])
+    assert not shapely.LinearRing(found).is_ccw
+    turn = np.radians(yaw_deg)
+    ahead, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    world = np.array(position[:2]) + found[:, 1:] * ahead - found[:, :1] * left
+    expected = np.array(plan, float)
+    away = np.linalg.norm(world[:, None] - expected, axis=-1)
+    assert away.min(axis=0).max() <= 1e-9
+    assert len(world) == len(plan)
+    assert shapely.Polygon(world).symmetric_difference(shapely.Polygon(expected)).area <= 1e-9
+
+
+@pytest.mark.parametrize(("plan", "position"), PLACES)
+def test_corners_against_themselves_are_perfect(plan, position):
+    corners = seen_from(plan, position)
+    scores = layout_scores(corners, corners)
+    assert scores.iou_2d == pytest.approx(1, abs=1e-12)
+    assert scores.iou_3d == pytest.approx(1, abs=1e-12)
+    assert scores[2:] == (0, 0, 0, 1)
+
+
+def test_the_room_that_corners_describe_is_scaled_to_the_usual_height():
+    room = room_seen(seen_from(PLAIN, (0, 0, 1.5)), 1024, 512)
+    assert room.floor_z == -CAMERA_HEIGHT_M
+    assert room.ceiling_z == pytest.approx(1.3 * CAMERA_HEIGHT_M / 1.5)
+    assert sorted(np.abs(room.corners_w).ravel()) == pytest.approx([2 * 1.6 / 1.5] * 4 + [3 * 1.6 / 1.5] * 4)
+    assert shapely.LinearRing(room.corners_w).is_ccw
+
+
+def test_scores_of_another_room_are_those_of_hand_calculation():
+    """A room 4 m by 6 m taken for one of 4 m by 5 m and half a metre less high, the camera at 1.6 m."""
+    truth = seen_from(PLAIN, (0, 0, 1.6), SMALL)
+    found = seen_from([[-2, -2.5], [2, -2.5], [2, 2.5], [-2, 2.5]], (0, 0, 1.6), SMALL, height=2.3)
+    scores = layout_scores(found, truth, 256, 128)
+    assert scores.iou_2d == pytest.approx(20 / 24)
+    assert scores.iou_3d == pytest.approx(20 * 2.3 / (24 * 2.8))
+    assert scores.corner_error == pytest.approx(
+        100 * np.linalg.norm(found - truth, axis=1).mean() / np.hypot(256, 128)
+    )
+    depths, kinds = zip(*(by_columns(corners, 256, 128) for corners in (found, truth)), strict=True)
+    ratio = depths[0] / depths[1]
+    assert scores.rmse_m == pytest.approx(np.sqrt(((depths[0] - depths[1]) ** 2).mean()), rel=1e-9)
+    assert scores.delta_1 == pytest.approx((np.maximum(ratio, 1 / ratio) < 1.25).mean())
+    assert scores.pixel_error == pytest.approx(100 * (kinds[0] != kinds[1]).mean())
+    fewer = seen_from([[-2, -3], [2, -3], [-2, 3]], (-0.5, -0.5, 1.6), SMALL)
+    assert layout_scores(fewer, truth, 256, 128).corner_error is None
+
+
+def by_columns(corners, width, height):
+    """Depth and kind of pixels from each column's wall, as HorizonNet's evaluation goes; convex rooms."""
+    wall = shapely.Polygon(plan_of(corners, width, height, 1.6)).exterior
+    columns, rows = np.arange(width), np.arange(height)
+    theta, v = ((columns + 0.5) / width - 0.5) * 2 * np.pi, ((rows + 0.5) / height - 0.5) * np.pi
+    away = np.array(
+        [wall.intersection(shapely.LineString([(0, 0), (99 * np.sin(t), 99 * np.cos(t))])) for t in theta]
+    )
+    away = shapely.length(shapely.shortest_line(away, shapely.Point(0, 0)))
+    up = np.tan(((corners[0::2, 1] + 0.5) / height - 0.5) * np.pi)
+    down = np.tan(((corners[1::2, 1] + 0.5) / height - 0.5) * np.pi)
+    ceiling = -1.6 * (up / down).mean()
+    floor_row, ceiling_row = np.arctan(1.6 / away), -np.arctan(ceiling / away)
+    v = np.repeat(v[:, None], width, axis=1)
+    kind = np.where(v > floor_row, 1, np.where(v < ceiling_row, 2, 0))
+    depth = np.where(kind == 1, 1.6 / np.sin(v), np.where(kind == 2, -ceiling / np.sin(v), away / np.cos(v)))
+    return depth, kind
+
+
+def test_what_is_no_upright_panorama_within_the_room_is_refused():
+    room = room_of_plan(PLAIN)
+    with pytest.raises(ArgumentError, match="expected an upright equirectangular panorama, got fisheye"):
+        cor_id(room, cameras.model("fisheye-equidistant").example(), Pose.from_angles((0, 0, 1.5)))
+    with pytest.raises(ArgumentError, match="got pitch 3 and roll -2 degrees"):
+        cor_id(room, SMALL, Pose.from_angles((0, 0, 1.5), pitch_deg=3, roll_deg=-2))
+    for outside in ((0, 0, 2.9), (0, 3.1, 1.5)):
+        with pytest.raises(ArgumentError, match="a camera within the room"):
+            cor_id(room, SMALL, Pose.from_angles(outside))
+
+
+def test_corners_that_are_none_are_refused():
+    corners = seen_from(PLAIN, (0, 0, 1.5))
+    with pytest.raises(ArgumentError, match="expected at least 3 pairs"):
+        layout_scores(corners[1:], corners)
+    with pytest.raises(ArgumentError, match="ceilings above the horizon"):
+        layout_scores(corners.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2), corners)
+    crossed = corners.reshape(-1, 2, 2)[[0, 2, 1, 3]].reshape(-1, 2)
+    with pytest.raises(ArgumentError, match="does not cross itself"):
+        layout_scores(crossed, corners)

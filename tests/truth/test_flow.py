@@ -1,0 +1,236 @@
+"""Optical flow and scene flow against traced scenes: what a pixel sees is traced, moved, and seen again."""
+
+import numpy as np
+import pytest
+from cameras.examples import example_cameras
+from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
+from support.traced_frames import traced
+
+import mock_server
+from omniscv import Pose, cameras, truth
+from omniscv.errors import ArgumentError
+from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID, motion
+
+CAMERAS = example_cameras()
+SCENE = mock_server.load_scene("six-wall")
+BEFORE = Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3)
+AFTER = Pose.from_angles((0.55, 0.2, 1.45), 28, 2, 1)
+PANORAMA = cameras.create("equirectangular", width=1024, height=512)
+
+
+def turned(degrees):
+    return Pose.from_angles((0, 0, 0), degrees).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
+
+
+def world_rays(camera, pose, pixels=None):
+    rays = camera.unproject(pixels)
+    return pose.to_world(np.nan_to_num(rays.origins)), rays.directions @ pose.R_w_c.T
+
+
+def seen_points(layers, camera, pose):
+    origins_w, directions_w = world_rays(camera, pose)
+    return origins_w + layers["depth"][..., None].astype(float) * directions_w
+
+
+def off_ray(camera, pose, pixels, points_w):
+    """Radians between the ray of a pixel and the direction from its origin to a point."""
+    origins_w, directions_w = world_rays(camera, pose, pixels)
+    toward = points_w - origins_w
+    return np.linalg.norm(np.cross(toward, directions_w), axis=-1) / np.einsum(
+        "...i,...i", toward, directions_w
+    )
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_flow_leads_to_the_pixel_that_sees_the_moved_point(name):
+    """For every model, non-central ones too, while the camera and two objects move."""
+    camera = CAMERAS[name]
+    label, other = (SCENE.label(each) for each in SCENE.objects[:2])
+    motions = {label: Pose((0.1, -0.05, 0.02), turned(10)), other: Pose((0, 0.2, 0), np.eye(3))}
+    layers = traced(SCENE, camera, BEFORE)
+    with np.errstate(invalid="ignore"):
+        points_w = seen_points(layers, camera, BEFORE)
+    moved = points_w.copy()
+    for each, move in motions.items():
+        mine = layers["labels"] == each
+        moved[mine] = points_w[mine] @ move.rotation.T + move.position
+
+    found = truth.flow(
+        layers["depth"], camera.unproject(), BEFORE, camera, AFTER, labels=layers["labels"], motions=motions
+    )
+
+    surface = (layers["labels"] > 0) & np.isfinite(layers["depth"])
+    expected = np.zeros_like(surface)
+    expected[surface] = camera.project(AFTER.to_camera(moved[surface]))[1]
+    known = found.mask != INVALID
+    np.testing.assert_array_equal(known, expected)
+    assert known.sum() > 0.2 * surface.sum()
+    np.testing.assert_array_equal(np.isfinite(found.pixels).all(axis=-1), known)
+    target = (camera.pixels() + found.pixels)[known]
+    target[:, 0] = np.where(target[:, 0] < 0, target[:, 0] + camera.width, target[:, 0])
+    target[:, 0] = np.where(target[:, 0] > camera.width, target[:, 0] - camera.width, target[:, 0])
+    assert np.abs(off_ray(camera, AFTER, target, moved[known])).max() < 1e-6
+    np.testing.assert_allclose(found.scene[surface], (moved - points_w)[surface], atol=1e-12)
+
+
+def on_plane(normal, at, shift, width=1024, **options):
+    """The flow of a panorama that sees one plane, normal . x = at, and moves by a shift."""
+    camera = cameras.create("equirectangular", width=width, height=width // 2)
+    rays = camera.unproject()
+    toward = rays.directions @ BEFORE_LEVEL.R_w_c.T @ np.asarray(normal, float)
+    depth = np.where(at / toward > 0, at / toward, np.inf)
+    return truth.flow(depth, rays, BEFORE_LEVEL, camera, Pose.from_angles(shift), **options).pixels
+
+
+BEFORE_LEVEL = Pose.from_angles((0, 0, 0))
+
+
+def test_known_answer_of_a_step_ahead():
+    """Section 11.7 of the formats' reference: the point (2, -2, 0.3), here on the wall y = -2."""
+    field = on_plane((0, 1, 0), -2, (0.5, 0, 0))
+    found = [
+        map_coordinates(np.nan_to_num(field[..., i]), [[238.278315], [639.5]], order=1)[0] for i in (0, 1)
+    ]
+    np.testing.assert_allclose(found, (23.125624, -2.242204), atol=1e-3)
+
+
+@pytest.mark.parametrize(("wrap", "du"), [("shortest", -16.283905), ("classic", 1007.716095)])
+def test_known_answer_over_the_seam(wrap, du):
+    """The same, the point (-2, 0.1, 0.3), on the wall x = -2: behind, and beyond the seam afterwards."""
+    field = on_plane((1, 0, 0), -2, (0, 0.2, 0), wrap=wrap)[232]
+    columns = np.arange(4, 12) + 0.5  # the flow is smooth there, and jumps at 16 px
+    assert np.interp(8.141953, columns, field[4:12, 0]) == pytest.approx(du, abs=1e-3)
+
+
+def test_the_shortest_way_is_at_most_half_around():
+    found = on_plane((0, 0, 1), -1.5, (3, 0.5, 0), width=256)[..., 0]
+    below = found[np.isfinite(found)]
+    assert below.min() >= -128
+    assert below.max() < 128
+    classic = on_plane((0, 0, 1), -1.5, (3, 0.5, 0), width=256, wrap="classic")[..., 0]
+    np.testing.assert_allclose((classic - found) / 256, np.rint((classic - found) / 256), atol=1e-9)
+    assert np.nanmax(np.abs(classic)) > 128
+
+
+@pytest.mark.parametrize("name", ["equirectangular-0", "fisheye-equidistant-1", "pinhole-0"] + [
+    name for name, camera in CAMERAS.items() if not camera.central
+])  # fmt: skip
+def test_nothing_moves_in_a_still_scene(name):
+    camera = CAMERAS[name]
+    layers = traced(SCENE, camera, BEFORE)
+    found = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, BEFORE, layers["depth"])
+    known = found.mask == VALID
+    np.testing.assert_array_equal(known, camera.valid() & (layers["depth"] > 0))
+    assert np.abs(found.pixels[known]).max() < 1e-6
+    assert not found.scene[known].any()
+
+
+def test_an_object_that_moves_with_the_camera_stays_in_the_image():
+    camera = CAMERAS["equirectangular-0"]
+    layers = traced(SCENE, camera, BEFORE)
+    label = int(np.bincount(layers["labels"].ravel()).argmax())
+    found = truth.flow(
+        layers["depth"], camera.unproject(), BEFORE, camera, AFTER,
+        labels=layers["labels"], motions={label: motion(BEFORE, AFTER)},
+    )  # fmt: skip
+    mine = layers["labels"] == label
+    assert np.abs(found.pixels[mine]).max() < 1e-6
+    assert np.nanmin(np.linalg.norm(found.pixels[~mine], axis=-1)) > 1e-3
+
+
+def test_the_sky_only_turns():
+    """Outdoors: the pixel that a sky pixel flows to sees the same direction, however far the camera walks."""
+    scene, camera = mock_server.load_scene("open"), CAMERAS["equirectangular-0"]
+    far = Pose.from_angles((30, -20, 12), 70, 10, 5)
+    layers = traced(scene, camera, BEFORE)
+    found = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, far, labels=layers["labels"])
+    sky = np.isposinf(layers["depth"])
+    assert sky.sum() > 100
+    assert (found.mask[sky] == AT_INFINITY).all()
+    assert not (found.mask[~sky] == AT_INFINITY).any()
+    target = (camera.pixels() + found.pixels)[sky]
+    target[:, 0] %= camera.width
+    directions_w = camera.unproject(target).directions @ far.R_w_c.T
+    np.testing.assert_allclose(directions_w, world_rays(camera, BEFORE)[1][sky], atol=1e-9)
+    assert np.isnan(found.scene[sky]).all()
+
+
+@pytest.mark.parametrize(
+    "name", ["equirectangular", "fisheye-equidistant", "noncentral-panorama",
+             "noncentral-conical-mirror", "noncentral-spherical-mirror"],
+)  # fmt: skip
+def test_what_another_surface_hides_is_occluded(name):
+    """The second camera's rays are traced towards the points; near edges of depth, pixels cannot decide."""
+    camera = cameras.model(name).example(192)
+    after = Pose.from_angles((1.1, -0.4, 1.5), 30)
+    layers, other = (traced(SCENE, camera, pose) for pose in (BEFORE, after))
+    found = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, after, other["depth"])
+    decided = (found.mask == VALID) | (found.mask == OCCLUDED)
+    points_w = seen_points(layers, camera, BEFORE)[decided]
+    target = (camera.pixels() + found.pixels)[decided]
+    target[:, 0] %= camera.width if camera.wraps else np.inf
+    origins_w, _ = world_rays(camera, after, target)
+    away = np.linalg.norm(points_w - origins_w, axis=-1)
+    hits = SCENE.trace(origins_w, points_w - origins_w)
+    hidden = hits.distance < away - np.maximum(0.02, 0.01 * away)
+
+    column, row = np.minimum(target.astype(int), [camera.width - 1, camera.height - 1]).T
+    lowest, highest = (
+        edge(other["labels"], size=3)[row, column] for edge in (minimum_filter, maximum_filter)
+    )
+    inside = lowest == highest
+    wrong = (found.mask[decided] == OCCLUDED) != hidden
+    assert hidden[inside].sum() > 20
+    assert (wrong & hidden)[inside].sum() < 0.15 * hidden[inside].sum()  # objects thinner than a pixel
+    assert wrong[inside].mean() < 0.002
+    assert wrong.mean() < 0.02
+
+
+def test_forward_and_backward_cancel():
+    camera = cameras.create("equirectangular", width=512, height=256)
+    after = Pose.from_angles((0.45, 0.28, 1.42), 23, 4, -2)
+    layers, other = (traced(SCENE, camera, pose) for pose in (BEFORE, after))
+    rays = camera.unproject()
+    there = truth.flow(layers["depth"], rays, BEFORE, camera, after, other["depth"])
+    back = truth.flow(other["depth"], rays, after, camera, BEFORE, layers["depth"])
+    target = camera.pixels() + there.pixels
+    cells = [target[..., 1] - 0.5, target[..., 0] - 0.5]
+    returned = np.stack(
+        [map_coordinates(back.pixels[..., i], cells, order=1, mode="grid-wrap") for i in (0, 1)], -1
+    )
+    labels = [map_coordinates(edge(other["labels"], size=3), cells, order=0, mode="grid-wrap")
+              for edge in (minimum_filter, maximum_filter)]  # fmt: skip
+    inside = (there.mask == VALID) & (labels[0] == labels[1])  # between pixels of one object
+    inside &= (layers["labels"] == labels[0]) & (np.abs(camera.pixels()[..., 1] - 128) < 100)
+    assert inside.mean() > 0.6
+    error = np.linalg.norm(there.pixels + returned, axis=-1)[inside]
+    assert (error > 0.05).mean() < 1e-4  # the edges of a box, which have one label on both sides
+    assert np.percentile(error, 99.9) < 0.01
+
+
+def test_surfaces_without_label_and_objects_whose_motion_is_unknown_have_no_flow():
+    camera = CAMERAS["equirectangular-0"]
+    layers = traced(SCENE, camera, BEFORE)
+    labels = layers["labels"].copy()
+    labels[:5] = 0
+    label = int(labels[20, 20])
+    found = truth.flow(
+        layers["depth"], camera.unproject(), BEFORE, camera, AFTER, labels=labels, motions={label: None}
+    )
+    np.testing.assert_array_equal(found.mask == INVALID, (labels == 0) | (labels == label))
+
+
+def test_wrong_arguments_are_refused():
+    camera = CAMERAS["pinhole-0"]
+    rays, depth = camera.unproject(), np.ones((45, 80))
+    for wrong, says in [
+        ({"depth0": np.ones((45, 79))}, "rays0: expected the size of depth0"),
+        ({"depth1": np.ones((45, 79))}, "depth1: expected the size of the camera"),
+        ({"labels": np.ones((3, 3), int)}, "labels: expected the size"),
+        ({"motions": {1: BEFORE}}, "motions: expected labels"),
+        ({"wrap": "longest"}, "wrap: expected one of shortest, classic"),
+        ({"tolerance": 1}, "options: expected one of wrap"),
+    ]:
+        given = {"depth0": depth, "rays0": rays, "pose0": BEFORE, "camera1": camera, "pose1": AFTER} | wrong
+        with pytest.raises(ArgumentError, match=says):
+            truth.flow(**given)

@@ -1,0 +1,113 @@
+"""Boxes and masks of objects in an image, against pycocotools and exact tracing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from pycocotools import mask as cocomask
+
+import mock_server
+import omniscv
+from omniscv import truth
+from omniscv.truth import rle
+from omniscv.truth.classes import ClassTable, SemanticClass
+
+SHAPES = array_shapes(min_dims=2, max_dims=2, max_side=40)
+
+
+def library(mask):
+    return cocomask.encode(np.asfortranarray(mask.astype(np.uint8)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(mask=arrays(bool, SHAPES))
+def test_masks_are_encoded_as_pycocotools_does(mask):
+    encoded = rle.encode(mask)
+    assert encoded == {"size": list(mask.shape), "counts": library(mask)["counts"].decode("ascii")}
+    assert np.array_equal(rle.decode(encoded), mask)
+
+
+def test_long_runs_are_encoded_as_pycocotools_does():
+    mask = np.zeros((3000, 4000), bool)
+    mask[7:2900, 1000:1300] = mask[:, 3500] = True
+    mask[::7, 2000] = True
+    encoded = rle.encode(mask)
+    assert encoded["counts"] == library(mask)["counts"].decode("ascii")
+    assert np.array_equal(rle.decode(encoded), mask)
+
+
+def test_the_known_answer_of_rows_1_to_2_and_columns_2_to_4():
+    labels = np.zeros((4, 6), np.uint16)
+    labels[1:3, 2:5] = 7
+    assert rle.encode(labels == 7) == {"size": [4, 6], "counts": "9220003"}
+    (box,) = truth.boxes(labels, {"Sofa": 7})
+    assert box == {"instance_id": 7, "name": "Sofa", "class": None, "area": 6, "bbox": [2, 1, 3, 2]}
+
+
+def test_a_mask_in_the_first_and_last_of_8_columns():
+    labels = np.zeros((4, 8), np.uint16)
+    labels[1:3, [0, 7]] = 1
+    (box,) = truth.boxes(labels, ["Sofa"], wrap=True)
+    assert (box["bbox"], box["bbox_wrap"], box["crosses_seam"]) == ([0, 1, 8, 2], [7, 1, 2, 2], True)
+    assert "bbox_wrap" not in truth.boxes(labels, ["Sofa"])[0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    labels=arrays(np.uint16, SHAPES, elements=st.sampled_from([0, 0, 0, 1, 300, 65535])),
+    by=st.integers(0, 39),
+)
+def test_boxes_turn_with_a_panorama(labels, by):
+    """Rolled by some columns, boxes keep their size and go on over the seam; all else is pycocotools'."""
+    names = {"A": 1, "B": 300, "C": 65535}
+    width = labels.shape[1]
+    before = truth.boxes(labels, names, wrap=True)
+    after = truth.boxes(np.roll(labels, by, axis=1), names, wrap=True)
+    assert [box["instance_id"] for box in before] == [
+        each for each in (1, 300, 65535) if (labels == each).any()
+    ]
+    for a, b in zip(before, after, strict=True):
+        mask = labels == a["instance_id"]
+        assert a["bbox"] == cocomask.toBbox(library(mask)).tolist()
+        assert a["area"] == cocomask.area(library(mask))
+        x, y, w, h = a["bbox_wrap"]
+        inside = np.zeros_like(mask)
+        inside[y : y + h, np.arange(x, x + w) % width] = True
+        assert (inside >= mask).all()
+        assert (b["bbox_wrap"][2:], b["bbox_wrap"][1]) == ([w, h], y)
+        assert a["crosses_seam"] == (x + w > width or w == width)
+
+
+def test_objects_have_the_class_of_their_name():
+    labels = np.array([[1, 2, 3]], np.uint16)
+    table = ClassTable({"chair": SemanticClass(5, "chair")}, {"Chair_1": "chair"})
+    boxes = truth.boxes(labels, ["Chair_1", "Thing"], table)
+    assert [(box["name"], box["class"]) for box in boxes] == [("Chair_1", "chair"), ("Thing", None)]
+
+
+def test_the_distance_is_to_the_nearest_point():
+    """Of a ball: that of its centre less its radius; of what has no surface there is none."""
+    scene = mock_server.Scene("ball", {"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [3, 1, 0]}]}}})
+    camera = omniscv.cameras.create("equirectangular", width=256, height=128)
+    hits = scene.trace((0, 0, 0), camera.unproject().directions @ omniscv.Pose.from_angles((0, 0, 0)).R_w_c.T)
+    (box,) = truth.boxes(hits.label, scene.objects, wrap=camera.wraps, depth=hits.distance.astype(np.float32))
+    assert box["distance"] == pytest.approx(np.sqrt(10) - 0.5, abs=3e-3)  # half a pixel beside
+    endless = np.full(hits.label.shape, np.inf, np.float32)
+    assert truth.boxes(hits.label, scene.objects, depth=endless)[0]["distance"] is None
+
+
+FULL = {"equirectangular", "cylindrical", "noncentral-panorama"}
+
+
+@pytest.mark.parametrize("name", omniscv.cameras.names())
+def test_full_panoramas_wrap_and_nothing_else(name):
+    camera = omniscv.cameras.model(name).example(64)
+    turned = camera.unproject([(0.0, camera.height / 2), (camera.width, camera.height / 2)])
+    assert camera.wraps == (name in FULL)
+    assert not camera.wraps or np.allclose(*turned.directions)
+
+
+def test_a_part_of_a_panorama_does_not_wrap():
+    assert not omniscv.cameras.create("cylindrical", width=64, height=32, fov_h_deg=300).wraps
+    assert omniscv.cameras.create("noncentral-panorama", width=64, height=32, radius=0.5).wraps

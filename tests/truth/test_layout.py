@@ -1,0 +1,235 @@
+"""Layouts as cameras see them, against exact tracing of the same room."""
+
+import itertools
+
+import numpy as np
+import pytest
+from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan, room_of_scene, scene_of_plan
+
+import mock_server
+from omniscv import Pose, cameras
+from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import Room, SceneGeometry
+from omniscv.truth import layout, project_layout, room_of
+
+POSE = Pose.from_angles((0.2, -0.3, 1.5), yaw_deg=20, pitch_deg=5, roll_deg=-7)
+SPACING_PX, RAY_M = 0.5, 1e-6
+
+
+def example(name, width=128):
+    return cameras.model(name).example(width)
+
+
+def pieces_of(record):
+    """Every piece: its edge, its pixels, the piece."""
+    return [(edge, np.array(piece["pixels"]), piece) for edge in record["edges"] for piece in edge["pieces"]]
+
+
+def on_edge(record, edge, camera, pose, pixels):
+    """Origins, the points of an edge that are nearest to the pixels' rays, and how far off the rays are."""
+    rays = camera.unproject(pixels)
+    assert rays.valid.all()
+    origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
+    a, b = (np.array(record["corners"][k]["world"]) for k in edge["corners"])
+    along = (b - a) / np.linalg.norm(b - a)
+    # The least distance of two lines, from the normal equations of both parameters.
+    cosine, offset = directions @ along, a - origins
+    share = (cosine * (offset * directions).sum(1) - offset @ along) / (1 - cosine**2)
+    points = a + np.clip(share, 0, np.linalg.norm(b - a))[:, None] * along
+    away = np.linalg.norm(np.cross(points - origins, directions), axis=1)
+    return origins, points, away
+
+
+def traced_visible(scene, origins, points, hidden=()):
+    offset = points - origins
+    distance = np.linalg.norm(offset, axis=1)
+    return scene.trace(origins, offset, hidden=hidden).distance >= distance - 1e-6
+
+
+def traced_depth(scene, camera, pose):
+    rays = camera.unproject()
+    hits = scene.trace(pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T)
+    return np.where(rays.valid, hits.distance, 0).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", cameras.names())
+def test_every_sample_lies_on_its_edge_and_no_walls_hide_what_is_said_to_show(name):
+    camera, scene = example(name), scene_of_plan(L_SHAPE)
+    record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
+    assert pieces_of(record)
+    for edge, pixels, piece in pieces_of(record):
+        origins, points, away = on_edge(record, edge, camera, POSE, pixels)
+        assert away.max() <= RAY_M
+        assert (np.linalg.norm(np.diff(pixels, axis=0), axis=1) <= SPACING_PX).all()
+        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
+        assert piece["visible"] is None
+
+
+@pytest.mark.parametrize("name", cameras.names())
+def test_curves_hold_all_that_the_camera_sees_of_the_edges(name):
+    camera = example(name)
+    record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
+    for edge in record["edges"]:
+        a, b = (np.array(record["corners"][k]["camera"]) for k in edge["corners"])
+        pixels, valid = camera.project(a + np.linspace(0, 1, 400)[:, None] * (b - a))
+        found = [np.array(piece["pixels"]) for piece in edge["pieces"]]
+        if not valid.any():
+            assert not found
+            continue
+        away = np.linalg.norm(pixels[valid][:, None] - np.concatenate(found), axis=-1).min(axis=1)
+        assert away.max() <= SPACING_PX
+
+
+MODELS = (
+    ("equirectangular", 1024),
+    ("fisheye-equidistant", 700),
+    ("kannala-brandt", 700),
+    ("catadioptric-hyperbolic", 700),
+    ("noncentral-panorama", 1024),
+    ("noncentral-spherical-mirror", 700),
+    ("noncentral-conical-mirror", 700),
+)
+
+
+@pytest.mark.parametrize(("name", "width"), MODELS)
+def test_flags_behind_furniture_are_those_of_tracing(name, width):
+    """Depth has one answer a pixel: a silhouette between two of them is known to half a pixel."""
+    scene, camera = mock_server.load_scene("six-wall"), example(name, width)
+    record = project_layout(room_of_scene("six-wall"), camera, POSE, traced_depth(scene, camera, POSE))
+    wrong = clear = wrong_clear = total = 0
+    for edge, pixels, piece in pieces_of(record):
+        origins, points, _ = on_edge(record, edge, camera, POSE, pixels)
+        expected = traced_visible(scene, origins, points)
+        near = same_within_a_pixel(scene, camera, POSE, record, edge, pixels, expected)
+        total, wrong = total + len(pixels), wrong + (expected != piece["visible"]).sum()
+        clear, wrong_clear = clear + near.sum(), wrong_clear + (near & (expected != piece["visible"])).sum()
+    assert wrong_clear <= 0.001 * clear
+    assert wrong <= 0.004 * total  # about one sample at each silhouette
+    assert clear >= 0.9 * total
+
+
+def same_within_a_pixel(scene, camera, pose, record, edge, pixels, expected):
+    """Where what is traced along the edge does not change within a pixel."""
+    same = np.ones(len(pixels), bool)
+    for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        rays = camera.unproject(pixels + shift)
+        origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
+        furniture = [name for name in scene.objects if not name.startswith("Layout")]
+        full, empty = scene.trace(origins, directions), scene.trace(origins, directions, hidden=furniture)
+        same &= (full.distance == empty.distance) == expected
+    return same
+
+
+@pytest.mark.parametrize(
+    ("plan", "position"),
+    [
+        (T_SHAPE, (3.1, 0.7, 1.2)),
+        (T_SHAPE, (0.2, -1.2, 1.7)),
+        (U_SHAPE, (2, 2, 1.2)),
+        (U_SHAPE, (0.2, -1.2, 1.7)),
+    ],
+)
+def test_rooms_hide_parts_of_themselves(plan, position):
+    pose, camera, scene = Pose.from_angles(position), example("equirectangular", 256), scene_of_plan(plan)
+    record = project_layout(room_of_plan(plan), camera, pose, traced_depth(scene, camera, pose))
+    flags = set()
+    for edge, pixels, piece in pieces_of(record):
+        origins, points, away = on_edge(record, edge, camera, pose, pixels)
+        assert away.max() <= RAY_M
+        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
+        flags.add(piece["visible_room"])
+    assert flags == {True, False}
+    for corner in record["corners"]:
+        origin, point = pose.position[None], np.array([corner["world"]])
+        assert traced_visible(scene, origin, point)[0] == corner["visible_room"]
+
+
+def test_a_room_that_a_picture_shows_empty_decides_in_place_of_its_own_walls():
+    """As where the room's shape is only partly known: a screen that is no wall of the room hides an edge."""
+    scene, camera = mock_server.load_scene("six-wall"), example("equirectangular", 512)
+    room, depth = room_of_scene("six-wall"), traced_depth(scene, camera, POSE)
+    given = project_layout(room, camera, POSE, depth_room=depth)
+    walls = project_layout(room, camera, POSE, depth)
+    for with_depth, with_walls in zip(given["edges"], walls["edges"], strict=True):
+        shown = [piece["pixels"] for piece in with_depth["pieces"] if piece["visible_room"]]
+        expected = [piece["pixels"] for piece in with_walls["pieces"] if piece["visible"]]
+        assert list(itertools.chain(*shown)) == list(itertools.chain(*expected))
+
+
+def test_a_corner_on_the_seam_is_in_the_image_and_its_edges_break_there():
+    camera, pose = example("equirectangular", 256), Pose.from_angles((2 / 3, 1.0, 1.5), yaw_deg=0)
+    room = room_of_plan([[-2, 1], [2, -3], [2, 3]])
+    record = project_layout(room, camera, pose)
+    behind = record["corners"][0]
+    assert behind["in_image"]
+    assert behind["pixel"][0] in (0, camera.width)
+    ends = [np.array(piece["pixels"])[[0, -1], 0] for _, _, piece in pieces_of(record)]
+    at_seam = [u for u in np.concatenate(ends) if min(u, camera.width - u) < 1e-4]
+    assert len(at_seam) >= 4  # both of the floor's and both of the ceiling's edges end there
+
+
+def test_an_edge_that_crosses_the_seam_comes_up_to_it_on_both_sides():
+    camera = example("equirectangular", 256)
+    record = project_layout(room_of_plan(PLAIN), camera, Pose.from_angles((0, 0, 1.5)))
+    back = record["edges"][3]
+    assert len(back["pieces"]) == 2
+    ends = sorted(u for piece in back["pieces"] for u in (piece["pixels"][0][0], piece["pixels"][-1][0]))
+    assert ends[0] < 1e-4
+    assert ends[-1] > camera.width - 1e-4
+
+
+def test_a_record_is_plain_and_holds_its_room():
+    room = room_of_plan(L_SHAPE, 2.6)
+    record = project_layout(layout(SceneGeometry(room=room)), example("pinhole"), POSE)
+    assert (record["version"], record["source"], record["residual_m"]) == (1, "scene", 0.0)
+    assert (record["floor"], record["ceiling"], record["camera_height"]) == (0.0, 2.6, 1.5)
+    assert [edge["planes"] for edge in record["edges"][12:14]] == [
+        ["Layout_Wall_6", "Layout_Wall_1"],
+        ["Layout_Wall_1", "Layout_Wall_2"],
+    ]
+    back = room_of(record)
+    assert np.array_equal(back.corners_w, room.corners_w)
+    assert (back.floor_z, back.ceiling_z, back.walls) == (room.floor_z, room.ceiling_z, room.walls)
+    assert (back.floor, back.ceiling) == (room.floor, room.ceiling)
+    for corner in record["corners"]:
+        assert (corner["pixel"] is None) is not corner["in_image"]
+        assert not (corner["visible_room"] and not corner["in_image"])
+
+
+def test_a_camera_outside_the_room_sees_only_what_its_walls_leave():
+    scene, camera = scene_of_plan(PLAIN), example("equirectangular")
+    pose = Pose.from_angles((4.0, 0.5, 4.0))
+    record = project_layout(room_of_plan(PLAIN), camera, pose)
+    for edge, pixels, piece in pieces_of(record):
+        origins, points, _ = on_edge(record, edge, camera, pose, pixels)
+        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
+
+
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        (PLAIN[::-1], "counterclockwise"),
+        (PLAIN[:2], "at least 3 corners"),
+        ([PLAIN[0], *PLAIN], "that differ"),
+    ],
+)
+def test_what_is_no_room_is_refused(corners, words):
+    with pytest.raises(ArgumentError, match=words):
+        project_layout(room_of_plan(corners), example("pinhole"), POSE)
+
+
+def test_other_wrong_arguments_are_refused_in_one_line():
+    room = room_of_plan(PLAIN)
+    camera = example("pinhole")
+    with pytest.raises(ArgumentError, match=r"depth: expected the shape \(128, 128\)"):
+        project_layout(room, camera, POSE, np.ones((3, 4)))
+    with pytest.raises(ArgumentError, match=r"room\.ceiling_z: expected a finite number > 3"):
+        project_layout(Room(room.corners_w, 3.0, 2.0, room.walls, "f", "c"), camera, POSE)
+    with pytest.raises(ArgumentError, match="a scene whose room is known"):
+        layout(SceneGeometry())
+    record = project_layout(room, camera, POSE)
+    record["corners"][5]["world"][2] += 0.4
+    with pytest.raises(ArgumentError, match=r"got corners that are 0\.4 m off"):
+        room_of(record)
+    with pytest.raises(ArgumentError, match="expected a record of a layout"):
+        room_of({})

@@ -1,0 +1,129 @@
+"""Maps of edges and corners, against published numbers and their own symmetry."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+from support.rooms import L_SHAPE, PLAIN, room_of_plan
+
+from omniscv import Pose, cameras
+from omniscv.errors import ArgumentError
+from omniscv.truth import project_layout
+from omniscv.truth.layout_maps import closes, exact_maps, original_maps
+from omniscv.truth.metrics import map_scores
+
+PANORAMA = cameras.create("equirectangular", 1024, 512)
+
+
+def record_of(plan=PLAIN, camera=PANORAMA, **angles):
+    pose = Pose.from_angles((0, 0, 1.5), **angles)
+    return project_layout(room_of_plan(plan), camera, pose), pose
+
+
+def through_jpeg(picture):
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "JPEG", quality=95)
+    return np.asarray(Image.open(file))
+
+
+@pytest.mark.parametrize("stored", [lambda picture: picture, through_jpeg], ids=["exact", "jpeg"])
+def test_shares_of_the_known_room_are_those_of_the_reference(stored):
+    record, _ = record_of()
+    edges, corners = (stored(each) for each in exact_maps(record, PANORAMA))
+    for picture, shares in ((edges, (0.1585, 0.1134)), (corners, (0.0532, 0.0265))):
+        assert picture.max() == 255
+        assert [(picture / 255 >= 0.01).mean(), (picture / 255 > 0.1).mean()] == pytest.approx(
+            shares, abs=0.002
+        )
+
+
+def test_scores_of_maps_against_themselves_are_those_of_the_reference():
+    record, _ = record_of()
+    for picture, recall in zip(exact_maps(record, PANORAMA), (0.728, 0.522), strict=True):
+        small = np.asarray(Image.fromarray(picture).resize((256, 128))) / 255
+        scores = map_scores(small, picture)
+        assert scores.precision == 1
+        assert scores.recall == scores.iou == pytest.approx(recall, abs=0.001)
+        assert scores.f1 == pytest.approx(2 * recall / (1 + recall), abs=0.001)
+        assert scores.accuracy == pytest.approx(1 - (small >= 0.01).mean() + (small > 0.1).mean(), abs=1e-9)
+
+
+def test_maps_turn_with_the_panorama():
+    """A yaw of k columns to the left moves the image to the right, over the seam."""
+    maps = exact_maps(record_of(L_SHAPE)[0], PANORAMA)
+    for k in (1, 300, 777):
+        turned = exact_maps(record_of(L_SHAPE, yaw_deg=360 * k / 1024)[0], PANORAMA)
+        for before, after in zip(maps, turned, strict=True):
+            assert np.abs(np.roll(before, k, axis=1).astype(int) - after).max() <= 1
+
+
+def test_blobs_are_centred_on_the_corners_over_the_seam_too():
+    """One corner is half a column from the seam, one is on it."""
+    for yaw_deg in (180 - np.degrees(np.arctan2(3, 2)), 180 - np.degrees(np.arctan2(3, 2)) + 0.2):
+        record, _ = record_of(yaw_deg=-yaw_deg)
+        _, picture = exact_maps(record, PANORAMA)
+        for corner in record["corners"]:
+            u, v = corner["pixel"]
+            centred = np.roll(picture, 512 - int(u), axis=1)
+            blob = ndimage.label(centred > 30)[0]
+            mine = np.where(blob == blob[min(int(v), 511), 512], centred, 0)
+            row, column = ndimage.center_of_mass(mine)
+            assert (column + 0.5, row + 0.5) == pytest.approx((512 + u - int(u), v), abs=0.5)
+
+
+def test_what_walls_hide_and_what_furniture_hides_is_chosen():
+    camera = cameras.create("equirectangular", 256, 128)
+    pose = Pose.from_angles((3, -1.5, 1.5))
+    room = room_of_plan(L_SHAPE)
+    depth = np.full((128, 256), 0.5, np.float32)  # all is behind something
+    record = project_layout(room, camera, pose, depth)
+    drawn = {each: exact_maps(record, camera, visibility=each)[1] for each in ("room", "full", "all")}
+    assert not drawn["full"].any()
+    assert drawn["room"].any()
+    assert (drawn["all"] >= drawn["room"]).all()
+    assert (drawn["all"] > drawn["room"]).any()
+    with pytest.raises(ArgumentError, match="made with depth"):
+        exact_maps(project_layout(room, camera, pose), camera, visibility="full")
+    with pytest.raises(ArgumentError, match="expected a record of a layout"):
+        exact_maps({}, camera)
+
+
+def test_lenses_have_blobs_of_the_same_angle_and_nothing_outside_their_circle():
+    camera = cameras.create("fisheye-equidistant", 400, 400, fov_deg=180)
+    record, _ = record_of(camera=camera)
+    edges, corners = exact_maps(record, camera, edge_sigma=0.02, corner_sigma=0.02)
+    for picture in (edges, corners):
+        assert picture.any()
+        assert not picture[~camera.valid()].any()
+    sigma = 0.02 * 400 / np.pi * 2 * np.pi  # 400 px are pi rad
+    column, row = (int(each) for each in record["corners"][2]["pixel"])
+    assert corners[row, column] > 250
+    away = np.hypot(*(np.array(record["corners"][2]["pixel"]) - (column - 9.5, row + 0.5)))
+    assert corners[row, column - 10] == pytest.approx(255 * np.exp(-0.5 * (away / sigma) ** 2), abs=1)
+
+
+def test_the_original_recipe_finds_the_same_edges_without_a_seam():
+    record, pose = record_of(L_SHAPE)
+    exact, original = exact_maps(record, PANORAMA), original_maps(record, PANORAMA, pose)
+    for sharp, blurred in zip(exact, original, strict=True):
+        assert blurred.max() == 255
+        assert blurred[sharp > 230].min() > 60
+        assert not blurred[sharp == 0].max() > 40
+    record, pose = record_of(L_SHAPE, yaw_deg=90)
+    turned = original_maps(record, PANORAMA, pose)
+    for before, after in zip(original, turned, strict=True):
+        assert np.abs(np.roll(before, 256, axis=1).astype(int) - after).max() <= 1
+    camera = cameras.model("fisheye-equidistant").example(64)
+    record = project_layout(room_of_plan(PLAIN), camera, pose)
+    with pytest.raises(ArgumentError, match="an image that fills its rectangle"):
+        original_maps(record, camera, pose)
+
+
+def test_only_panoramas_of_a_full_turn_close():
+    closed = {name for name in cameras.names() if closes(cameras.model(name).example(64))}
+    assert closed >= {"equirectangular", "cylindrical", "noncentral-panorama"}
+    assert not closed & {"pinhole", "fisheye-equidistant", "catadioptric-hyperbolic"}
+    assert not closes(cameras.create("cylindrical", 64, 32, fov_h_deg=200))
+    assert not closes(cameras.create("fisheye-equidistant", 64, 64, fov_deg=360))

@@ -1,0 +1,71 @@
+"""Points of images: on the surfaces of the scene, and thinned to the ones seen from nearest."""
+
+import numpy as np
+import pytest
+from cameras.examples import example_cameras
+from support.exact import distance_to_surfaces
+from support.traced_frames import traced
+
+import mock_server
+from omniscv import Pose, truth
+from omniscv.errors import ArgumentError
+from omniscv.truth import Points
+
+CAMERAS = example_cameras()
+SCENE = mock_server.load_scene("six-wall")
+POSE = Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_points_lie_on_the_surfaces(name):
+    camera = CAMERAS[name]
+    layers = traced(SCENE, camera, POSE)
+    depth, normals = layers.pop("depth"), layers["normals"]
+    found = truth.points(depth, camera.unproject(), POSE, layers)
+    seen = np.isfinite(depth) & (depth > 0)
+    assert len(found) == seen.sum() > 0
+    assert distance_to_surfaces(SCENE, found.positions_w).max() < 1e-5  # depth has float32's 24 bits
+    np.testing.assert_array_equal(found.values["labels"], layers["labels"][seen])
+    np.testing.assert_allclose(found.values["normals"], normals[seen] @ POSE.rotation.T, atol=1e-6)
+
+
+def test_pixels_without_surface_or_unsure_have_no_point():
+    camera = CAMERAS["equirectangular-0"]
+    depth, unsure = np.full((48, 96), 2.0, np.float32), np.zeros((48, 96), bool)
+    depth[0], depth[1], depth[2], unsure[3] = 0, np.inf, np.nan, True
+    found = truth.points(depth, camera.unproject(), POSE, {"row": np.indices((48, 96))[0]}, unsure)
+    assert set(found.values["row"]) == set(range(4, 48))
+
+
+def test_of_points_in_a_cube_the_one_seen_from_nearest_stays():
+    """Against a plain loop over points, taken apart in several clouds."""
+    draw = np.random.default_rng(3)
+    whole = Points(draw.normal(size=(3000, 3)), draw.uniform(1, 9, 3000), {"id": np.arange(3000)})
+    nearest: dict[tuple, int] = {}
+    for i, place in enumerate(whole.positions_w):
+        cube = tuple(np.floor(place / 0.3 + 0.5))
+        if cube not in nearest or whole.distances[i] < whole.distances[nearest[cube]]:
+            nearest[cube] = i
+    clouds = [whole.only(np.arange(start, start + 500)) for start in range(0, 3000, 500)]
+    found = truth.merged(clouds, 0.3)
+    assert found.values["id"].tolist() == sorted(nearest.values())
+    np.testing.assert_array_equal(found.positions_w, whole.positions_w[found.values["id"]])
+    np.testing.assert_array_equal(found.distances, whole.distances[found.values["id"]])
+
+
+def test_what_only_some_clouds_know_is_left_out():
+    one = Points(np.zeros((1, 3)), np.ones(1), {"lit": np.zeros((1, 3)), "labels": np.ones(1)})
+    other = Points(np.ones((1, 3)), np.ones(1), {"labels": np.ones(1)})
+    assert set(truth.merged([one, other], 0.1).values) == {"labels"}
+    assert len(truth.merged([one.only(np.zeros(1, bool)), one], 0.1)) == 1
+
+
+def test_wrong_arguments_are_refused():
+    camera = CAMERAS["pinhole-0"]
+    with pytest.raises(ArgumentError, match="rays: expected the size of depth"):
+        truth.points(np.ones((2, 2)), camera.unproject(), POSE)
+    far = Points(np.full((1, 3), 2000.0), np.ones(1))
+    with pytest.raises(ArgumentError, match=r"voxel: expected at least 0\.0019"):
+        truth.merged([far], 1e-3)
+    with pytest.raises(ArgumentError, match="at least one"):
+        truth.merged([], 0.1)

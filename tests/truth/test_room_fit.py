@@ -1,0 +1,185 @@
+"""Rooms fitted to images, against the rooms that were rendered."""
+
+import numpy as np
+import pytest
+from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, room_of_scene, scene_of_plan
+
+import mock_server
+from omniscv import Pose, Renderer, cameras, open_source
+from omniscv.dataset import truths
+from omniscv.dataset.truths import Observation
+from omniscv.errors import ArgumentError
+from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.sources.base import SourceWrapper
+from omniscv.sources.scene import SceneSource
+from omniscv.truth import layout, room_of
+from omniscv.truth.classes import ClassTable, SemanticClass
+from omniscv.truth.room_fit import Picture, fit_room
+
+PANORAMA = cameras.create("equirectangular", 256, 128)
+
+
+def traced(scene, position, **changes):
+    """What a perfect image of a scene shows, with labels of its objects."""
+    pose, rays = Pose.from_angles(position, yaw_deg=33), PANORAMA.unproject()
+    hits = scene.trace(pose.position, rays.directions @ pose.R_w_c.T)
+    layers = {
+        "depth": hits.distance.astype(np.float32),
+        "normals": (hits.normal @ pose.R_w_c).astype(np.float32),
+        "labels": hits.label,
+    }
+    names = {name: scene.label(name) for name in scene.objects}
+    return Picture(PANORAMA, pose, {**layers, **changes}, names)
+
+
+def same_room(found, corners, names, within_m):
+    """Whether a room has these corners, in any turn, and the walls between them these names."""
+    start = int(np.linalg.norm(found.corners_w - corners[0], axis=1).argmin())
+    turned, walls = np.roll(found.corners_w, -start, axis=0), np.roll(found.walls, -start)
+    assert turned.shape == np.shape(corners)
+    assert np.abs(turned - corners).max() <= within_m
+    assert walls.tolist() == list(names)
+
+
+@pytest.mark.parametrize("scene", ["four-wall", "six-wall"])
+def test_an_image_of_a_furnished_room_gives_its_walls(scene):
+    """Rendered as users render: walls behind furniture are seen above it, and labels may be blurred."""
+    image = Renderer(open_source(f"scene://{scene}")).render(
+        PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")
+    )
+    found, expected = layout([image]), room_of_scene(scene)
+    assert found.source == "fitted"
+    assert found.residual_m < 0.002
+    same_room(found.room, expected.corners_w, expected.walls, 0.002)
+    assert abs(found.room.floor_z) < 0.001
+    assert abs(found.room.ceiling_z - 2.8) < 0.001
+    assert (found.room.floor, found.room.ceiling) == ("Layout_Floor", "Layout_Ceiling")
+
+
+@pytest.mark.parametrize(
+    ("plan", "places"),
+    [
+        (L_SHAPE, [(0.5, -0.5, 1.5)]),
+        (T_SHAPE, [(0.2, -2, 1.2), (3, 1, 1.2), (-3, 1, 1.7)]),
+        (U_SHAPE, [(2, 2, 1.2), (-2, 2, 1.4), (0, -1, 1)]),
+    ],
+)
+def test_several_images_show_together_what_none_shows_alone(plan, places):
+    scene = scene_of_plan(plan)
+    room, residual_m = fit_room([traced(scene, place) for place in places])
+    assert residual_m < 1e-4
+    same_room(room, np.array(plan), [f"Layout_Wall_{i + 1}" for i in range(len(plan))], 1e-3)
+    if len(places) > 1:
+        with pytest.raises(ArgumentError, match="walls that do not close"):
+            fit_room([traced(scene, places[0])])
+
+
+@pytest.mark.parametrize("turn_deg", [0, 17, 45])
+def test_one_object_may_be_all_walls_and_stand_at_any_angle(turn_deg):
+    """The U's arms end on one plane: which walls follow each other is found by their ends."""
+    scene = scene_of_plan(U_SHAPE)
+    label = {name: 99 if "Wall" in name else scene.label(name) for name in scene.objects}
+    turn = Pose.from_angles((0.4, -0.2, 0.1), yaw_deg=turn_deg)
+    spin = turn.R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
+    pictures = []
+    for place in ((2, 2, 1.2), (-2, 2, 1.4), (0, -1, 1)):
+        seen = traced(scene, place)
+        labels = np.array([0, *(label[name] for name in scene.objects)], np.uint16)[seen.files["labels"]]
+        pose = Pose(spin @ seen.pose.position + turn.position, spin @ seen.pose.R_w_c)
+        names = {"Layout_Walls": 99, **{name: label[name] for name in label if "Wall" not in name}}
+        pictures.append(Picture(PANORAMA, pose, {**seen.files, "labels": labels}, names))
+    room, _ = fit_room(pictures)
+    expected = np.array(U_SHAPE) @ spin[:2, :2].T + turn.position[:2]
+    same_room(room, expected, ["Layout_Walls"] * 8, 2e-3)
+
+
+def test_classes_say_what_makes_the_room_where_names_do_not():
+    scene = scene_of_plan(L_SHAPE)
+    seen = traced(scene, (0.5, -0.5, 1.5))
+    names = {name.replace("Layout_", "SM_"): label for name, label in seen.instances.items()}
+    renamed = Picture(seen.camera, seen.pose, seen.files, names)
+    with pytest.raises(ArgumentError, match=r"objects named Layout\*, or of the classes"):
+        fit_room([renamed])
+    classes = {name: SemanticClass(i, name) for i, name in enumerate(("wall", "floor", "ceiling"), 1)}
+    of_object = {name: name.split("_")[1].lower() for name in names}
+    room, _ = fit_room([renamed], ClassTable(classes, of_object))
+    same_room(room, np.array(L_SHAPE), [f"SM_Wall_{i + 1}" for i in range(6)], 1e-3)
+
+
+def test_a_room_that_is_no_prism_is_refused_with_its_residual():
+    scene = scene_of_plan(L_SHAPE)
+    seen = traced(scene, (0.5, -0.5, 1.5))
+    ceiling = seen.files["labels"] == seen.instances["Layout_Ceiling"]
+    columns = np.sin(np.arange(PANORAMA.width) / 10)
+    depth = np.where(ceiling, seen.files["depth"] * (1 + 0.1 * columns), seen.files["depth"])
+    picture = traced(scene, (0.5, -0.5, 1.5), depth=depth)
+    with pytest.raises(ArgumentError, match=r"within 0\.02 m, got points that are 0\.\d+ m off"):
+        fit_room([picture])
+
+
+def test_images_that_do_not_show_enough_are_refused():
+    scene = scene_of_plan(L_SHAPE)
+    seen = traced(scene, (0.5, -0.5, 1.5))
+    only_walls = {name: label for name, label in seen.instances.items() if "Wall" in name}
+    with pytest.raises(ArgumentError, match="images that show the floor"):
+        fit_room([Picture(seen.camera, seen.pose, seen.files, only_walls)])
+    with pytest.raises(ArgumentError, match="got none"):
+        fit_room([])
+    flat = {key: value for key, value in seen.files.items() if key != "normals"}
+    with pytest.raises(ArgumentError, match="render with normals, too"):
+        fit_room([Picture(seen.camera, seen.pose, flat, seen.instances)])
+
+
+def test_a_source_without_a_room_is_fitted_to_what_it_shows():
+    source = SceneSource(mock_server.load_scene("four-wall"))
+    image = Renderer(source).render(
+        PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")
+    )
+    instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
+    observed = Observation("a", image, image.labels, instances, None, SceneGeometry())
+    truth = truths.get("layout")
+    record = truth.derive(observed, {})
+    assert record["source"] == "fitted"
+    assert record["residual_m"] < 0.002
+    assert truth.may_capture(observed.geometry)
+    known = SceneGeometry(room=room_of_scene("four-wall"))
+    assert not truth.may_capture(known)
+    observed = Observation("a", image, image.labels, instances, None, known)
+    assert (
+        truth.derive(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]
+        == "scene"
+    )
+    with pytest.raises(ArgumentError, match="expected fields among source, tolerance"):
+        truth.derive(observed, {"sources": 1})
+
+
+class Hides(SourceWrapper):
+    """A live engine of sorts: it knows no shapes, but shows the room without what is in it."""
+
+    def __init__(self, source, empty):
+        super().__init__(source)
+        self.hidden, self._empty = [], empty
+
+    def geometry(self):
+        return SceneGeometry()
+
+    def without(self, objects):
+        self.hidden.append(sorted(objects))
+        return SceneSource(self._empty)
+
+
+def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
+    furnished = mock_server.load_scene("six-wall")
+    source = Hides(SceneSource(furnished), scene_of_plan(L_SHAPE))
+    lens = cameras.create("fisheye-equidistant", 128, 128, fov_deg=120)
+    renderer = Renderer(source)
+    image = renderer.render(lens, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals"))
+    instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
+    known = ("a", image, image.labels, instances, None, SceneGeometry())
+    with pytest.raises(ArgumentError, match="walls that do not close"):
+        truths.get("layout").derive(Observation(*known), {})
+    record = truths.get("layout").derive(Observation(*known, renderer), {})
+    assert source.hidden == [[name for name in furnished.objects if not name.startswith("Layout")]]
+    same_room(room_of(record), np.array(L_SHAPE), [f"Layout_Wall_{i + 1}" for i in range(6)], 0.002)
+    visible = [piece["visible"] for edge in record["edges"] for piece in edge["pieces"]]
+    assert {True, False} <= set(visible)  # the image's own depth decides what furniture hides

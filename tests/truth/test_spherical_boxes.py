@@ -1,0 +1,211 @@
+"""Boxes on the sphere: known answers, areas counted on a lattice, balls of known angles in every camera."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import mock_server
+import omniscv
+from omniscv import cameras, truth
+from omniscv.errors import ArgumentError
+from omniscv.truth import SphericalBox
+
+
+def lattice(count=300_000):
+    """Directions, each for an equal part of the sphere: a Fibonacci lattice."""
+    i = np.arange(count) + 0.5
+    z, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
+    r = np.sqrt(1 - z**2)
+    return np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
+
+
+LATTICE = lattice()
+
+AREAS = [((60, 40), 0.6874190053), ((60, 60), 1.0107210206), ((90, 90), 4 * np.pi / 6)]
+
+
+@pytest.mark.parametrize(("fov", "steradians"), AREAS)
+def test_known_areas(fov, steradians):
+    assert SphericalBox(20, -35, *fov, 12).area == pytest.approx(steradians, abs=1e-9)
+
+
+OVERLAPS = [
+    ((0, 0, 60, 40), (0, 0, 60, 60), 0.6801273460, 1e-9),
+    ((0, 40, 40, 40), (20, 40, 40, 40), 0.4313, 1e-3),
+    ((175, 0, 40, 40), (-175, 0, 40, 40), 0.5948, 1e-3),
+]
+
+
+@pytest.mark.parametrize(("a", "b", "wanted", "within"), OVERLAPS)
+def test_known_overlaps(a, b, wanted, within):
+    assert truth.spherical_iou(SphericalBox(*a), SphericalBox(*b)) == pytest.approx(wanted, abs=within)
+
+
+def test_known_overlaps_as_in_a_plane():
+    assert truth.fov_iou(SphericalBox(0, 40, 40, 40), SphericalBox(20, 40, 40, 40)) == pytest.approx(
+        0.4461083624, abs=1e-9
+    )
+    assert truth.fov_iou(SphericalBox(175, 0, 40, 40), SphericalBox(-175, 0, 40, 40)) == pytest.approx(0.6)
+    assert truth.fov_iou(SphericalBox(0, 0, 40, 40), SphericalBox(90, 0, 40, 40)) == 0
+
+
+PAIRS = [
+    (SphericalBox(0, 40, 40, 40), SphericalBox(20, 40, 40, 40)),
+    (SphericalBox(175, 0, 40, 40), SphericalBox(-175, 0, 40, 40)),
+    (SphericalBox(10, 70, 50, 30, 25), SphericalBox(30, 80, 60, 20, -10)),
+    (SphericalBox(-60, -85, 150, 100, 40), SphericalBox(120, -70, 90, 140, -70)),
+    (SphericalBox(0, 0, 20, 20), SphericalBox(0, 0, 90, 80, 45)),
+]
+
+
+@pytest.mark.parametrize(("a", "b"), PAIRS)
+def test_areas_and_overlaps_are_what_a_lattice_counts(a, b):
+    in_a, in_b = (box.contains(LATTICE) >= 0 for box in (a, b))
+    assert 4 * np.pi * in_a.mean() == pytest.approx(a.area, rel=3e-3)
+    wanted = (in_a & in_b).sum() / (in_a | in_b).sum()
+    assert truth.spherical_iou(a, b) == pytest.approx(wanted, abs=1e-3)
+    assert truth.spherical_iou(b, a) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
+    assert truth.spherical_iou(a.to_dict(), b) == truth.spherical_iou(a, b)
+    assert truth.spherical_iou(a, a) == pytest.approx(1, abs=1e-12)
+    east = [
+        SphericalBox((each.lon + 137) % 360, each.lat, each.fov_h, each.fov_v, each.rot) for each in (a, b)
+    ]
+    assert truth.spherical_iou(*east) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
+
+
+def test_boxes_apart_do_not_overlap():
+    assert truth.spherical_iou(SphericalBox(0, 0, 40, 40), SphericalBox(180, 0, 40, 40)) == 0
+    assert truth.spherical_iou(SphericalBox(0, 0, 40, 40), SphericalBox(45, 0, 40, 40)) == 0
+
+
+def test_what_has_no_overlap_to_compute_is_refused():
+    wide = SphericalBox(0, 0, 360, 90, kind="lonlat")
+    for iou in (truth.spherical_iou, truth.fov_iou):
+        with pytest.raises(ArgumentError, match="b2: expected a box of kind perspective"):
+            iou(SphericalBox(0, 0, 40, 40), wide)
+
+
+# -- around what is seen --------------------------------------------------------------------------------
+
+RADIUS, DISTANCE = 0.5, 2.4
+BALL_DEG = 2 * np.degrees(np.arcsin(RADIUS / DISTANCE))
+
+
+def ball_at(direction_w):
+    place = (DISTANCE * np.asarray(direction_w)).tolist()
+    return mock_server.Scene("ball", {"objects": {"Ball": {"solids": [{"sphere": RADIUS, "at": place}]}}})
+
+
+def seen(camera, scene, pose):
+    """The mask of what the pixels' rays meet, and these rays."""
+    rays = camera.unproject()
+    hits = scene.trace(pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T)
+    return (hits.label > 0) & rays.valid, rays
+
+
+def inside_enough(record, mask, rays, pixel_deg):
+    """Every pixel is within half a pixel of the box, and all but a thousandth of the mask in it."""
+    margin = SphericalBox.of(record).contains(rays.directions[mask])
+    assert margin.min() >= -0.5 * pixel_deg
+    assert (margin >= 0).mean() >= 0.999
+
+
+LENSES = {
+    "equirectangular": cameras.create("equirectangular", width=720, height=360),
+    "fisheye": cameras.create("fisheye-equidistant", width=400, height=400, fov_deg=200),
+    "cylinder": cameras.create("cylindrical", width=720, height=280, fov_v_deg=140),
+}
+TURNS = {
+    "equirectangular": [(0, 0, 0), (171, 0, 0), (-95, 38, 10), (30, 89.9, 0), (60, -77, 150), (180, 0, 45)],
+    "fisheye": [(0, 0, 0), (-60, 38, 10), (60, -77, 150), (12, 60, 5)],
+    "cylinder": [(0, 0, 0), (171, 0, 0), (-95, 38, 10), (180, 0, 45)],
+}
+PIXEL_DEG = 0.5  # of all three
+
+
+@pytest.mark.parametrize(("lens", "turn"), [(lens, turn) for lens in TURNS for turn in TURNS[lens]])
+def test_a_ball_has_its_angle_whatever_the_camera_looks_at(lens, turn):
+    """Also over a pole, and over the seam."""
+    camera, yaw, pitch, roll = LENSES[lens], *turn
+    pose = omniscv.Pose.from_angles((0, 0, 0), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+    mask, rays = seen(camera, ball_at((1, 0, 0)), pose)
+    record = truth.bfov(mask, rays)
+    assert record["kind"] == "perspective"
+    assert record["fov_h"] == pytest.approx(BALL_DEG, abs=PIXEL_DEG)
+    assert record["fov_v"] == pytest.approx(BALL_DEG, abs=PIXEL_DEG)
+    x, y, z = pose.to_camera([1.0, 0.0, 0.0])
+    assert np.sin(np.radians(record["lat"])) == pytest.approx(-y, abs=0.01)
+    across = np.radians(record["lon"]) - np.arctan2(x, z)
+    assert np.hypot(x, z) * np.sin(across) == pytest.approx(0, abs=0.01)
+    inside_enough(record, mask, rays, PIXEL_DEG)
+    rotated = truth.bfov(mask, rays, rotated=True)
+    inside_enough(rotated, mask, rays, PIXEL_DEG)
+    assert SphericalBox.of(rotated).area <= SphericalBox.of(record).area
+
+
+@pytest.mark.parametrize("name", cameras.names())
+def test_every_camera_has_boxes_around_its_pixels(name):
+    """A ball that a pixel a third across sees; of mirrors too, whose rays start all over."""
+    camera = cameras.model(name).example(160)
+    rays = camera.unproject([camera.width * 0.37, camera.height * 0.4])
+    place = (rays.origins + DISTANCE * rays.directions).tolist()
+    scene = mock_server.Scene("ball", {"objects": {"Ball": {"solids": [{"sphere": 0.4, "at": place}]}}})
+    mask, rays = seen(camera, scene, omniscv.Pose((0, 0, 0), np.eye(3)))
+    assert mask.any()
+    across = np.degrees(np.linalg.norm(np.diff(rays.directions, axis=1), axis=-1))
+    for rotated in (False, True):
+        inside_enough(truth.bfov(mask, rays, rotated=rotated), mask, rays, np.nanmax(across))
+
+
+TILTED = [(20, 10, 50, 20, 30), (-170, 35, 60, 15, -40), (80, -70, 40, 25, 10), (0, 0, 80, 8, 44)]
+
+
+@pytest.mark.parametrize("box", TILTED)
+def test_a_rotated_box_is_found_again(box):
+    camera = LENSES["equirectangular"]
+    rays, box = camera.unproject(), SphericalBox(*box)
+    mask = box.contains(rays.directions) >= 0
+    found = SphericalBox.of(truth.bfov(mask, rays, rotated=True))
+    assert truth.spherical_iou(found, box) >= 0.95
+    assert found.area < 0.8 * SphericalBox.of(truth.bfov(mask, rays)).area
+    quarter = (found.rot - box.rot + 45) % 90 - 45  # by a quarter turn, the two angles are exchanged
+    assert quarter == pytest.approx(0, abs=1.5)
+
+
+def test_what_is_wider_than_a_box_is_told_by_longitude_and_latitude():
+    rays = LENSES["equirectangular"].unproject()
+    lon, lat = (
+        np.arctan2(rays.directions[..., 0], rays.directions[..., 2]),
+        -np.arcsin(rays.directions[..., 1]),
+    )
+    below = truth.bfov(lat < np.radians(20), rays)
+    assert (below["kind"], below["fov_h"], below["lat"]) == ("lonlat", 360, pytest.approx(-35, abs=0.5))
+    assert below["fov_v"] == pytest.approx(110, abs=0.5)
+    band = truth.bfov((np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1)), rays)
+    assert band["kind"] == "lonlat"
+    assert band["fov_h"] == pytest.approx(np.degrees(2 * np.pi - 3), abs=0.6)
+    assert (band["lon"] + 180) % 360 == pytest.approx(np.degrees((2 + 2 * np.pi - 1) / 2) - 180, abs=0.6)
+    for record, where in (
+        (below, lat < np.radians(20)),
+        (band, (np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1))),
+    ):
+        assert SphericalBox.of(record).contains(rays.directions[where]).min() > -0.3
+
+
+def test_a_mask_without_a_pixel_is_refused():
+    rays = LENSES["fisheye"].unproject()
+    for mask in (np.zeros(rays.valid.shape, bool), ~rays.valid, np.ones((3, 3), bool)):
+        with pytest.raises(ArgumentError, match="mask: expected pixels set within the rays'"):
+            truth.bfov(mask, rays)
+
+
+def test_one_pixel_has_a_box():
+    rays = LENSES["equirectangular"].unproject()
+    for row, column in itertools.product((0, 180, 359), (0, 400, 719)):
+        mask = np.zeros(rays.valid.shape, bool)
+        mask[row, column] = True
+        record = truth.bfov(mask, rays)
+        assert record["kind"] == "perspective"
+        assert 0 < record["fov_v"] <= 1.2
+        assert SphericalBox.of(record).contains(rays.directions[mask]).min() >= -1e-6

@@ -1,0 +1,164 @@
+"""How much of objects is seen: against rays that meet one object alone, in every kind of camera."""
+
+import numpy as np
+import pytest
+from support.observed import observed
+
+import mock_server
+import omniscv
+from omniscv import cameras
+from omniscv.dataset import truths
+from omniscv.errors import ArgumentError
+from omniscv.truth import rle
+from omniscv.truth.classes import ClassTable, SemanticClass
+from omniscv.truth.visibility import apart, centers_ball
+
+SCENE = mock_server.load_scene("four-wall")
+THINGS = [name for name in SCENE.objects if not name.startswith("Layout")]
+HERE = omniscv.Pose.from_angles((-0.2, 0.1, 1.3), yaw_deg=140)
+CAMERAS = {
+    "equirectangular": cameras.create("equirectangular", width=256, height=128),
+    "fisheye": cameras.create("fisheye-equidistant", width=160, height=160, fov_deg=185),
+    "panorama on a circle": cameras.create("noncentral-panorama", width=96, height=48, radius=0.2),
+}
+
+
+def alone(observation, name):
+    """(H, W) the pixels whose rays meet an object when nothing else is there."""
+    image = observation.image
+    rays = image.camera.unproject()
+    origins_w = np.broadcast_to(image.centers_w, rays.origins.shape)
+    others = set(SCENE.objects) - {name}
+    return (SCENE.trace(origins_w, rays.directions @ image.pose.R_w_c.T, others).label > 0) & rays.valid
+
+
+@pytest.fixture(scope="module", params=CAMERAS)
+def shares(request):
+    """An image, and the records of its objects."""
+    camera = CAMERAS[request.param]
+    options = {} if camera.central else {"viewpoints": 4, "strategy": "faces", "face_size": 64}
+    with omniscv.open_source("scene://four-wall") as source:
+        observation = observed(source, camera, HERE, ("object_mask",), **options)
+        return observation, truths.get("amodal").derive(observation, {"kind": "masks"})
+
+
+def test_shares_are_what_rays_meet(shares):
+    observation, records = shares
+    assert {record["name"] for record in records} <= set(THINGS)
+    seen = np.unique(observation.labels).tolist()
+    assert {i for name, i in observation.instances.items() if name in THINGS and i in seen} <= {
+        record["instance_id"] for record in records
+    }
+    hidden = 0
+    for record in records:
+        exact, visible = alone(observation, record["name"]), observation.labels == record["instance_id"]
+        mask = rle.decode(record["segmentation"])
+        edge = np.count_nonzero(exact ^ eroded(exact))
+        assert np.count_nonzero(mask ^ exact) <= 0.4 * edge + 4  # where a capture's grid decides
+        assert (mask >= visible).all()
+        assert (record["px_all"], record["px_visib"]) == (np.count_nonzero(mask), np.count_nonzero(visible))
+        assert record["visib_fract"] == record["px_visib"] / record["px_all"] <= 1
+        hidden += record["visib_fract"] < 0.98
+    assert hidden >= 1  # the shelf behind books, the frame behind its door, ...
+
+
+def eroded(mask):
+    inner = mask.copy()
+    for axis, by in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        inner &= np.roll(mask, by, axis)
+    return inner
+
+
+def test_what_nothing_hides_is_seen_whole(shares):
+    share = {record["name"]: record["visib_fract"] for record in shares[1]}
+    whole = {"Ball", "Lamp", "Sofa", "Picture"} & share.keys()
+    assert whole
+    assert {share[name] for name in whole} == {1.0}
+    assert 0 < share["Shelf"] < 1
+
+
+def test_what_is_hidden_altogether_has_the_share_0():
+    """A ball behind a board, in a scene: a live server is not asked about objects that nothing shows."""
+    objects = {
+        "Ball": {"solids": [{"sphere": 0.2, "at": [3, 0, 0]}]},
+        "Board": {"solids": [{"box": [0.1, 2, 2], "at": [1.5, 0, 0]}]},
+    }
+    scene = mock_server.Scene("board", {"objects": objects})
+    from omniscv.sources.scene import SceneSource
+
+    with SceneSource(scene) as source:
+        observation = observed(source, CAMERAS["fisheye"], omniscv.Pose.from_angles((0, 0, 0)))
+        records = truths.get("amodal").derive(observation, {})
+    ball, board = records
+    assert (ball["name"], ball["px_visib"], ball["visib_fract"], ball["px_all"] > 20) == (
+        "Ball",
+        0,
+        0.0,
+        True,
+    )
+    assert board["visib_fract"] == 1.0
+
+
+def test_a_live_server_has_the_same_shares_and_shows_all_again():
+    camera, options = cameras.create("equirectangular", width=128, height=64), {"face_size": 64}
+    with omniscv.open_source("scene://four-wall") as source:
+        wanted = truths.get("amodal").derive(observed(source, camera, HERE, **options), {})
+    with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
+        observation = observed(source, camera, HERE, **options)
+        found = truths.get("amodal").derive(observation, {})
+        assert not any(each.hidden for each in server.world.objects.values())
+    assert {record["name"] for record in found} - {record["name"] for record in wanted} <= set(SCENE.objects)
+    by_name = {record["name"]: record for record in found}
+    for record in wanted:
+        if record["px_visib"]:
+            assert by_name[record["name"]]["visib_fract"] == pytest.approx(record["visib_fract"], abs=0.02)
+
+
+def test_stuff_has_no_share():
+    table = ClassTable({"stuff": SemanticClass(1, "stuff", stuff=True)}, dict.fromkeys(THINGS[1:], "stuff"))
+    with omniscv.open_source("scene://four-wall") as source:
+        observation = observed(source, CAMERAS["fisheye"], HERE, classes=table, face_size=64)
+        assert {r["name"] for r in truths.get("amodal").derive(observation, {})} <= {THINGS[0]}
+
+
+def test_recordings_are_refused(tmp_path):
+    with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "a.sqlite") as source:
+        observation = observed(source, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
+    with omniscv.open_source(tmp_path / "a.sqlite") as replay:
+        recorded = observed(replay, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
+        with pytest.raises(ArgumentError, match="expected one that can hide objects, got RecordedSource"):
+            truths.get("amodal").derive(recorded, {})
+    with pytest.raises(ArgumentError, match="kind: expected one of boxes, masks; got 'all'"):
+        truths.get("amodal").derive(observation, {"kind": "all"})
+
+
+def test_objects_of_a_group_cannot_hide_each_other():
+    """Wherever the camera is: what one ray meets of a group is one object at most."""
+    with omniscv.open_source("scene://four-wall") as source:
+        boxes = source.geometry().boxes
+    rng = np.random.default_rng(7)
+    for _ in range(6):
+        center_w, radius = rng.uniform([-1.5, -1.5, 0.5], [1.5, 1.5, 2.2]), rng.choice([0.0, 0.3])
+        groups = apart(THINGS, boxes, center_w, radius)
+        assert sorted(name for group in groups for name in group) == THINGS
+        origins, directions = center_w + strewn(rng, radius, 20_000), rng.normal(size=(20_000, 3))
+        for group in groups:
+            met = np.zeros(len(directions), int)
+            for name in group:
+                met += SCENE.trace(origins, directions, set(SCENE.objects) - {name}).label > 0
+            assert met.max() <= 1
+    assert apart(["A", "B"], {}, np.zeros(3), 0.0) == [("A",), ("B",)]  # without a box nothing is known
+
+
+def strewn(rng, radius, count):
+    points = rng.normal(size=(count, 3))
+    return radius * points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def test_a_ball_holds_all_optical_centres():
+    for camera in CAMERAS.values():
+        rays = camera.unproject()
+        center, radius = centers_ball(HERE.to_world(rays.origins))
+        far = np.linalg.norm(HERE.to_world(rays.origins[rays.valid]) - center, axis=-1)
+        assert far.max() <= radius + 1e-12
+        assert radius == pytest.approx(0.2 if not camera.central else 0.0, abs=0.01)

@@ -1,0 +1,75 @@
+"""Boxes drawn over images: where they are, and nowhere else."""
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv import cameras, truth
+from omniscv.errors import ArgumentError
+from omniscv.truth import SphericalBox
+from omniscv.viewing.draw_boxes import draw_boxes
+
+WIDE = cameras.create("equirectangular", width=256, height=128)
+GREY = np.full((128, 256, 3), 90, np.uint8)
+
+
+def changed(camera, grey, records, what):
+    drawn = draw_boxes(grey, camera, records, (what,))
+    assert (grey == 90).all()
+    return (drawn != grey).any(axis=-1)
+
+
+def record(**fields):
+    return {"instance_id": 3, "name": "", **fields}
+
+
+def test_a_box_over_the_seam_is_drawn_on_both_sides():
+    at = changed(WIDE, GREY, {"boxes": [record(bbox=[0, 40, 256, 30], bbox_wrap=[240, 40, 40, 30])]}, "boxes")
+    rows, columns = np.nonzero(at)
+    assert 38 <= rows.min() < rows.max() <= 71
+    assert set(columns) <= {*range(238, 256), *range(26)}
+    assert at[55, 239:242].any()
+    assert at[55, 22:26].any()
+    assert not at[55, 26:238].any()
+
+
+@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "kannala-brandt", "pinhole"])
+def test_boxes_on_the_sphere_are_drawn_on_their_border(name):
+    """Each pixel that is drawn sees, within a pixel or two, the border of the box."""
+    camera = cameras.model(name).example(200)
+    grey = np.full((camera.height, camera.width, 3), 90, np.uint8)
+    box = SphericalBox(10, 5, 40, 24, 15)
+    at = changed(camera, grey, {"bfov": [record(bfov=box.to_dict(), rbfov=box.to_dict())]}, "rbfov")
+    rays = camera.unproject()
+    assert at.sum() > 50
+    assert not at[~rays.valid].any()
+    across = np.degrees(np.linalg.norm(np.diff(rays.directions, axis=1), axis=-1))
+    assert np.abs(box.contains(rays.directions[at])).max() <= 2.5 * np.nanmax(across)
+
+
+@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "noncentral-panorama"])
+def test_boxes_in_space_are_drawn_along_their_edges(name):
+    camera, pose = cameras.model(name).example(200), omniscv.Pose.from_angles((0, 0, 1.5))
+    with omniscv.open_source("scene://four-wall") as source:
+        boxes = {"Sofa": source.geometry().boxes["Sofa"], "Table": source.geometry().boxes["Table"]}
+    records = truth.boxes3d(boxes, camera, pose, {"Sofa": 1, "Table": 2})
+    grey = np.full((camera.height, camera.width, 3), 90, np.uint8)
+    at = changed(camera, grey, {"boxes3d": [{**each, "name": ""} for each in records]}, "boxes3d")
+    seen = 0
+    for box in boxes.values():
+        pixels, valid = camera.project(pose.to_camera(box.corners_w()))
+        for u, v in pixels[valid]:
+            around = at[max(0, int(v) - 1) : int(v) + 2, max(0, int(u) - 1) : int(u) + 2]
+            assert around.any()
+            seen += 1
+    assert seen >= 8
+    assert at.mean() < 0.1
+
+
+def test_names_and_colours_tell_objects_apart():
+    two = [record(bbox=[10, 40, 30, 30]), {"instance_id": 4, "name": "Sofa", "bbox": [100, 40, 30, 30]}]
+    drawn = draw_boxes(GREY, WIDE, {"boxes": two})
+    assert not np.array_equal(drawn[55, 10], drawn[55, 100])
+    assert (drawn[20:38, 100:130] != 90).any()
+    with pytest.raises(ArgumentError, match="what: expected one of boxes, bfov, rbfov, boxes3d; got 'masks'"):
+        draw_boxes(GREY, WIDE, {}, ("masks",))
