@@ -122,7 +122,7 @@ def _corners(box: Sequence[float]) -> list[float]:
 def _projected(camera: Camera, corners_c: Array) -> list[float]:
     """Around the projected corners, which may lie beyond the image of a pinhole camera; unknown where one has
     no pixel, or where they lie around a seam."""
-    if isinstance(camera, Pinhole):
+    if isinstance(camera, Pinhole) and camera.focal and not (camera.skew or camera.distortion.any()):
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = camera.center + camera.focal * corners_c[:, :2] / corners_c[:, 2:]
         valid = corners_c[:, 2] > 0
