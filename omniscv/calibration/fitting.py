@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, nnls
 
 from omniscv.arguments import one_of, shown
 from omniscv.calibration.intrinsics import MODELS, camera_of
@@ -120,7 +119,8 @@ def fit(camera: Camera, model: str) -> Fit:
     (axis,), (seen,) = camera.project([[0.0, 0.0, 1.0]])
     if not seen:
         raise ArgumentError(f"camera: expected one that sees along +z, as lenses do, got {shown(camera)}")
-    if getattr(camera, "fx", 0.0) == getattr(camera, "fy", 0.0):  # or a model of one focal length
+    focals = {getattr(camera, name, None) for name in ("fx", "fy")} - {None}
+    if len(focals or {getattr(camera, "focal", None)} - {None}) == 1:
         one = (*_ONE_FOCAL, *(name for name in family.names if name not in (*_PLACE, "focal")))
         family = replace(family, names=one)
     fitting = _Fitting(camera, model, family, axis)
@@ -150,6 +150,8 @@ class _Fitting:
 
     def _refined(self, x: Floats, free: Sequence[int]) -> Floats:
         """Numbers of least squares in which only some, by index, differ from ``x``."""
+        from scipy.optimize import least_squares  # slow to load, and reading files does without
+
         free = list(free)
         bounds = np.array([self._family.bounds.get(self._family.names[i], _ENDLESS) for i in free]).T
 
@@ -172,7 +174,8 @@ class _Fitting:
         """The camera of fitted numbers, and its errors."""
         camera = self._camera
         step = max(1, int(np.ceil(np.sqrt(camera.width * camera.height / _MOST_RAYS))))
-        pixels = camera.pixels()[::step, ::step].reshape(-1, 2)
+        u, v = np.arange(0.5, camera.width, step), np.arange(0.5, camera.height, step)
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
         everything = int(np.count_nonzero(camera.valid(pixels)))
         pixels, rays = self._within_reach(pixels)
         found = self._built(x, 1.0)
@@ -208,6 +211,8 @@ class _Fitting:
     def _rational_start(self) -> Floats:
         """OpenCV's radial terms, which are linear in ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``, none
         of them below 0: so no denominator vanishes."""
+        from scipy.optimize import nnls
+
         x, y, z = self._rays.T
         wanted = self._pixels * self._scale - self._axis
         near = z > np.cos(np.radians(20.0))

@@ -66,6 +66,14 @@ def test_the_errors_are_those_of_projected_rays(source: cameras.Camera, model: s
     assert 0.3 * found.rms_px < np.sqrt(np.mean(off**2)) < 1.5 * found.rms_px
 
 
+def test_a_stretched_lens_stays_stretched() -> None:
+    """A polynomial whose columns are 5 % wider than its rows: two focal lengths, though it has none."""
+    bent = cameras.create("scaramuzza", **SIZE, coefficients=[-60.0, 0.0, 0.004], affine=(1.05, 0, 0))
+    found = calibration.fit(bent, "kannala-brandt")
+    assert found.max_px < 0.01
+    assert found.camera.fx / found.camera.fy == pytest.approx(1.05, abs=1e-3)  # type: ignore[attr-defined]
+
+
 def test_no_other_camera_of_the_model_is_nearer() -> None:
     """Every number a little off makes the sum of the squares larger: it is a minimum."""
     found = calibration.fit(DOUBLE, "extended-unified")
