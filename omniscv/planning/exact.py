@@ -97,7 +97,9 @@ class Exact(Strategy):
 
     def rounds(self, task: Task) -> Rounds:
         if task.scattered:
-            wanted = "expected 'auto', 'adaptive' or a number of viewpoints for a camera whose every pixel has"
+            wanted = (
+                "expected 'auto', 'adaptive' or a number of viewpoints for a camera whose every pixel has"
+            )
             raise ArgumentError(f"strategy: {wanted} an optical centre of its own, got {self.name!r}")
         groups = task.groups()
         around = yield from look_around(task, groups)
