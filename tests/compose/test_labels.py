@@ -15,7 +15,7 @@ from omniscv.sources.base import ObjectTable
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 SOURCE = float_source(load_scene("four-wall"))
-CAMERAS = cameras_at(256)
+CAMERAS = cameras_at(128)
 
 
 @pytest.mark.parametrize("filter", ["bilinear", "bicubic", "area"])
