@@ -65,16 +65,17 @@ JOB = """
 source: mock://four-wall
 cameras: {panorama: {model: equirectangular, width: 64, height: 32}}
 poses: [{position: [0, 0, 1.5]}]
+face_size: 64
 out: images
 """
 
 
-def example_inputs(folder, faces):
-    """Write the files that examples of the help read: a job, recordings, images, a folder of captures."""
+def example_inputs(folder):
+    """Write the files that examples of the help read into the present folder: a job, recordings, images, a
+    folder of captures."""
     (folder / "job.yaml").write_text(JOB, encoding="utf-8")
     recording = folder / "captures" / "four-wall.sqlite"
     for name in ("room.sqlite", "kitchen.sqlite"):
         shutil.copy(recording, folder / name)
     run(["omniscv", "render", "job.yaml"], {})
-    if faces:
-        run(["omniscv", "captures", "export", str(recording), "faces/"], {})
+    run(["omniscv", "captures", "export", str(recording), "faces/"], {})
