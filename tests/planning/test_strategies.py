@@ -19,7 +19,7 @@ from omniscv.sources.base import Capabilities
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 LEVEL = Pose.from_angles((0.0, 0.0, 1.5))
-CAMERAS = cameras_at(96)
+CAMERAS = cameras_at(48)
 ROOM = load_scene("four-wall")
 ANY = Capabilities()
 
