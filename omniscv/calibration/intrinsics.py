@@ -17,10 +17,10 @@ HALF_PIXEL = 0.5
 _ARGUMENTS: dict[str, dict[str, str]] = {
     "pinhole": {"skew": "skew", "distortion": "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"},
     "kannala-brandt": {"skew": "skew", "k": "k1 k2 k3 k4"},
-    "fisheye624": {"k": "k0 k1 k2 k3 k4 k5", "p": "p0 p1", "s": "s0 s1 s2 s3"},
+    "fisheye624": {"skew": "skew", "k": "k0 k1 k2 k3 k4 k5", "p": "p0 p1", "s": "s0 s1 s2 s3"},
     "unified": {"skew": "skew", "xi": "xi", "distortion": "k1 k2 p1 p2"},
-    "extended-unified": {"alpha": "alpha", "beta": "beta"},
-    "double-sphere": {"xi": "xi", "alpha": "alpha"},
+    "extended-unified": {"skew": "skew", "alpha": "alpha", "beta": "beta"},
+    "double-sphere": {"skew": "skew", "xi": "xi", "alpha": "alpha"},
     "division": {"k": "k"},
 }
 """The constructor arguments of a model beyond size, focal lengths and centre, and the numbers each holds."""
@@ -67,7 +67,7 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
         return [unified, _extended(unified)]
     if camera.name not in _ARGUMENTS:
         return []
-    _refuse_limit(camera)
+    refuse_limit(camera)
     for argument, names in _ARGUMENTS[camera.name].items():
         values = np.ravel(getattr(camera, argument, 0.0)).tolist()
         place |= zip(names.split(), values, strict=False)
@@ -161,10 +161,10 @@ def _one_focal(numbers: Mapping[str, float]) -> float:
     return numbers["fx"]
 
 
-def _refuse_limit(camera: Camera) -> None:
+def refuse_limit(camera: Camera) -> None:
     """Raise ArgumentError where the camera has a limit ``fov_deg``, which no format holds."""
     limit = getattr(camera, "fov_deg", None)
-    if limit is not None and camera.name != "pinhole":
+    if limit is not None:
         raise ArgumentError(
             f"fov_deg: expected a camera without this limit, which the format cannot carry, got "
             f"{limit:.15g}; save the same camera made without fov_deg"

@@ -2,24 +2,28 @@
 
 Half pixel: Kalibr puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
 
-``pinhole-none``
-    ``pinhole``, or ``scaramuzza`` with the same rays where fu and fv differ.
-``pinhole-equi``
-    ``kannala-brandt``. Kalibr itself reaches only rays with z > 0.
-``omni-none``
-    Mei's sphere model: ``x_s = X / |X|``, ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)``.
+``pinhole-none``, ``pinhole-radtan``
+    ``pinhole``, with k1, k2, p1, p2.
+``pinhole-equidistant``
+    ``kannala-brandt``, and ``fisheye-equidistant`` without the circle in which it ends. Kalibr itself reaches
+    only rays with z > 0.
+``omni-none``, ``omni-radtan``
+    ``unified``, Mei's sphere model: ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)`` of the
+    unit direction x_s; and ``fisheye-stereographic``, whose xi is 1, without the circle in which it ends.
+    ``omni-none`` with ``fv = -fu < 0``, or ``fu = -fv < 0``, is a picture in a mirror:
+    ``catadioptric-planar`` (xi = 0), ``-hyperbolic`` (0 < xi < 1) and ``-parabolic`` (xi = 1), with
+    ``fu = -eta focal``. Our frame looks at the mirror, Mei's z away from it: half a turn about x,
+    ``X_mei = (x, -y, -z)``, hence the sign of fv (about y, and fu, where that is the negative one).
+    docs/calibration.md: files of Kalibr's own programs, which refuse negative focal lengths. The mirror's
+    size is not carried, and no ray depends on it: a hyperboloid comes back with ``distance`` 1, a paraboloid
+    with ``semi_latus_rectum`` 1.
+``eucm-none``, ``ds-none``
+    ``extended-unified`` and ``double-sphere``.
 
-    - ``fv = -fu < 0``, or ``fu = -fv < 0``: a picture in a mirror. ``catadioptric-planar`` (xi = 0),
-      ``-hyperbolic`` (0 < xi < 1) and ``-parabolic`` (xi = 1), with ``fu = -eta focal``. Our frame
-      looks at the mirror, Mei's z away from it: half a turn about x, ``X_mei = (x, -y, -z)``, hence the
-      sign of fv (about y, and fu, where that is the negative one). docs/calibration.md: files of Kalibr's
-      own programs, which refuse negative focal lengths.
-      The mirror's size is not carried, and no ray depends on it: a hyperboloid comes back with
-      ``distance`` 1, a paraboloid with ``semi_latus_rectum`` 1.
-    - ``fu = fv > 0``: no mirror. xi = 0 is a ``pinhole`` and xi = 1 a ``fisheye-stereographic``
-      of ``focal = fu / 2``; other xi are no model of ours.
+Not carried: every other model (of Kalibr's own, ``pinhole-fov``), skew, a limit ``fov_deg``, where a mirror
+ends, topics. Poses and time shifts are in :mod:`omniscv.calibration.rigs`.
 
-Not carried: every other model, a limit ``fov_deg``, where a mirror ends, poses, topics, time shifts.
+Source: Kalibr, ``kalibr_common/ConfigReader.py``.
 """
 
 import math
@@ -30,19 +34,26 @@ from typing import Any
 import yaml
 
 from omniscv.arguments import numbers, shown, within
-from omniscv.calibration.common import (
-    HALF_PIXEL,
-    camera_of,
-    field,
-    intrinsics_of,
-    mapping,
-    whole_number,
-)
-from omniscv.cameras import Camera, FisheyeStereographic, mirrors
+from omniscv.calibration.common import field, mapping, whole_number
+from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, read_numbers
+from omniscv.cameras import Camera, mirrors
 from omniscv.errors import ArgumentError
 
-_MODELS = {("pinhole", "none"): (4, 0), ("pinhole", "equidistant"): (4, 4), ("omni", "none"): (5, 0)}
-"""(camera_model, distortion_model): how many intrinsics and coefficients they have."""
+_TABLE = """
+pinhole none        pinhole          fx fy cx cy
+pinhole radtan      pinhole          fx fy cx cy k1 k2 p1 p2
+pinhole equidistant kannala-brandt   fx fy cx cy k1 k2 k3 k4
+omni    none        unified          xi fx fy cx cy
+omni    radtan      unified          xi fx fy cx cy k1 k2 p1 p2
+eucm    none        extended-unified alpha beta fx fy cx cy
+ds      none        double-sphere    xi alpha fx fy cx cy
+"""
+_ROWS = [line.split() for line in _TABLE.strip().splitlines()]
+_MODELS = {
+    (name, distortion): FormatModel(f"{name}-{distortion}", model, tuple(names))
+    for name, distortion, model, *names in _ROWS
+}
+"""(camera_model, distortion_model): our model; the intrinsics, then the coefficients in their order."""
 
 _NAME = re.compile(r"cam\d+")
 
@@ -85,38 +96,29 @@ def _camera(entry: object) -> Camera:
     if model not in list(_MODELS):
         known = ", ".join(map("-".join, _MODELS))
         raise ArgumentError(f"camera_model, distortion_model: expected one of {known}, got {shown(model)}")
-    intrinsics, k = (
-        numbers(key, field(entry, key), (count,)).tolist()
-        for key, count in zip(("intrinsics", "distortion_coeffs"), _MODELS[model], strict=True)
-    )
+    row = _MODELS[model]
+    of_lens = row.numbers.index("cy") + 1
+    counts = {"intrinsics": of_lens, "distortion_coeffs": len(row.numbers) - of_lens}
+    values: list[float] = []
+    for key, count in counts.items():
+        values += numbers(key, field(entry, key), (count,)).tolist()
     resolution = field(entry, "resolution")
     if not isinstance(resolution, list) or len(resolution) != 2:
         raise ArgumentError(f"resolution: expected [width, height], got {shown(resolution)}")
     width, height = (whole_number(f"resolution[{i}]", size) for i, size in enumerate(resolution))
-    if model[0] == "omni":
-        return _omni(width, height, *intrinsics)
-    return camera_of(width, height, intrinsics + k, HALF_PIXEL)
+    read = read_numbers(row, values, HALF_PIXEL)
+    if row.name == "omni-none" and min(read["fx"], read["fy"]) < 0:
+        return _mirror(width, height, **read)
+    return camera_of(row.model, width, height, read)
 
 
-def _omni(width: int, height: int, xi: float, fu: float, fv: float, pu: float, pv: float) -> Camera:
-    got = f"xi = {xi:.15g}, fu = {fu:.15g}, fv = {fv:.15g}"
-    if abs(fu) != abs(fv) or max(fu, fv) <= 0:
+def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float, cy: float) -> Camera:
+    if fx != -fy or not 0 <= xi <= 1:
         raise ArgumentError(
-            "intrinsics: expected focal lengths of one size, of which at least one is positive (our sphere "
-            f"models stretch no axis), got {got}"
+            "intrinsics: expected fu = -fv and 0 <= xi <= 1 for a mirror's picture, got "
+            f"xi = {xi:.15g}, fu = {fx:.15g}, fv = {fy:.15g}"
         )
-    focal, center = abs(fu), (pu + HALF_PIXEL, pv + HALF_PIXEL)
-    if fu == fv:
-        if xi == 0:
-            return camera_of(width, height, (focal, focal, *center))
-        if xi == 1:
-            return FisheyeStereographic(width, height, focal=focal / 2, center=center)
-        raise ArgumentError(
-            "intrinsics: expected xi = 0 or 1 where both focal lengths are positive; if the picture is a "
-            f"mirror's, negate fv; got {got}"
-        )
-    if not 0 <= xi <= 1:
-        raise ArgumentError(f"intrinsics: expected 0 <= xi <= 1 for a mirror's picture, got xi = {xi:.15g}")
+    focal, center = abs(fx), (cx, cy)
     if xi == 0:
         return mirrors.CatadioptricPlanar(width, height, focal=focal, center=center)
     if xi == 1:
@@ -129,34 +131,30 @@ def _omni(width: int, height: int, xi: float, fu: float, fv: float, pu: float, p
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
-    intrinsics, k = _sphere_intrinsics(camera), []
-    if intrinsics is None and (found := intrinsics_of(camera, HALF_PIXEL)):
-        intrinsics, k = found[:4], found[4:]
-    if intrinsics is None:
-        raise ArgumentError(
-            "Kalibr: expected pinhole, kannala-brandt, fisheye-stereographic or a central mirror, got "
-            f"{camera.name}"
-        )
+    if isinstance(camera, mirrors.SphereModel):
+        row, values = _MODELS["omni", "none"], _mirror_values(camera)
+    elif found := fit_format(camera, _MODELS.values(), HALF_PIXEL):
+        row, values = found
+    else:
+        known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
+        raise ArgumentError(f"Kalibr: expected {known}, unskewed, or a central mirror, got {camera.name}")
+    of_lens = row.numbers.index("cy") + 1
+    model, distortion = row.name.split("-")
     return {
-        "camera_model": "omni" if len(intrinsics) == 5 else "pinhole",
-        "intrinsics": intrinsics,
-        "distortion_model": "equidistant" if k else "none",
-        "distortion_coeffs": k,
+        "camera_model": model,
+        "intrinsics": values[:of_lens],
+        "distortion_model": distortion,
+        "distortion_coeffs": values[of_lens:],
         "resolution": [camera.width, camera.height],
     }
 
 
-def _sphere_intrinsics(camera: Camera) -> list[float] | None:
-    """xi, fu, fv, pu, pv of a camera that Mei's model describes; None for another one."""
-    center = (camera.center - HALF_PIXEL).tolist()
-    if isinstance(camera, FisheyeStereographic):
-        return [1.0, 2 * camera.focal, 2 * camera.focal, *center]
-    if not isinstance(camera, mirrors.SphereModel):
-        return None
+def _mirror_values(camera: mirrors.SphereModel) -> list[float]:
+    """xi, fu, fv, pu, pv of a mirror's picture."""
     if isinstance(camera, mirrors.CatadioptricHyperbolic) and camera.xi == 1:
         raise ArgumentError(
             "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi rounds "
             f"to 1: distance {camera.distance!r}, semi_latus_rectum {camera.semi_latus_rectum!r}"
         )
     focal = -camera.eta * camera.focal
-    return [camera.xi, focal, -focal, *center]
+    return [camera.xi, focal, -focal, *(camera.center - HALF_PIXEL).tolist()]

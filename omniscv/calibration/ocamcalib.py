@@ -25,7 +25,8 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
 from omniscv.arguments import numbers, shown, within
-from omniscv.calibration.common import HALF_PIXEL, only_camera, refuse_limit, whole_number
+from omniscv.calibration.common import only_camera, whole_number
+from omniscv.calibration.intrinsics import HALF_PIXEL, refuse_limit
 from omniscv.cameras import Camera, Scaramuzza
 from omniscv.cameras.base import Array
 from omniscv.errors import ArgumentError

@@ -1,87 +1,231 @@
-"""OpenCV's fisheye model: K and D as arrays, and the file that OpenCV's calibration sample writes.
+"""OpenCV's three models, as arrays and as the files that ``cv2.FileStorage`` writes: YAML, XML or JSON.
 
-Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point is ours minus 0.5.
-Carried: ``kannala-brandt``. Not carried: every other model, a limit ``fov_deg``, skew; the arrays
-do not hold the image size either.
+Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
+
+``opencv``
+    ``pinhole``: K and D of ``cv2.projectPoints``, 4, 5, 8 or 12 coefficients. K has no skew: OpenCV ignores
+    it in this model. With 14 coefficients the last two tilt the sensor, which our model does not.
+``opencv-fisheye``
+    ``kannala-brandt``: K and D of ``cv2.fisheye``, skew in ``K[0, 1] = fx skew``, which its functions take as
+    ``alpha``; and ``fisheye-equidistant`` without the circle in which it ends.
+``opencv-omnidir``
+    ``unified``: K, xi and D of ``cv2.omnidir``, skew in ``K[0, 1] = fx skew``; and ``fisheye-stereographic``
+    without the circle in which it ends.
+
+Not carried: every other model, a limit ``fov_deg``; the arrays do not hold the image size either.
+
+Source: OpenCV 5, calib3d; opencv_contrib, ccalib (omnidir.cpp); the files' keys are those of OpenCV's
+calibration samples.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, shown, within
+from omniscv.arguments import number, numbers, shown, within
 from omniscv.calibration import common
-from omniscv.calibration.common import HALF_PIXEL, field
-from omniscv.cameras import Camera, KannalaBrandt
+from omniscv.calibration.common import field
+from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format
+from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 
-_NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
+Floats = NDArray[np.float64]
+
+_PLACE = "fx fy cx cy"
+_PLAIN = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4".split()  # noqa: SIM905 - as OpenCV's manual lists them
+_COUNTS = (4, 5, 8, 12)
+_FISHEYE = FormatModel("opencv-fisheye", "kannala-brandt", (*_PLACE.split(), "skew", "k1", "k2", "k3", "k4"))
+_OMNIDIR = FormatModel("opencv-omnidir", "unified", (*_PLACE.split(), "skew", "k1", "k2", "p1", "p2", "xi"))
+_PINHOLES = [FormatModel("opencv", "pinhole", (*_PLACE.split(), *_PLAIN[:count])) for count in _COUNTS]
+_SUFFIXES = (".yml", ".yaml", ".xml", ".json")
 
 
-def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> KannalaBrandt:
-    """Return the ``kannala-brandt`` camera of ``cv2.fisheye``'s K and D.
+# -- arrays --------------------------------------------------------------------------------------------
+
+
+def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
+    """Return the ``pinhole`` camera of ``cv2.projectPoints``'s K and D.
 
     Args:
         K: (3, 3), px, ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`` with pixel centres at whole numbers:
+            0.5 is added to cx and cy.
+        D: 4, 5, 8, 12 or 14 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, 0, 0), as (N,), (N, 1)
+            or (1, N).
+        width, height: image size, px; K and D do not hold it.
+
+    Raises:
+        ArgumentError: other shapes, numbers that are not finite, skew, a tilted sensor, or focal lengths not
+            above 0.
+    """
+    place = _place(K, skewed=False)
+    values = _vector(D, None)
+    if len(values) == 14 and values[12:] == [0, 0]:
+        values = values[:12]
+    if len(values) not in _COUNTS:
+        wanted = "expected 4, 5, 8 or 12 coefficients (and no tilt)"
+        raise ArgumentError(f"D: {wanted}, got {len(values)}: {shown(values)}")
+    return camera_of("pinhole", width, height, place | dict(zip(_PLAIN, values, strict=False)))
+
+
+def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
+    """Return K (3, 3) and D (4, 5, 8 or 12) for ``cv2.projectPoints``; 0.5 is taken from the principal point.
+
+    OpenCV projects points with z < 0 too, mirrored.
+
+    Raises:
+        ArgumentError: not a ``pinhole`` without skew, or one with a limit ``fov_deg``.
+    """
+    values = _values(camera, _PINHOLES, "OpenCV: expected a camera pinhole without skew")
+    return _matrix(values), np.array(values[4:])
+
+
+def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
+    """Return the ``kannala-brandt`` camera of ``cv2.fisheye``'s K and D.
+
+    Args:
+        K: (3, 3), px, ``[[fx, fx skew, cx], [0, fy, cy], [0, 0, 1]]`` with pixel centres at whole numbers:
             0.5 is added to cx and cy.
         D: four numbers (k1, k2, k3, k4), as (4,), (4, 1) or (1, 4).
         width, height: image size, px; K and D do not hold it.
 
     Raises:
-        ArgumentError: other shapes, numbers that are not finite, skew, or focal lengths not above 0.
+        ArgumentError: other shapes, numbers that are not finite, or focal lengths not above 0.
     """
-    rows = numbers("K", K, (3, 3)).tolist()
-    k = numbers("D", np.squeeze(np.asarray(D, dtype=object)), (4,))
-    (fx, _, cx), (_, fy, cy), _ = rows
-    if rows != [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]:
-        raise ArgumentError(f"K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {rows}")
-    return KannalaBrandt(width, height, fx, fy, cx + HALF_PIXEL, cy + HALF_PIXEL, k)
+    k = dict(zip(("k1", "k2", "k3", "k4"), _vector(D, 4), strict=True))
+    return camera_of("kannala-brandt", width, height, _place(K) | k)
 
 
-def to_opencv_fisheye(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
     """Return K (3, 3) and D (4,) for ``cv2.fisheye``; 0.5 is taken from the principal point.
 
-    OpenCV's ``projectPoints`` works on x / z, so it is right only for points with z > 0.
+    OpenCV's ``projectPoints`` works on x / z, so it is right only for points with z > 0; it takes skew as
+    its argument ``alpha``, ``K[0, 1] / K[0, 0]``.
 
     Raises:
         ArgumentError: not a ``kannala-brandt`` camera, or one with a limit ``fov_deg``.
     """
-    if not isinstance(camera, KannalaBrandt):
-        raise ArgumentError(f"OpenCV fisheye: expected a camera kannala-brandt, got {camera.name}")
-    common.refuse_limit(camera)
-    cx, cy = camera.center - HALF_PIXEL
-    return np.array([[camera.fx, 0, cx], [0, camera.fy, cy], [0, 0, 1]]), camera.k.copy()
+    values = _values(camera, [_FISHEYE], "OpenCV fisheye: expected a camera kannala-brandt")
+    return _matrix(values, values[4]), np.array(values[5:])
+
+
+def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, height: int) -> Camera:
+    """Return the ``unified`` camera of ``cv2.omnidir``'s K, xi and D.
+
+    Args:
+        K: (3, 3) as :func:`from_opencv_fisheye` takes it.
+        xi: no unit.
+        D: four numbers (k1, k2, p1, p2), as (4,), (4, 1) or (1, 4).
+        width, height: image size, px; the arrays do not hold it.
+
+    Raises:
+        ArgumentError: other shapes, numbers that are not finite, or that the model refuses.
+    """
+    terms = dict(zip(("k1", "k2", "p1", "p2"), _vector(D, 4), strict=True))
+    xi = number("xi", np.asarray(xi, dtype=object).item() if np.size(xi) == 1 else xi)
+    return camera_of("unified", width, height, _place(K) | terms | {"xi": xi})
+
+
+def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
+    """Return K (3, 3), xi and D (4,) for ``cv2.omnidir``; 0.5 is taken from the principal point.
+
+    Raises:
+        ArgumentError: not a ``unified`` camera, or one with a limit ``fov_deg``.
+    """
+    values = _values(camera, [_OMNIDIR], "OpenCV omnidir: expected a camera unified")
+    return _matrix(values, values[4]), values[9], np.array(values[5:9])
+
+
+def _place(K: ArrayLike, *, skewed: bool = True) -> dict[str, float]:
+    rows = numbers("K", K, (3, 3)).tolist()
+    (fx, s, cx), (_, fy, cy), _ = rows
+    if rows != [[fx, s, cx], [0, fy, cy], [0, 0, 1]] or (s != 0 and not skewed) or fx == 0:
+        wanted = f"[[fx, {'fx skew' if skewed else '0'}, cx], [0, fy, cy], [0, 0, 1]]"
+        raise ArgumentError(f"K: expected {wanted}, got {rows}")
+    return {"fx": fx, "fy": fy, "cx": cx + HALF_PIXEL, "cy": cy + HALF_PIXEL, "skew": s / fx}
+
+
+def _vector(D: ArrayLike, count: int | None) -> list[float]:
+    found: list[float] = numbers("D", np.squeeze(np.asarray(D, dtype=object)), (count,)).tolist()
+    return found
+
+
+def _values(camera: Camera, rows: Iterable[FormatModel], wanted: str) -> list[float]:
+    found = fit_format(camera, rows, HALF_PIXEL)
+    if found is None:
+        raise ArgumentError(f"{wanted}, got {camera.name}")
+    return found[1]
+
+
+def _matrix(values: list[float], skew: float = 0.0) -> Floats:
+    fx, fy, cx, cy = values[:4]
+    return np.array([[fx, fx * skew, cx], [0, fy, cy], [0, 0, 1]])
+
+
+# -- files ---------------------------------------------------------------------------------------------
+
+
+def read_opencv(text: str) -> dict[str, Camera]:
+    """Return the camera, ``cam0``, of a file (YAML, XML, JSON) as OpenCV's calibration sample writes it.
+
+    The keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
+    ``fisheye_model``, which may be missing but not 1: the same file with four coefficients of the fisheye
+    model means another lens.
+
+    Raises:
+        ArgumentError: a key is missing or holds something else, or as :func:`from_opencv`.
+    """
+    data = _parsed(text, fisheye=0)
+    return {"cam0": from_opencv(_array(data, "camera_matrix", 9), _array(data, _D), *_size(data))}
 
 
 def read_opencv_fisheye(text: str) -> dict[str, Camera]:
-    """Return the camera, named ``cam0``, of a YAML or JSON file as OpenCV's calibration sample writes it.
-
-    The keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
-    ``fisheye_model``, which may be missing but not 0: the same file with four coefficients of the plain
-    model means another lens.
+    """Return the camera, named ``cam0``, of a file as :func:`read_opencv`, of the fisheye model: there
+    ``fisheye_model`` may be missing but not 0.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_fisheye`.
     """
-    data = common.mapping(_NOT_YAML.sub("", text))
-    fisheye = data.get("fisheye_model", 1)
-    if fisheye != 1:
-        raise ArgumentError(
-            f"fisheye_model: expected 1, OpenCV's fisheye model, got {shown(fisheye)}; "
-            "no camera here has the tangential terms of the plain model"
-        )
-    width, height = (common.whole_number(key, field(data, key)) for key in ("image_width", "image_height"))
-    matrices = []
-    for key, count in (("camera_matrix", 9), ("distortion_coefficients", 4)):
-        with within(key):
-            matrices.append(numbers("data", field(field(data, key), "data"), (count,)))
-    return {"cam0": from_opencv_fisheye(matrices[0].reshape(3, 3), matrices[1], width, height)}
+    data = _parsed(text, fisheye=1)
+    matrix, k = _array(data, "camera_matrix", 9), _array(data, _D, 4)
+    return {"cam0": from_opencv_fisheye(matrix, k, *_size(data))}
 
 
-def write_opencv_fisheye(cameras: Mapping[str, Camera]) -> str:
-    """Return the YAML file of one camera, for ``cv2.FileStorage``; its name is not carried.
+def read_opencv_omnidir(text: str) -> dict[str, Camera]:
+    """Return the camera, named ``cam0``, of a file with ``xi`` as ccalib's omnidirectional sample writes it.
+
+    That sample leaves out ``image_width`` and ``image_height``: they must be added.
+
+    Raises:
+        ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_omnidir`.
+    """
+    data = _parsed(text)
+    xi = field(data, "xi")
+    xi = _array(data, "xi", 1)[0] if isinstance(xi, dict) else number("xi", xi)
+    matrix, terms = _array(data, "camera_matrix", 9), _array(data, _D, 4)
+    return {"cam0": from_opencv_omnidir(matrix, xi, terms, *_size(data))}
+
+
+def write_opencv(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
+    """Return the file of one ``pinhole`` camera, for ``cv2.FileStorage``; its name is not carried.
+
+    Args:
+        cameras: one, by name.
+        suffix: ``.yml``, ``.xml`` or ``.json``.
+
+    Raises:
+        ArgumentError: not exactly one camera, or as :func:`to_opencv`.
+    """
+    name, camera = common.only_camera(cameras, "OpenCV")
+    with within(name):
+        K, D = to_opencv(camera)
+    return _written(camera, {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}, suffix)
+
+
+def write_opencv_fisheye(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
+    """Return the file of one camera as :func:`write_opencv`, of the fisheye model.
 
     Raises:
         ArgumentError: not exactly one camera, or as :func:`to_opencv_fisheye`.
@@ -89,12 +233,81 @@ def write_opencv_fisheye(cameras: Mapping[str, Camera]) -> str:
     name, camera = common.only_camera(cameras, "OpenCV")
     with within(name):
         K, D = to_opencv_fisheye(camera)
+    return _written(camera, {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}, suffix)
+
+
+def write_opencv_omnidir(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
+    """Return the file of one camera as :func:`write_opencv`, of the omnidirectional model.
+
+    Raises:
+        ArgumentError: not exactly one camera, or as :func:`to_opencv_omnidir`.
+    """
+    name, camera = common.only_camera(cameras, "OpenCV")
+    with within(name):
+        K, xi, D = to_opencv_omnidir(camera)
+    return _written(camera, {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}, suffix)
+
+
+def model_of(text: str) -> str | None:
+    """Return which of the three formats a file is; None for another file, and for one of four coefficients
+    that does not say of which model they are."""
+    if not re.search(r"\bcamera_matrix\b", text):
+        return None
+    if re.search(r'(?:^|[{,])\s*(?:xi\s*:|"xi"\s*:|<xi\b)', text, re.MULTILINE):
+        return "opencv-omnidir"
+    if said := re.search(r'\bfisheye_model["> ]*:?\s*([01])\b', text):
+        return "opencv-fisheye" if said[1] == "1" else "opencv"
+    shape = re.search(r"\bdistortion_coefficients\b.*?rows\D{1,9}(\d+).*?cols\D{1,9}(\d+)", text, re.DOTALL)
+    return "opencv" if shape and "4" not in shape.groups() else None
+
+
+_D = "distortion_coefficients"
+_NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
+
+
+def _parsed(text: str, fisheye: int | None = None) -> dict[str, Any]:
+    xml = text.lstrip("\ufeff \t\r\n").startswith("<")
+    data = _from_xml(text) if xml else common.mapping(_NOT_YAML.sub("", text))
+    said = data.get("fisheye_model", fisheye)
+    if said not in (fisheye, str(fisheye)):
+        models = ("the plain model", "OpenCV's fisheye model")
+        raise ArgumentError(
+            f"fisheye_model: expected {fisheye}, {models[fisheye or 0]}, got {shown(said)}; read the file as "
+            f"'{('opencv-fisheye', 'opencv')[fisheye or 0]}'"
+        )
+    return data
+
+
+def _from_xml(text: str) -> dict[str, Any]:
+    """The values below the root of a file of ``cv2.FileStorage``: texts, or dicts of them."""
+    from xml.etree import ElementTree
+
+    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):  # entities can stand for gigabytes
+        raise ArgumentError("expected XML without <!DOCTYPE or <!ENTITY, got one of them")
+    try:
+        root = ElementTree.fromstring(text.lstrip("\ufeff \t\r\n"))
+    except ElementTree.ParseError as cause:
+        raise ArgumentError(f"expected XML, got {cause}") from cause
+    return {each.tag: {part.tag: part.text for part in each} or each.text for each in root}
+
+
+def _array(data: Mapping[str, Any], key: str, count: int | None = None) -> Any:
+    with within(key):
+        found = field(field(data, key), "data")
+        values = numbers("data", found.split() if isinstance(found, str) else found, (count,))
+    return values.reshape(3, 3) if count == 9 else values
+
+
+def _size(data: Mapping[str, Any]) -> tuple[int, int]:
+    width, height = (common.whole_number(key, field(data, key)) for key in ("image_width", "image_height"))
+    return width, height
+
+
+def _written(camera: Camera, values: Mapping[str, Any], suffix: str) -> str:
     import cv2  # slow to load, and reading does without
 
-    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    storage.write("image_width", camera.width)
-    storage.write("image_height", camera.height)
-    storage.write("fisheye_model", 1)
-    storage.write("camera_matrix", K)
-    storage.write("distortion_coefficients", D.reshape(4, 1))
+    suffix = suffix if suffix in _SUFFIXES else ".yml"
+    storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for key, value in {"image_width": camera.width, "image_height": camera.height, **values}.items():
+        storage.write(key, value)
     return str(storage.releaseAndGetString())

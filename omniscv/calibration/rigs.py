@@ -1,4 +1,4 @@
-"""Rigs in files: ours as JSON, Kalibr's chain, COLMAP's ``cameras.txt`` and ``rigs.txt``.
+"""Rigs in files: ours as JSON, Kalibr's chain, COLMAP's ``cameras.txt`` and ``rigs.txt``, Aria's devices.
 
 Kalibr's chain has each camera's pose against the one before it, ``T_cn_cnm1``, and its ``timeshift_cam_imu``:
 what its images were taken at, in the IMU's time, less their stamps; that is our time offset. COLMAP has poses
@@ -16,18 +16,18 @@ import yaml
 
 from omniscv import yaml_text
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration import colmap, kalibr
+from omniscv.calibration import aria, colmap, kalibr
 from omniscv.calibration.common import field, mapping, whole_number
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
-RigFormat = Literal["json", "kalibr", "colmap"]
+RigFormat = Literal["json", "kalibr", "colmap", "aria"]
 
 
 def load_rig(path: str | PathLike[str]) -> Rig:
     """Return the rig of a file: JSON (or YAML) as :meth:`Rig.to_dict` gives it, a chain of Kalibr, or a
-    folder with COLMAP's ``cameras.txt`` and ``rigs.txt``.
+    folder with COLMAP's ``cameras.txt`` and ``rigs.txt``; or the calibration of an Aria device.
 
     Raises:
         ArgumentError: the file cannot be read or is none of these; the message starts with the path.
@@ -38,6 +38,8 @@ def load_rig(path: str | PathLike[str]) -> Rig:
             return rig_from_colmap(*(yaml_text.read_text(path / name) for name in _COLMAP_FILES))
         text = yaml_text.read_text(path)
         data = mapping(text)
+        if "CameraCalibrations" in data:
+            return aria.rig_from_aria(text)
         return Rig.from_dict(data) if "cameras" in data else rig_from_kalibr(text)
 
 
@@ -49,10 +51,10 @@ def save_rig(path: str | PathLike[str], rig: Rig, format: RigFormat) -> None:
     """
     path = Path(path)
     with within(path):
-        if one_of("format", format, ("json", "kalibr", "colmap")) == "colmap":
+        if one_of("format", format, (*_WRITERS, "colmap")) == "colmap":
             texts = dict(zip((path / name for name in _COLMAP_FILES), rig_to_colmap(rig), strict=True))
         else:
-            texts = {path: rig_to_kalibr(rig) if format == "kalibr" else json.dumps(rig.to_dict(), indent=1)}
+            texts = {path: _WRITERS[format](rig)}
         try:
             for file, text in texts.items():
                 file.parent.mkdir(parents=True, exist_ok=True)
@@ -178,3 +180,10 @@ def _check_reference(rig: Rig, program: str) -> None:
             f"{program}: expected a rig in the frame of its first camera, got one elsewhere; save "
             f"rig.seen_from({name!r})"
         )
+
+
+_WRITERS = {
+    "json": lambda rig: json.dumps(rig.to_dict(), indent=1),
+    "kalibr": rig_to_kalibr,
+    "aria": aria.rig_to_aria,
+}

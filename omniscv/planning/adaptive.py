@@ -31,7 +31,9 @@ class Adaptive(Reproject):
         groups = int(rays.own.max()) + 1
         reach = max(1, groups // _NEIGHBOURHOODS)
         count = np.bincount(rays.own[unsure], minlength=groups).astype(np.float64)
-        around = np.convolve(count, np.ones(2 * reach + 1), "same")
+        before = np.concatenate([[0.0], np.cumsum(count)])
+        at = np.arange(groups)
+        around = before[np.minimum(at + reach + 1, groups)] - before[np.maximum(at - reach, 0)]
         last_of = np.full(groups, -1)
         last_of[rays.own] = np.arange(len(rays.own))
         centers_w: list[Array] = []
@@ -45,5 +47,5 @@ class Adaptive(Reproject):
         if len(task.groups(INITIAL_VIEWPOINTS)) < 2:
             return 0, 0
         # An estimate: one round's centres; at most: all rounds', and every one of the camera's own.
-        added, own = 6 * _MAX_ADDED, 6 * len(task.rays.groups())
+        added, own = 6 * _MAX_ADDED, 6 * len(task.rays.own.centers)
         return added, (self.max_rounds - 1) * added + own

@@ -224,6 +224,11 @@ class Task:
         """Whether views may have any size and field of view."""
         return self.capabilities.can_set_size and self.capabilities.can_set_fov
 
+    @property
+    def scattered(self) -> bool:
+        """Whether every pixel, or nearly, has an optical centre of its own, and fewer are not wanted."""
+        return self.options.viewpoints is None and self.rays.scattered
+
     def border(self, default: int) -> int:
         """How much wider views are on every side, px."""
         return default if self.border_px is None else self.border_px

@@ -20,14 +20,20 @@ SMALLEST, LARGEST = 384, 8192
 within 16 mm of a surface (test_enough_pixels.py); a capture takes about as long as one of a single pixel."""
 
 
-def steps(directions: Array) -> Array:
+_PARALLEL_M = 2.0
+"""From where a step between parallel rays is seen as an angle, metres: about as far are surfaces in rooms."""
+
+
+def steps(directions: Array, origins: Array | None = None) -> Array:
     """(H, W) angle in radians from each pixel's ray to the next one's, along the coarser of the two axes.
 
     NaN where a pixel has no valid neighbour. Near the poles of a panorama columns crowd, but rows, and so
-    detail, do not: hence the coarser.
+    detail, do not: hence the coarser. The step between parallel rays is that between their origins, seen
+    from 2 m.
 
     Args:
         directions: (H, W, 3) unit, NaN where not valid.
+        origins: (H, W, 3) metres; None: one for all.
     """
     found = []
     for axis in (0, 1):
@@ -35,6 +41,9 @@ def steps(directions: Array) -> Array:
         angle = np.full(lines.shape[:-1], np.nan)
         if len(lines) > 1:
             angle[:-1] = 2 * np.arcsin(np.clip(np.linalg.norm(lines[1:] - lines[:-1], axis=-1) / 2, 0, 1))
+            if origins is not None and (angle == 0).any():
+                apart = np.linalg.norm(np.diff(origins, axis=axis), axis=-1) / _PARALLEL_M
+                angle[:-1] = np.where(angle[:-1] == 0, np.moveaxis(apart, axis, 0), angle[:-1])
             angle[-1] = angle[-2]
         found.append(np.moveaxis(angle, 0, axis))
     return np.asarray(np.fmax(*found))

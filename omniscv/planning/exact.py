@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
@@ -95,6 +96,11 @@ class Exact(Strategy):
         """Return the viewpoints of groups of pixels."""
 
     def rounds(self, task: Task) -> Rounds:
+        if task.scattered:
+            wanted = (
+                "expected 'auto', 'adaptive' or a number of viewpoints for a camera whose every pixel has"
+            )
+            raise ArgumentError(f"strategy: {wanted} an optical centre of its own, got {self.name!r}")
         groups = task.groups()
         around = yield from look_around(task, groups)
         yield Round(self.viewpoints(task, groups, around))

@@ -33,6 +33,8 @@ _TRIES = 4
 """Through how many centres, nearest first, a ray is marched."""
 _ON_SURFACE = 0.003
 """Of the reach: rays that end nearer to each other than this meet the same surface."""
+_SAMPLED_RAYS = 20_000
+_ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
 _FAR = 1e6  # metres: where the direction to a point of the sky is the ray's own
 
 
@@ -86,7 +88,7 @@ class MarchedRays:
         self._directions_c = rays.directions.reshape(-1, 3)[self._pixels]
         self.origins_w = task.pose.to_world(origins.reshape(-1, 3)[self._pixels])
         self.directions_w = self._directions_c @ task.pose.R_w_c.T
-        own = rays.camera.viewpoints()
+        own = rays.own
         self.own, self._own_centers_c = own.index.ravel()[self._pixels].astype(np.int64), own.centers
         steps = rays.steps.ravel()[self._pixels]
         self._steps = np.where(steps > 0, steps, np.nanmedian(steps))  # unknown for a rim's single pixels
@@ -96,12 +98,22 @@ class MarchedRays:
         self._shells: list[DepthShell] = []
         self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
-        self._hit = np.any([faces_hit(group.directions, task.pose.R_w_c) for group in groups], axis=0)
+        hit = [faces_hit(group.directions, task.pose.R_w_c) for group in groups]
+        centers_w = [task.pose.to_world(group.center_c) for group in groups]
+        self._hit = np.any([*hit, *map(self._faces_on_the_way, centers_w)], axis=0)
 
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
         """Return a viewpoint whose depth is kept, and that serves no pixel yet."""
         views = self._faces.views(center_w, self._hit)
         return Viewpoint(center_w, views, np.zeros(0, np.int64), modes=("depth",), keep=True)
+
+    def _faces_on_the_way(self, center_w: Array) -> NDArray[np.bool_]:
+        """(6,) which faces of a centre see parts of the rays' way."""
+        some = slice(None, None, max(1, len(self.origins_w) // _SAMPLED_RAYS))
+        offset, directions_w = self.origins_w[some] - center_w, self.directions_w[some]
+        away = np.linalg.norm(offset, axis=1, keepdims=True)
+        ways = [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in _ON_THE_WAY]
+        return np.asarray(np.any(ways, axis=0))
 
     def march(self, depth: Sequence[Sequence[Capture]]) -> None:
         """March the rays that are not yet certified through the nearest centres, the new ones only."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras import Camera, Rays
+from omniscv.cameras import Camera, Rays, Viewpoints
 from omniscv.geometry import Array
 from omniscv.parallel import blocks
 from omniscv.planning import densities
@@ -66,7 +66,7 @@ class CameraRays:
     @cached_property
     def steps(self) -> Array:
         """(H, W) angle in radians from each ray to the next one's; see :func:`densities.steps`."""
-        return densities.steps(self.directions)
+        return densities.steps(self.directions, self.origins)
 
     @cached_property
     def typical_step(self) -> float:
@@ -89,6 +89,16 @@ class CameraRays:
         """Edge in px of the smallest 90 degree face that loses no detail."""
         return densities.face_size(self.steps)
 
+    @cached_property
+    def own(self) -> Viewpoints:
+        """The pixels' own optical centres: as many as the camera has."""
+        return self.camera.viewpoints()
+
+    @cached_property
+    def scattered(self) -> bool:
+        """Whether there are more optical centres than rows and columns: hardly a view would serve two pixels."""
+        return self.origins is not None and len(self.own.centers) > sum(self.valid.shape)
+
     def groups(self, viewpoints: int | None = None) -> tuple[RayGroup, ...]:
         """The valid pixels by optical centre; centres that serve none are left out.
 
@@ -102,7 +112,7 @@ class CameraRays:
         return found
 
     def _grouped(self, viewpoints: int | None) -> tuple[RayGroup, ...]:
-        shared = self.camera.viewpoints(viewpoints)
+        shared = self.own if viewpoints is None else self.camera.viewpoints(viewpoints)
         directions = self.directions.reshape(-1, 3)
         if len(shared.centers) == 1:
             pixels = np.flatnonzero(self.valid)
@@ -120,6 +130,8 @@ class CameraRays:
     def nbytes(self) -> int:
         """What is held in memory."""
         arrays = [self.directions, self.valid, self.origins, self.__dict__.get("steps")]
+        if "own" in self.__dict__:
+            arrays += [self.own.centers, self.own.index]
         for groups in list(self._groups.values()):
             arrays += [each for group in groups for each in (group.pixels, group.directions)]
         return sum(array.nbytes for array in arrays if array is not None)

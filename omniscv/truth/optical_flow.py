@@ -14,6 +14,7 @@ from omniscv.arguments import number, one_of
 from omniscv.cameras import Camera, Rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
+from omniscv.parallel import side_by_side
 
 Mask = NDArray[np.bool_]
 Wrap = Literal["shortest", "classic"]
@@ -26,6 +27,9 @@ known, but the second image shows something nearer there."""
 
 _ENDLESS_M = 1e12
 """Metres to points at infinity: optical centres a metre apart see them less than 1e-11 rad apart."""
+
+_PART_PX = 1 << 14
+"""Pixels that are worked on together, in the processor's cache."""
 
 
 class FlowOptions(TypedDict, total=False):
@@ -95,33 +99,40 @@ def flow(
         if each is not None and each.shape != depth0.shape:
             raise ArgumentError(f"{name}: expected the size of depth0, {depth0.shape}, got {each.shape}")
     seen = rays0.valid & (depth0 > 0)
-    sky = np.isposinf(depth0)
     if labels is not None:
-        seen &= sky | (labels > 0)
-    X_w = np.full((*depth0.shape, 3), np.nan)
-    surface = seen & ~sky
-    X_w[surface] = pose0.to_world(
-        rays0.origins[surface] + depth0[surface, None].astype(np.float64) * rays0.directions[surface]
-    )
-    scene = _moves(X_w, labels, motions)
-    seen &= sky | np.isfinite(scene[..., 0])
-    X_c1 = pose1.to_camera(X_w + scene)
-    endless = seen & sky
-    X_c1[endless] = (rays0.directions[endless] @ pose0.R_w_c.T) @ pose1.R_w_c * _ENDLESS_M
-    target, mask = np.full((*depth0.shape, 2), np.nan), np.zeros(depth0.shape, np.uint8)
-    target[seen], projected = camera1.project(X_c1[seen])
-    seen[seen] = projected
-    mask[seen] = np.where(sky[seen], AT_INFINITY, VALID)
-    if depth1 is not None:
-        hidden = _hidden(target[seen], X_c1[seen], sky[seen], camera1, depth1, settings)
-        mask[seen] = np.where(hidden, OCCLUDED, mask[seen])
-    return Flow(_differences(target, camera1, settings["wrap"]), mask, scene)
+        seen &= (labels > 0) | np.isposinf(depth0)
+    height, width = depth0.shape
+    found = Flow(
+        np.full((height, width, 2), np.nan), np.zeros((height, width), np.uint8),
+        np.full((height, width, 3), np.nan),
+    )  # fmt: skip
+    nearer = None if depth1 is None else _Nearer(camera1, depth1, settings)
+    moving = _Moving(pose0, pose1, motions)
+
+    def part(rows: slice) -> None:
+        mine = seen[rows]
+        names = None if labels is None else labels[rows][mine]
+        depth = depth0[rows][mine].astype(np.float64)
+        points_c1, scene = moving(depth, rays0.directions[rows][mine], rays0.origins[rows][mine], names)
+        target, known = camera1.project(points_c1)
+        mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
+        if nearer is not None:
+            mask[known] = np.where(nearer(target[known], points_c1[known]), OCCLUDED, mask[known])
+        row, column = np.nonzero(mine)
+        target -= np.column_stack([column, row + rows.start]) + 0.5
+        if settings["wrap"] == "shortest" and camera1.wraps:
+            half = camera1.width / 2
+            target[:, 0] = (target[:, 0] + half) % camera1.width - half
+        found.pixels[rows][mine], found.mask[rows][mine], found.scene[rows][mine] = target, mask, scene
+
+    step = max(1, _PART_PX // width)
+    side_by_side(part, [slice(row, row + step) for row in range(0, height, step)])
+    return found
 
 
 def motion(before: Pose, after: Pose) -> Pose:
     """Return how an object moved, from its pose before and after: ``p_w1 = motion.to_world(p_w0)``."""
-    R = after.rotation @ before.rotation.T
-    return Pose(after.position - R @ before.position, R)
+    return after @ before.inverse()
 
 
 def _settings(options: FlowOptions) -> FlowOptions:
@@ -135,60 +146,87 @@ def _settings(options: FlowOptions) -> FlowOptions:
     return found
 
 
-def _moves(X_w: Array, labels: NDArray[Any] | None, motions: Mapping[int, Pose | None]) -> Array:
-    """(H, W, 3) metres that points move; NaN where there is no point, or it is not known."""
-    scene = np.where(np.isnan(X_w), np.nan, 0.0)
-    for label, moved in motions.items():
-        mine = labels == label
-        scene[mine] = np.nan if moved is None else moved.to_world(X_w[mine]) - X_w[mine]
-    return scene
+class _Moving:
+    """From points of the first camera to the second one's, while objects move.
 
-
-def _differences(target: Array, camera1: Camera, wrap: Wrap) -> Array:
-    """From the pixels' centres to where they go."""
-    height, width = target.shape[:2]
-    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    moved: Array = target - np.stack([u, v], axis=-1)
-    if wrap == "shortest" and camera1.wraps:
-        half = camera1.width / 2
-        moved[..., 0] = (moved[..., 0] + half) % camera1.width - half
-    return moved
-
-
-def _hidden(
-    pixels: Array, X_c1: Array, sky: Mask, camera1: Camera, depth1: NDArray[Any], settings: FlowOptions
-) -> Mask:
-    """(N,) which points (N, 3), seen at pixels (N, 2), the second depth has something nearer for."""
-    if depth1.shape != (camera1.height, camera1.width):
-        raise ArgumentError(
-            f"depth1: expected the size of the camera, {camera1.height, camera1.width}, got {depth1.shape}"
-        )
-    origins = 0.0 if camera1.central else camera1.unproject(pixels).origins
-    distance = np.where(sky, np.inf, np.linalg.norm(X_c1 - origins, axis=-1))
-    tolerance = np.maximum(settings["tolerance_m"], settings["tolerance_rel"] * distance)
-    nearer = _depth_at(pixels, depth1, camera1.wraps)
-    with np.errstate(invalid="ignore"):
-        return np.where(sky, np.isfinite(nearer), distance - nearer > tolerance)
-
-
-def _depth_at(pixels: Array, depth: NDArray[Any], wraps: bool) -> Array:
-    """(N,) the farthest that depth may be at pixels (N, 2): of the nearest pixel, or between the four around.
-
-    Between pixels 1 / depth is linear on a plane, so that a slanted floor does not hide itself; at the border
-    of a nearer object the mixture means nothing, and the nearest pixel decides. Pixels outside the field of
-    view hide nothing.
+    Args:
+        pose0, pose1: of the cameras.
+        motions: by label.
     """
-    height, width = depth.shape
-    closeness = 1 / np.where(depth > 0, depth, np.inf).astype(np.float64)
 
-    def at(column: NDArray[Any], row: NDArray[Any]) -> Array:
-        column = column % width if wraps else column.clip(0, width - 1)
-        return np.asarray(closeness[row.clip(0, height - 1), column])
+    def __init__(self, pose0: Pose, pose1: Pose, motions: Mapping[int, Pose | None]) -> None:
+        self._pose0, self._pose1, self._motions = pose0, pose1, motions
+        self._T_c1_c0 = pose1.inverse() @ pose0
 
-    column, row = (np.floor(each).astype(np.int64) for each in pixels.T)
-    left, top = (np.floor(each - 0.5).astype(np.int64) for each in pixels.T)
-    across, down = pixels[:, 0] - 0.5 - left, pixels[:, 1] - 0.5 - top
-    upper = at(left, top) * (1 - across) + at(left + 1, top) * across
-    lower = at(left, top + 1) * (1 - across) + at(left + 1, top + 1) * across
-    with np.errstate(divide="ignore"):
-        return np.asarray(1 / np.minimum(at(column, row), upper * (1 - down) + lower * down))
+    def __call__(
+        self, depth: Array, directions: Array, origins: Array, labels: NDArray[Any] | None
+    ) -> tuple[Array, Array]:
+        """Return points (N, 3) of the second camera's frame, and how they moved (N, 3) in the world, metres.
+
+        Where that is not known, both are NaN; points at infinity do not move, and have NaN too.
+        """
+        endless = np.isposinf(depth)
+        points_c0 = directions * np.where(endless, _ENDLESS_M, depth)[:, None]
+        points_c0 += origins
+        points_c1 = points_c0 @ self._T_c1_c0.rotation.T
+        points_c1 += self._T_c1_c0.position
+        scene = np.zeros_like(points_c0)
+        if endless.any():
+            points_c1[endless] = _ENDLESS_M * (directions[endless] @ self._T_c1_c0.rotation.T)
+            scene[endless] = np.nan
+        for label, motion in self._motions.items():
+            mine = labels == label
+            if motion is None:
+                points_c1[mine] = scene[mine] = np.nan
+            else:
+                points_w = self._pose0.to_world(points_c0[mine])
+                moved_w = motion.to_world(points_w)
+                points_c1[mine], scene[mine] = self._pose1.to_camera(moved_w), moved_w - points_w
+        return points_c1, scene
+
+
+class _Nearer:
+    """Which points the second image has something nearer for.
+
+    Args:
+        camera1: of the image.
+        depth1: (H1, W1) metres.
+        settings: the tolerances.
+
+    Raises:
+        ArgumentError: a depth of another size than the camera's.
+    """
+
+    def __init__(self, camera1: Camera, depth1: NDArray[Any], settings: FlowOptions) -> None:
+        if depth1.shape != (camera1.height, camera1.width):
+            wanted = f"expected the size of the camera, {camera1.height, camera1.width}"
+            raise ArgumentError(f"depth1: {wanted}, got {depth1.shape}")
+        self._camera, self._settings = camera1, settings
+        self._closeness = 1 / np.where(depth1 > 0, depth1, np.inf).astype(np.float64)
+
+    def __call__(self, pixels: Array, points_c1: Array) -> Mask:
+        """(N,) bool of points (N, 3), camera frame, and the pixels (N, 2) that see them."""
+        origins = 0.0 if self._camera.central else self._camera.unproject(pixels).origins
+        distance = np.linalg.norm(points_c1 - origins, axis=-1)
+        tolerance = np.maximum(self._settings["tolerance_m"], self._settings["tolerance_rel"] * distance)
+        return np.asarray(distance - self._depth_at(pixels) > tolerance)
+
+    def _depth_at(self, pixels: Array) -> Array:
+        """(N,) the farthest that depth may be at pixels: of the nearest pixel, or between the four around.
+
+        Between pixels 1 / depth is linear on a plane, so that a slanted floor does not hide itself; at the
+        border of a nearer object the mixture means nothing, and the nearest pixel decides. Pixels outside the
+        field of view hide nothing.
+        """
+        column, row = np.floor(pixels).astype(np.int64).T
+        left, top = np.floor(pixels - 0.5).astype(np.int64).T
+        across, down = (pixels - 0.5).T - (left, top)
+        upper = self._at(left, top) * (1 - across) + self._at(left + 1, top) * across
+        lower = self._at(left, top + 1) * (1 - across) + self._at(left + 1, top + 1) * across
+        with np.errstate(divide="ignore"):
+            return np.asarray(1 / np.minimum(self._at(column, row), upper * (1 - down) + lower * down))
+
+    def _at(self, column: NDArray[Any], row: NDArray[Any]) -> Array:
+        height, width = self._closeness.shape
+        column = column % width if self._camera.wraps else column.clip(0, width - 1)
+        return np.asarray(self._closeness[row.clip(0, height - 1), column])

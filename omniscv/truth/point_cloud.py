@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,8 +13,10 @@ from omniscv.arguments import number
 from omniscv.cameras import Rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
+from omniscv.parallel import side_by_side
 
 _CELL_BITS = 21  # three of them in 63 bits
+_PART_PX = 1 << 14  # pixels that are worked on together, in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +62,25 @@ def points(
     Raises:
         ArgumentError: arrays of different sizes.
     """
-    given = {"rays": rays.valid, **(layers or {})}
-    for name, each in given.items():
+    layers = dict(layers or {})
+    for name, each in {"rays": rays.valid, **layers}.items():
         if each.shape[:2] != depth.shape:
             raise ArgumentError(f"{name}: expected the size of depth, {depth.shape}, got {each.shape[:2]}")
     seen = rays.valid & np.isfinite(depth) & (depth > 0)
     if unsure is not None:
         seen &= ~unsure
-    distances = depth[seen].astype(np.float64)
-    points_c = rays.origins[seen] + distances[:, None] * rays.directions[seen]
-    values = {name: each[seen] for name, each in (layers or {}).items()}
-    if "normals" in values:
-        values["normals"] = (values["normals"] @ pose.R_w_c.T).astype(values["normals"].dtype)
-    return Points(pose.to_world(points_c), distances, values)
+
+    def part(rows: slice) -> Points:
+        mine = seen[rows]
+        distances = depth[rows][mine].astype(np.float64)
+        points_c = distances[:, None] * rays.directions[rows][mine] + rays.origins[rows][mine]
+        values = {name: each[rows][mine] for name, each in layers.items()}
+        if "normals" in values:
+            values["normals"] = values["normals"] @ pose.R_w_c.T.astype(values["normals"].dtype)
+        return Points(pose.to_world(points_c), distances, values)
+
+    step = max(1, _PART_PX // depth.shape[1])
+    return _joined(side_by_side(part, [slice(row, row + step) for row in range(0, len(depth), step)]))
 
 
 def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
@@ -92,20 +100,19 @@ def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
     voxel_m = number("voxel", voxel_m, above=0)
     found: Points | None = None
     for cloud in clouds:
-        found = _thinned(cloud if found is None else _joined(found, cloud), voxel_m)
+        found = _thinned(cloud if found is None else _joined([found, cloud]), voxel_m)
     if found is None:
         raise ArgumentError("clouds: expected at least one, got none")
     return found
 
 
-def _joined(first: Points, second: Points) -> Points:
-    values = {
-        name: np.concatenate([first.values[name], second.values[name]])
-        for name in first.values
-        if name in second.values
-    }
-    positions_w = np.concatenate([first.positions_w, second.positions_w])
-    return Points(positions_w, np.concatenate([first.distances, second.distances]), values)
+def _joined(parts: Sequence[Points]) -> Points:
+    known = set.intersection(*(set(part.values) for part in parts))
+    return Points(
+        np.concatenate([part.positions_w for part in parts]),
+        np.concatenate([part.distances for part in parts]),
+        {name: np.concatenate([part.values[name] for part in parts]) for name in sorted(known)},
+    )
 
 
 def _thinned(cloud: Points, voxel_m: float) -> Points:

@@ -11,16 +11,21 @@ from omniscv import calibration, cameras
 PAGE = Path(__file__).parents[2] / "docs" / "calibration.md"
 EXPECTED = {
     "opencv-fisheye": {"cam0": "kannala-brandt"},
-    "kalibr": {"cam0": "kannala-brandt", "cam1": "catadioptric-hyperbolic"},
+    "opencv-omnidir": {"cam0": "unified"},
+    "kalibr": {"cam0": "kannala-brandt", "cam1": "catadioptric-hyperbolic", "cam2": "double-sphere"},
     "colmap": {"1": "kannala-brandt", "2": "equirectangular"},
     "ocamcalib": {"cam0": "scaramuzza"},
+    "aria": {"camera-slam-left": "fisheye624"},
+    "isaac": {"front": "ftheta"},
+    "ncore": {"cam0": "ftheta"},
 }
 
 
 @pytest.fixture
 def shown(tmp_path: Path) -> dict[str, dict[str, cameras.Camera]]:
     """Format: the cameras of the file that its section shows."""
-    sections = PAGE.read_text(encoding="utf-8").partition("## OpenCV fisheye")[2]
+    sections = PAGE.read_text(encoding="utf-8").partition("## OpenCV")[2]
+    sections = sections.partition("## Rigs")[0]
     blocks = re.findall(r"^```(?:yaml|text)\n(.*?)^```", sections, re.M | re.S)
     read = {}
     for format, block in zip(EXPECTED, blocks, strict=True):

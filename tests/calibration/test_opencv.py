@@ -1,11 +1,13 @@
 """OpenCV's fisheye files and arrays, judged by OpenCV: its projection and its FileStorage."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from support.lenses import lenses, seen_in_front
 from support.same_rays import assert_same_rays
 
@@ -33,6 +35,119 @@ def test_opencv_projects_our_rays_to_our_pixels_less_half(camera: cameras.Camera
 def test_arrays_make_the_camera_again(camera: cameras.Camera) -> None:
     K, D = calibration.to_opencv_fisheye(camera)
     assert_same_rays(camera, calibration.from_opencv_fisheye(K, D[:, None], 64, 48))
+
+
+@given(lenses, st.floats(-0.1, 0.1))
+def test_skew_is_opencvs_alpha(camera: cameras.Camera, skew: float) -> None:
+    skewed = cameras.from_dict({**camera.to_dict(), "skew": skew})
+    K, D = calibration.to_opencv_fisheye(skewed)
+    pixels, directions = seen_in_front(skewed)
+    if len(pixels) == 0:
+        return
+    alpha = float(K[0, 1] / K[0, 0])
+    upright = np.array([[K[0, 0], 0, K[0, 2]], K[1], K[2]])
+    theirs, _ = cv2.fisheye.projectPoints(
+        directions[:, None], np.zeros(3), np.zeros(3), upright, D, alpha=alpha
+    )
+    np.testing.assert_allclose(theirs[:, 0], pixels - 0.5, rtol=0, atol=1e-9)
+    assert_same_rays(skewed, calibration.from_opencv_fisheye(K, D, 64, 48))
+
+
+terms = st.lists(st.floats(-0.02, 0.02), min_size=12, max_size=12)
+
+
+@given(st.sampled_from([4, 5, 8, 12]), terms, st.floats(30, 60), st.floats(30, 60))
+def test_the_plain_model_is_opencvs(count: int, terms: list[float], fx: float, fy: float) -> None:
+    K, D = np.array([[fx, 0, 30.25], [0, fy, 22.5], [0, 0, 1]]), np.array(terms[:count])
+    camera = calibration.from_opencv(K, D, 64, 48)
+    rays = camera.unproject()
+    seen = rays.directions[rays.valid]
+    assert len(seen) > 1000
+    theirs, _ = cv2.projectPoints(seen[:, None], np.zeros(3), np.zeros(3), K, D)
+    np.testing.assert_allclose(theirs[:, 0], camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
+    text = calibration.write_opencv({"cam0": camera})
+    assert_same_rays(camera, calibration.read_opencv(text)["cam0"])
+
+
+def omnidir(K: np.ndarray, xi: float, D: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """cv::omnidir::projectPoints as opencv_contrib's manual defines it: its module is in no wheel."""
+    x, y, z = (points / np.linalg.norm(points, axis=-1, keepdims=True)).T
+    x, y = x / (z + xi), y / (z + xi)
+    r2 = x**2 + y**2
+    radial = 1 + D[0] * r2 + D[1] * r2**2
+    x_d = x * radial + 2 * D[2] * x * y + D[3] * (r2 + 2 * x**2)
+    y_d = y * radial + D[2] * (r2 + 2 * y**2) + 2 * D[3] * x * y
+    return (K @ np.stack([x_d, y_d, np.ones_like(x_d)]))[:2].T
+
+
+@given(st.floats(0.2, 1.5), st.lists(st.floats(-0.02, 0.02), min_size=4, max_size=4), st.floats(-0.1, 0.1))
+def test_omnidir_is_ccalibs(xi: float, D: list[float], skew: float) -> None:
+    K = np.array([[40, 40 * skew, 30.25], [0, 42, 22.5], [0, 0, 1]])
+    camera = calibration.from_opencv_omnidir(K, xi, D, 64, 48)
+    rays = camera.unproject()
+    seen = rays.directions[rays.valid]
+    assert len(seen) > 500
+    theirs = omnidir(K, xi, np.array(D), seen)
+    np.testing.assert_allclose(theirs, camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-8)
+    again = calibration.to_opencv_omnidir(camera)
+    for mine, given_ in zip(again, (K, xi, D), strict=True):
+        np.testing.assert_allclose(mine, given_, rtol=1e-15, atol=1e-15)
+
+
+CAMERAS = {
+    "opencv": cameras.create(
+        "pinhole", **SIZE, fx=40.0, fy=41.0, cx=31.0, cy=25.0, distortion=(0.1, -0.02, 1e-3, 0, 0.01)
+    ),
+    "opencv-fisheye": LENS,
+    "opencv-omnidir": cameras.create("unified", **SIZE, fx=40.0, fy=41.0, xi=0.9, skew=0.01),
+}
+
+
+@pytest.mark.parametrize("format", CAMERAS)
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+def test_every_form_is_read_by_opencv_and_by_us(format: str, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"camera.{suffix}"
+    calibration.save(path, {"cam0": CAMERAS[format]}, format)  # type: ignore[arg-type]
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("camera_matrix").mat().shape == (3, 3)
+    assert storage.getNode("image_width").real() == 64
+    assert_same_rays(calibration.load(path)["cam0"], CAMERAS[format])
+
+
+def test_a_file_of_the_omnidirectional_sample_lacks_its_size() -> None:
+    text = calibration.write_opencv_omnidir({"cam0": CAMERAS["opencv-omnidir"]})
+    with pytest.raises(ArgumentError, match="expected the key 'image_width'"):
+        calibration.read_opencv_omnidir(text.replace("image_width", "nothing"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
+        "<opencv_storage><camera_matrix>",
+        "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_width></opencv_storage>",
+        "<" * 1000,
+        "<a/>",
+    ],
+)
+@pytest.mark.parametrize("read", [calibration.read_opencv, calibration.read_opencv_omnidir])
+def test_hostile_xml_is_refused_in_one_line(text: str, read: Any) -> None:
+    with pytest.raises(ArgumentError, match="expected") as caught:
+        read(text)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) <= 300
+
+
+def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
+    K = np.array([[30, 0, 3], [0, 30, 2], [0, 0, 1.0]])
+    assert_same_rays(
+        calibration.from_opencv(K, np.zeros(14), 8, 6), calibration.from_opencv(K, np.zeros(4), 8, 6)
+    )
+    with pytest.raises(ArgumentError, match=r"D: expected 4, 5, 8 or 12 coefficients \(and no tilt\)"):
+        calibration.from_opencv(K, [*[0.0] * 12, 0.1, 0], 8, 6)
+    K[0, 1] = 0.1
+    with pytest.raises(ArgumentError, match="K: expected"):
+        calibration.from_opencv(K, np.zeros(4), 8, 6)
 
 
 def test_the_middle_of_an_image_is_half_a_pixel_less_in_opencv() -> None:
@@ -88,7 +203,8 @@ def test_the_plain_model_is_told_from_the_fisheye(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("K", "D"),
     [
-        ([[30, 0.1, 3], [0, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
+        ([[30, 0, 3], [0.1, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
+        ([[0, 0, 3], [0, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
         ([[30, 0, 3], [0, 30, 2], [0, 0, 2]], [0, 0, 0, 0]),
         ([[30, 0, 3], [0, 0, 2], [0, 0, 1]], [0, 0, 0, 0]),
         ([[30, 0, np.nan], [0, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),

@@ -81,7 +81,7 @@ class Orthographic(Camera):
     """
 
     name = "orthographic"
-    typical: ClassVar = {"width_m": 4.0}
+    typical: ClassVar = {"width_m": 2.0}
     central = False
 
     def __init__(self, width: int, height: int, width_m: float, center: ArrayLike | None = None) -> None:

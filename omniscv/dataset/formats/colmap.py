@@ -6,11 +6,13 @@ other are a rig; see :mod:`omniscv.dataset.rigs`. Poses are from the world to th
 world: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view, is written
 for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
 
-The option ``points``, metres, writes points from depth: one in each cube of that edge, the one seen from
-nearest, observed where it was seen. Without it ``points3D.txt`` is empty.
+Options: ``points``, metres, writes points from depth: one in each cube of that edge, the one seen from
+nearest, observed where it was seen; without it ``points3D.txt`` is empty. ``equirectangular: cubemap`` writes
+panoramas as six ``PINHOLE`` views of a rig, for COLMAP before 4.1; the default is ``whole``.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,20 +20,25 @@ from typing import Any
 import numpy as np
 
 from omniscv import truth
-from omniscv.arguments import Reader, fields, number
+from omniscv.arguments import Reader, fields, number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import whole_file
+from omniscv.dataset.cubemaps import faces
 from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
+from omniscv.planning.viewpoints import unproject
 from omniscv.truth import Points
 
 name = "colmap"
 needs = ("lit",)
 
-_OPTIONS: dict[str, Reader] = {"points": partial(number, above=0)}
+_OPTIONS: dict[str, Reader] = {
+    "points": partial(number, above=0),
+    "equirectangular": partial(one_of, words=("whole", "cubemap")),
+}
 _FORWARD = 0.01
 """Least cosine off the axis of points: only in equirectangular images COLMAP projects what is behind."""
 
@@ -53,19 +60,23 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         ArgumentError: a camera that COLMAP cannot carry, a frame without colours as PNG or JPEG, or without
             depth where points are wanted, or a wrong option.
     """
-    voxel_m = fields("", options, _OPTIONS).get("points")
-    found = rigs(frames)
+    given = fields("", options, _OPTIONS)
+    views = _views(frames, out / "images", given.get("equirectangular") == "cubemap")
+    found = rigs([view for mine in views.values() for view in mine])
     cameras = {each: mounted.camera for one in found for each, mounted in one.rig.cameras.items()}
     camera_ids = {camera_name: i for i, camera_name in enumerate(cameras, start=1)}
     ordered = [frame for one in found for moment, _ in one.moments for frame in moment.values()]
     image_ids = {frame.key: i for i, frame in enumerate(ordered, start=1)}
     model = colmap.write_colmap({str(i): cameras[each] for each, i in camera_ids.items()})
 
-    written = [copy_lit(frame, out / "images" / frame.camera_name) for frame in ordered]
+    written = [frame.files["lit"] for frame in ordered]
     names = [path.relative_to(out / "images").as_posix() for path in written]
     masks = (write_mask(camera, out / "masks" / f"{each}.png") for each, camera in cameras.items())
     written += [mask for mask in masks if mask is not None]
-    points = None if voxel_m is None else _points(ordered, voxel_m)
+    points = None
+    if "points" in given:
+        sources = [(frame, [(image_ids[view.key], view) for view in views[frame.key]]) for frame in frames]
+        points = _points(sources, given["points"])
     texts = {
         "cameras": model,
         "rigs": _lines(_rig_lines(found, camera_ids)),
@@ -80,6 +91,18 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
             part.write_text(text, encoding="utf-8")
         written.append(path)
     return written
+
+
+def _views(frames: Sequence[Frame], folder: Path, cubemap: bool) -> dict[str, list[Frame]]:
+    """What COLMAP gets of each frame, by its key: the frame or its cube's faces; pictures in a folder."""
+    views = {}
+    for frame in frames:
+        if cubemap and isinstance(frame.camera, Equirectangular):
+            views[frame.key] = list(faces(frame, folder))
+        else:
+            copied = copy_lit(frame, folder / frame.camera_name)
+            views[frame.key] = [replace(frame, files={"lit": copied})]
+    return views
 
 
 def _lines(lines: Iterable[str]) -> str:
@@ -113,19 +136,26 @@ def _image_lines(
         yield " ".join(f"{u} {v} {1 + index}" for (u, v), index in zip(seen, mine, strict=True))
 
 
-def _points(ordered: Sequence[Frame], voxel_m: float) -> Points:
-    """The points of the frames, with ``image``, the id of the one that sees each, and ``pixel``, where."""
+def _points(sources: Sequence[tuple[Frame, list[tuple[int, Frame]]]], voxel_m: float) -> Points:
+    """The points of frames, with ``image``, the id of the view that sees each, and ``pixel``, where.
+
+    Args:
+        sources: frames, and the views of each with their ids.
+        voxel_m: edge of the cubes.
+    """
 
     def clouds() -> Iterator[Points]:
-        for image_id, frame in enumerate(ordered, start=1):
-            rays = frame.camera.unproject()
-            ahead = rays.directions[..., 2] >= _FORWARD
-            if isinstance(frame.camera, Equirectangular):
-                ahead[:] = True
-            cloud = points_of(frame, rays, {"pixel": frame.camera.pixels(), "ahead": ahead})
-            cloud = cloud.only(cloud.values["ahead"])
-            image = np.full(len(cloud), image_id)
-            yield Points(cloud.positions_w, cloud.distances, {**cloud.values, "image": image})
+        for frame, views in sources:
+            cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()))
+            image, pixel = np.zeros(len(cloud), np.int64), np.zeros((len(cloud), 2))
+            for image_id, view in views:
+                points_c = view.pose.to_camera(cloud.positions_w)
+                pixels, seen = view.camera.project(points_c)
+                if not isinstance(view.camera, Equirectangular):
+                    seen &= points_c[:, 2] >= _FORWARD * cloud.distances
+                image[seen], pixel[seen] = image_id, pixels[seen]
+            observed = {**cloud.values, "image": image, "pixel": pixel}
+            yield Points(cloud.positions_w, cloud.distances, observed).only(image > 0)
 
     return truth.merged(clouds(), voxel_m)
 

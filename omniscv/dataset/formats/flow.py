@@ -39,6 +39,7 @@ from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
+from omniscv.planning.viewpoints import unproject
 from omniscv.truth.optical_flow import INVALID, Wrap, motion
 
 name = "flow"
@@ -101,7 +102,7 @@ def _flows(frames: Sequence[Frame], given: Mapping[str, Any]) -> Iterator[tuple[
     gap = given["gap"]
     if len(frames) <= gap:
         return
-    rays = frames[0].camera.unproject()
+    rays = unproject(frames[0].camera, frames[0].camera.pixels())
     for before, after in zip(frames, frames[gap:], strict=False):
         yield before.key, after.key, between(before, after, rays, given)
         if given["backward"]:

@@ -23,6 +23,7 @@ from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
+from omniscv.planning.viewpoints import unproject
 from omniscv.texts import printable
 from omniscv.truth import Points
 
@@ -64,7 +65,9 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         rays: dict[Camera, Rays] = {}
         for frame in frames:
             if frame.camera not in rays:
-                rays = {frame.camera: frame.camera.unproject()}  # one at a time: rays are large
+                rays = {
+                    frame.camera: unproject(frame.camera, frame.camera.pixels())
+                }  # one at a time: rays are large
             cloud = points_of(frame, rays[frame.camera])
             if given["frames"]:
                 written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
@@ -79,18 +82,9 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     return written
 
 
-def points_of(frame: Frame, rays: Rays, more: Mapping[str, NDArray[Any]] | None = None) -> Points:
-    """Return the points that a frame sees, with all that it knows of them.
-
-    Args:
-        frame: with depth.
-        rays: its camera's.
-        more: further layers (H, W, ...), by name.
-
-    Raises:
-        ArgumentError: the frame has no depth.
-    """
-    layers = frame.has("normals", "lit", "labels", "classes") | dict(more or {})
+def points_of(frame: Frame, rays: Rays) -> Points:
+    """Return the points that a frame with depth sees, with all its layers; ``rays`` are its camera's."""
+    layers = frame.has("normals", "lit", "labels", "classes")
     if "lit" in layers and layers["lit"].dtype.kind == "f":
         layers["lit"] = np.rint(255 * layers["lit"].clip(0, 1)).astype(np.uint8)
     unsure = frame.has("unsure").get("unsure")

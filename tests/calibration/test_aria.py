@@ -1,0 +1,124 @@
+"""Aria's JSON, judged by pixels that projectaria_tools 2.3.0 gave for these parameters."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.same_rays import assert_same_rays
+
+from omniscv import Pose, Rig, RigCamera, calibration, cameras
+from omniscv.errors import ArgumentError
+
+F624 = [240.0, 320.5, 239.25, 0.01, -0.002, 3e-4, 0, -1e-5, 0, 1e-4, 2e-4, 1e-5, -2e-6, 2e-5, 1e-6]
+POINTS = [[0, 0, 1], [0.3, -0.2, 1], [-1, 0.5, 1], [0.2, 1.1, 1]]
+GIVEN: dict[str, tuple[list[float], list[list[float]]]] = {
+    "FisheyeRadTanThinPrism": (
+        F624,
+        [
+            [320.5, 239.25],
+            [389.685463800788, 193.13480633342004],
+            [138.85740011792743, 330.11856673125436],
+            [356.8641129364112, 439.18792476756437],
+        ],
+    ),
+    "Fisheye62": (
+        F624[:11],
+        [
+            [320.5, 239.25],
+            [389.68518264723576, 193.13422673805158],
+            [138.8559275128239, 330.1150060528772],
+            [356.86264033130766, 439.1843640891872],
+        ],
+    ),
+    "KannalaBrandtK3": (
+        [240.0, 241.0, 320.5, 239.25, 0.01, -0.002, 3e-4, -1e-5],
+        [
+            [320.5, 239.25],
+            [389.6836313821535, 192.93540232472498],
+            [138.83887187661858, 330.4590247452811],
+            [356.8322256246763, 439.90985443961836],
+        ],
+    ),
+}
+
+
+def document(name: str, params: list[float], **changes: Any) -> dict[str, Any]:
+    entry = {
+        "Label": "camera-slam-left",
+        "SerialNumber": "1",
+        "Calibrated": True,
+        "Projection": {"Name": name, "Description": "", "Params": params},
+        "T_Device_Camera": {"Translation": [0.1, 0.2, 0.3], "UnitQuaternion": [1.0, [0.0, 0.0, 0.0]]},
+    }
+    return {"CameraCalibrations": [entry | changes], "ImuCalibrations": []}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_a_camera_is_arias_with_half_a_pixel_more(name: str) -> None:
+    params, pixels = GIVEN[name]
+    camera = calibration.read_aria(json.dumps(document(name, params)))["camera-slam-left"]
+    assert (camera.width, camera.height) == (640, 480)
+    found, valid = camera.project(POINTS)
+    assert valid.all()
+    np.testing.assert_allclose(found - 0.5, pixels, rtol=0, atol=1e-9)
+
+
+def test_a_device_is_a_rig_and_comes_back() -> None:
+    lens = cameras.create(
+        "fisheye624", width=640, height=480, fx=240.0, fy=240.0, k=(0.01, 0, 0, 0, 0, 0), s=(1e-4, 0, 0, 0)
+    )
+    wide = cameras.create("kannala-brandt", width=2880, height=2880, fx=1200.0, fy=1210.0)
+    rig = Rig(
+        {
+            "camera-slam-left": RigCamera.turned(lens, (0.01, 0.02, 0.03), 20, -10, 30),
+            "camera-rgb": RigCamera.turned(wide, (0, 0.1, 0), 5, time_offset=0.002),
+        }
+    )
+    text = calibration.rig_to_aria(rig)
+    for entry in json.loads(text)["CameraCalibrations"]:  # by the definition of T_Device_Camera
+        w, (x, y, z) = entry["T_Device_Camera"]["UnitQuaternion"]
+        own = rig.cameras[entry["Label"]].pose
+        p_device = Rotation.from_quat([x, y, z, w]).apply([1, 2, 3]) + entry["T_Device_Camera"]["Translation"]
+        np.testing.assert_allclose(p_device, own.to_world([1, 2, 3]), atol=1e-12)
+    again = calibration.rig_from_aria(text)
+    for label, mounted in rig.cameras.items():
+        assert_same_rays(again.cameras[label].camera, mounted.camera)
+        assert again.cameras[label].time_offset == mounted.time_offset
+        np.testing.assert_allclose(again.cameras[label].pose.rotation, mounted.pose.rotation, atol=1e-12)
+    assert isinstance(again.cameras["camera-rgb"].pose, Pose)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"Label": "camera-front"}, "Label: expected one of camera-slam-left"),
+        ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection: Name: expected one of"),
+        ({"Projection": {"Name": "Fisheye62", "Params": F624}}, "Projection: Params: expected 11 finite"),
+        ({"Projection": 3}, "expected a mapping with 'Name'"),
+        ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "expected the key 'UnitQuaternion'"),
+        (
+            {"T_Device_Camera": {"Translation": [0, 0, 0], "UnitQuaternion": [0, [0, 0, 0]]}},
+            "UnitQuaternion: expected one of length 1",
+        ),
+        ({"T_Device_Camera": {"Translation": [0, 0], "UnitQuaternion": [1, [0, 0, 0]]}}, "Translation: exp"),
+        ({"TimeOffsetSec_Device_Camera": "late"}, "TimeOffsetSec_Device_Camera: expected a finite"),
+    ],
+)
+def test_a_wrong_device_is_refused_in_one_line(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(ArgumentError, match=says) as caught:
+        calibration.read_aria(json.dumps(document("FisheyeRadTanThinPrism", F624, **changes)))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) <= 300
+
+
+def test_what_aria_has_not_is_refused() -> None:
+    lens = cameras.create("kannala-brandt", width=640, height=480, fx=240.0, fy=240.0)
+    with pytest.raises(ArgumentError, match="camera-rgb: size: expected 2880x2880 px"):
+        calibration.write_aria({"camera-rgb": lens})
+    with pytest.raises(ArgumentError, match="left: label: expected one of"):
+        calibration.write_aria({"left": lens})
+    stretched = cameras.create("fisheye624", width=640, height=480, fx=240.0, fy=241.0)
+    with pytest.raises(ArgumentError, match="one focal length"):
+        calibration.write_aria({"camera-slam-left": stretched})

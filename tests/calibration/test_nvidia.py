@@ -1,0 +1,151 @@
+"""Isaac Sim's attributes and NCore's f-theta cameras, judged by the formulas of their manuals."""
+
+import json
+import re
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.polynomial.polynomial import polyval
+from support.same_rays import assert_same_rays
+
+from omniscv import calibration, cameras
+from omniscv.errors import ArgumentError
+
+SIZE = {"width": 64, "height": 48}
+THETA = cameras.create(
+    "ftheta", **SIZE, cx=31.0, cy=25.0, polynomial=(0, 0.03, 1e-5, 1e-6, 0), reference="pixel-to-angle"
+)
+
+
+def attributes(camera: cameras.Camera) -> dict[str, list[float]]:
+    """The numbers of a layer by the last part of their names, by a parser that shares nothing with ours."""
+    text = calibration.write_isaac({"cam0": camera})
+    found = re.findall(r"omni:lensdistortion:\w+:(\w+) = \(?([^)\n]*)", text)
+    return {name: [float(word) for word in words.split(",")] for name, words in found}
+
+
+def test_isaacs_f_theta_gives_the_angle_of_a_pixels_distance() -> None:
+    given_ = attributes(THETA)
+    pixels, rays = THETA.pixels().reshape(-1, 2), THETA.unproject().directions.reshape(-1, 3)
+    offset = pixels - 0.5 - given_["opticalCenter"]  # pixel centres at whole numbers
+    angle = polyval(np.hypot(*offset.T), [given_[f"k{i}"][0] for i in range(5)])
+    np.testing.assert_allclose(np.arctan2(np.hypot(*rays[:, :2].T), rays[:, 2]), angle, atol=1e-12)
+    assert (given_["nominalWidth"], given_["nominalHeight"]) == ([64.0], [48.0])
+
+
+@pytest.mark.parametrize("model", ["pinhole", "kannala-brandt"])
+def test_isaacs_opencv_models_are_opencvs(model: str) -> None:
+    terms: dict[str, Any] = {"distortion": (-0.05, 0.01, 1e-3, -2e-3, 0.01)} if model == "pinhole" else {
+        "k": (0.02, -0.01, 0.001, 0)
+    }  # fmt: skip
+    camera = cameras.create(model, **SIZE, fx=40.0, fy=41.0, cx=31.0, cy=25.0, **terms)
+    given_ = {name: values[0] for name, values in attributes(camera).items()}
+    K = np.array([[given_["fx"], 0, given_["cx"]], [0, given_["fy"], given_["cy"]], [0, 0, 1]])
+    names = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4" if model == "pinhole" else "k1 k2 k3 k4"
+    D = np.array([given_[name] for name in names.split()])
+    project = cv2.projectPoints if model == "pinhole" else cv2.fisheye.projectPoints
+    rays = camera.unproject()
+    seen = rays.directions[rays.valid]
+    pixels, _ = project(seen[:, None], np.zeros(3), np.zeros(3), K, D)
+    np.testing.assert_allclose(pixels[:, 0], camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
+
+
+terms = st.tuples(st.floats(20, 60), st.floats(-2, 2), st.floats(-1, 1))
+
+
+@given(terms, st.floats(0.9, 1.1), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
+def test_ncores_reference_gives_the_pixel(c: tuple[float, ...], a: float, d: float, e: float) -> None:
+    polynomial = (0.0, *c)
+    camera = cameras.create(
+        "ftheta", **SIZE, cx=31.0, cy=25.0, polynomial=polynomial, linear=(a, d, e), max_angle_deg=80
+    )
+    text = calibration.write_ncore({"cam0": camera})
+    given_ = json.loads(text)["camera_model_parameters"]
+    rays = camera.unproject()
+    x, y, z = rays.directions[rays.valid].T
+    rho = np.hypot(x, y)
+    distance = polyval(np.arctan2(rho, z), given_["angle_to_pixeldist_poly"])
+    c_, d_, e_ = given_["linear_cde"]
+    scaled = distance / np.where(rho > 0, rho, 1) * np.stack([x, y])
+    theirs = (np.array([[c_, d_], [e_, 1]]) @ scaled).T + given_["principal_point"]
+    np.testing.assert_allclose(theirs, camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
+    assert np.degrees(given_["max_angle"]) == pytest.approx(80)
+    assert_same_rays(camera, calibration.read_ncore(text)["cam0"])
+
+
+@pytest.mark.parametrize("camera", [THETA, cameras.model("ftheta").example(64)], ids=["back", "forth"])
+def test_the_other_polynomial_is_near_the_inverse(camera: cameras.Camera) -> None:
+    """What programs use that read both: within a tenth of a pixel over the image."""
+    given_ = json.loads(calibration.write_ncore({"cam0": camera}))["camera_model_parameters"]
+    rays = camera.unproject()
+    offset = camera.pixels()[rays.valid] - camera.center
+    across = np.hypot(*rays.directions[rays.valid][:, :2].T)
+    angle = np.arctan2(across, rays.directions[rays.valid][:, 2])
+    distance = np.hypot(*offset.T)
+    by_angle = polyval(angle, given_["angle_to_pixeldist_poly"])
+    by_distance = polyval(distance, given_["pixeldist_to_angle_poly"])
+    assert np.abs(by_angle - distance).max() < 0.1
+    assert (
+        np.abs(by_distance - angle).max()
+        < 0.1 * np.abs(np.gradient(angle[np.argsort(distance)])).max() + 5e-3
+    )
+
+
+def test_ncores_parameters_are_read_without_their_wrapping() -> None:
+    parameters = json.loads(calibration.write_ncore({"cam0": THETA}))["camera_model_parameters"]
+    assert_same_rays(calibration.read_ncore(json.dumps(parameters))["cam0"], THETA)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"reference_poly": "BOTH"}, "reference_poly: expected one of"),
+        ({"resolution": [64.5, 48]}, "resolution: expected a whole number"),
+        ({"resolution": 64}, "resolution: expected 2 finite"),
+        ({"principal_point": [1]}, "principal_point: expected 2 finite"),
+        ({"pixeldist_to_angle_poly": [1, 2]}, "polynomial: expected \\(0, c1"),
+        ({"max_angle": 0}, "max_angle: expected a finite number > 0"),
+        ({"max_angle": 4}, "max_angle_deg: expected a finite number"),
+        ({"linear_cde": [0, 0]}, "linear_cde: expected 3 finite"),
+    ],
+)
+def test_a_wrong_ncore_file_is_refused(changes: dict[str, Any], says: str) -> None:
+    parameters = json.loads(calibration.write_ncore({"cam0": THETA}))["camera_model_parameters"]
+    with pytest.raises(ArgumentError, match=says) as caught:
+        calibration.read_ncore(json.dumps(parameters | changes))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"ftheta"', '"lut"', "model: expected one of ftheta"),
+        ("nominalWidth = 64", "nominalWidth = 64.5", "nominalWidth: expected a whole number"),
+        ("nominalWidth = 64", "nominalWidth = wide", "nominalWidth: expected a finite number"),
+        ("opticalCenter = (30.5, 24.5)", "opticalCenter = (30.5)", "opticalCenter: expected 2 finite"),
+        ("ftheta:k1", "ftheta:c1", "expected the key 'k1'"),
+        ("maxFov = 360.0", "maxFov = 400.0", "maxFov: expected a finite number"),
+        ("omni:lens", "omni:glass", "expected attributes"),
+    ],
+)
+def test_a_wrong_layer_is_refused(old: str, new: str, says: str) -> None:
+    text = calibration.write_isaac({"cam0": THETA})
+    assert old in text
+    with pytest.raises(ArgumentError, match=says) as caught:
+        calibration.read_isaac(text.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+def test_what_isaac_has_not_is_refused() -> None:
+    forth = cameras.model("ftheta").example(64)
+    with pytest.raises(ArgumentError, match="cam0: Isaac: expected a polynomial from pixel to angle"):
+        calibration.write_isaac({"cam0": forth})
+    with pytest.raises(ArgumentError, match="name: expected letters"):
+        calibration.write_isaac({"front camera": THETA})
+    longer = cameras.create("ftheta", **SIZE, polynomial=(0, 30, 0, 0, 0, 0, 0.1))
+    with pytest.raises(ArgumentError, match="polynomial: expected degree 5 at most, got 6"):
+        calibration.write_ncore({"cam0": longer})
