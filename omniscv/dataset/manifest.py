@@ -18,7 +18,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from omniscv.arguments import shown
+from omniscv.arguments import optional_number, shown, text, whole_number
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import versions, whole_file, write_json
 from omniscv.errors import ArgumentError, DatasetError
@@ -38,8 +38,17 @@ CONVENTIONS = {
 }
 """``pixels: edge``: (0, 0) is the image's corner, pixel centres are at +0.5."""
 
+MOST_IDS = (1 << 16) - 1
+"""Instance ids: labels have 16 bits."""
+
 IMAGE = "image"
 """The kind of ``STEM.json`` among the files of a frame."""
+
+
+def check_key(name: str, key: object) -> None:
+    """Raise ArgumentError unless a text can start file names, without a dot, which ends it in WebDataset."""
+    if not isinstance(key, str) or not key or key != Path(key).name or "." in key or "\0" in key:
+        raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(key)}")
 
 
 @dataclass(frozen=True)
@@ -57,8 +66,10 @@ class FileEntry:
     sha256: str
 
     def __post_init__(self) -> None:
-        if self.path != Path(self.path).name or self.path.startswith("."):
+        if not isinstance(self.path, str) or self.path != Path(self.path).name or self.path.startswith("."):
             raise ArgumentError(f"path: expected the name of a file of the dataset, got {shown(self.path)}")
+        text("path", self.path)
+        whole_number("bytes", self.bytes, least=0)
 
     @classmethod
     def of(cls, path: Path) -> FileEntry:
@@ -113,8 +124,14 @@ class FrameEntry:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
         try:
             files = {str(kind): FileEntry(**each) for kind, each in data["files"].items()}
-            plain = {key: data[key] for key in ("key", "camera", "time", "place", "split", "scene")}
-            return cls(pose=Pose.from_dict(data["pose"]), files=files, **plain)
+            for name in ("key", "camera", *(("split",) if data["split"] != "" else ())):
+                check_key(name, data[name])
+            for name in ("place", "scene"):
+                if not isinstance(data[name], str):
+                    raise ArgumentError(f"{name}: expected a text, got {shown(data[name])}")
+            plain = {name: data[name] for name in ("key", "camera", "place", "split", "scene")}
+            time = optional_number("time", data["time"])
+            return cls(pose=Pose.from_dict(data["pose"]), files=files, time=time, **plain)
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
@@ -176,14 +193,19 @@ class Manifest:
             raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
         try:
             cameras = {name: from_dict(each) for name, each in data["cameras"].items()}
-            names = {str(name): int(instance) for name, instance in data["names"].items()}
+            for name in cameras:
+                check_key("camera", name)
+            names = {name: whole_number(name, each, most=MOST_IDS) for name, each in data["names"].items()}
             said = data["classes"]
             rules = None
             if said is not None:
                 said = {key: value for key, value in said.items() if key not in ("classes", "of_object")}
                 rules = ClassRules.from_dict(said)
-            settings = {key: data[key] for key in ("splits", "exports", "options")}
-            return cls(cameras, names, rules, settings, data["versions"])
+            keys = ("format", "out", "options", "cameras")
+            exports = [{key: each[key] for key in keys} for each in data["exports"]]
+            settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
+            versions = {"omniscv": data["omniscv"], **data["versions"]}
+            return cls(cameras, names, rules, settings, versions)
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected cameras, names, classes, splits, exports, options"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause

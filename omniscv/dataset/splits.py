@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import Reader, fields, number, one_of, shown, whole_number
+from omniscv.dataset.manifest import check_key
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 
@@ -42,6 +43,8 @@ class Split:
         if not isinstance(value, Mapping):
             raise ArgumentError(f"{name}: expected a mapping from split to share, got {shown(value)}")
         shares = {key: partial(number, least=0, most=1) for key in value if key not in _OPTIONS}
+        for split in shares:
+            check_key(name, split)
         given = fields(name, value, {**shares, **_OPTIONS})
         by = given.pop("by", "place")
         options = {key: given.pop(key) for key in _OPTIONS if key in given}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +18,11 @@ from omniscv.compose.files import OBJECTS, check_format, write_json, write_layer
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest, photo_sphere
 from omniscv.dataset.classes import class_rules
-from omniscv.dataset.manifest import FileEntry, FrameEntry, Manifest
+from omniscv.dataset.manifest import MOST_IDS, FileEntry, FrameEntry, Manifest, check_key
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
 from omniscv.parallel import side_by_side
 from omniscv.truth.classes import ClassRules
-
-_MOST_NAMES = np.iinfo(np.uint16).max
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +46,14 @@ class Shot:
 
     def __post_init__(self) -> None:
         check_key("key", self.key)
+        check_key("camera", self.camera_name)
+        if self.split:
+            check_key("split", self.split)
         if self.time is not None:
             object.__setattr__(self, "time", number("time", self.time))
-        for name in ("place", "split", "scene"):
+        for name in ("place", "scene"):
             if not isinstance(value := getattr(self, name), str):
                 raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
-
-
-def check_key(name: str, key: object) -> None:
-    """Raise ArgumentError unless a key can start the names of a frame's files."""
-    if not isinstance(key, str) or not key or key != Path(key).name or "." in key or "\0" in key:
-        raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(key)}")
 
 
 class Writer:
@@ -175,7 +171,7 @@ class Writer:
         held = self._freeze(names)
         if image.labels is None:
             return image
-        id_of = np.zeros(_MOST_NAMES + 1, np.uint16)
+        id_of = np.zeros(MOST_IDS + 1, np.uint16)
         id_of[1 : len(names) + 1] = [held.names[name] for name in names]
         layers = {**image.layers, "labels": id_of[image.labels]}
         if held.classes is not None:
@@ -281,8 +277,8 @@ def _numbered(names: Mapping[str, int], fresh: Iterable[str]) -> dict[str, int]:
         ArgumentError: more than labels can tell apart.
     """
     found = {**names, **{name: i for i, name in enumerate(sorted(fresh), start=len(names) + 1)}}
-    if len(found) > _MOST_NAMES:
-        raise ArgumentError(f"names: expected at most {_MOST_NAMES} objects in a dataset, got {len(found)}")
+    if len(found) > MOST_IDS:
+        raise ArgumentError(f"names: expected at most {MOST_IDS} objects in a dataset, got {len(found)}")
     return found
 
 
@@ -293,8 +289,8 @@ def _resumed(had: Manifest, wanted: Manifest, out: Path) -> Manifest:
             raise _other(out, f"camera {name!r} as {had.cameras[name]!r}")
     if wanted.rules is not None and had.rules != wanted.rules:
         raise _other(out, "other classes" if had.rules else "no classes")
-    if wanted.settings and dict(had.settings) != dict(wanted.settings):
-        differ = [key for key, value in wanted.settings.items() if had.settings.get(key) != value]
+    settings = json.loads(json.dumps(wanted.settings))  # as it is read: lists for tuples
+    if differ := [key for key, value in settings.items() if had.settings.get(key) != value]:
         raise _other(out, f"other {', '.join(differ)}")
     names = _numbered(had.names, [name for name in wanted.names if name not in had.names])
     return replace(had, names=names, cameras={**had.cameras, **wanted.cameras})

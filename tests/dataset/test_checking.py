@@ -1,6 +1,7 @@
 """``dataset check``: every fault is one line that names the file, and a dataset as it was made has none."""
 
 import json
+import random
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from omniscv import cli, dataset, modalities
 from omniscv.compose.files import write_picture
 from omniscv.dataset import manifest
 from omniscv.dataset.manifest import FileEntry
+from omniscv.dataset.summary import info
+from omniscv.errors import OmniscvError
 
 
 def relisted(out, key, kind):
@@ -98,7 +101,13 @@ def rename_object(out):
 def share_an_id(out):
     text = (out / "dataset.json").read_text(encoding="utf-8")
     (out / "dataset.json").write_text(text.replace('"Books": 2,', '"Books": 1,'), encoding="utf-8")
-    return "dataset.json: names: expected an id from 1"
+    return "dataset.json: names: expected another id for each"
+
+
+def climb(out):
+    text = (out / "frames.jsonl").read_text(encoding="utf-8").replace('"key": "lens-0"', '"key": "../x"')
+    (out / "frames.jsonl").write_text(text, encoding="utf-8")
+    return "key: expected the start of a file name without a dot"
 
 
 def lose_an_export(out):
@@ -118,6 +127,7 @@ FAULTS = [
     escape,
     rename_object,
     share_an_id,
+    climb,
     lose_an_export,
 ]
 
@@ -218,3 +228,46 @@ def test_an_export_without_a_check_of_its_own_is_made_again_and_compared(copied)
     found = dataset.check(copied, format="hf")
     assert "exports/hf: README.md: expected what the frames give, got other bytes" in found
     assert "exports/hf: strange: expected no such file" in found
+
+
+STRANGE = (None, True, -1, 1e999, "", "../up", "\0", [], {}, [[]], {"a": 1})
+
+
+def places(value, path=()):
+    """The paths of all values nested in a JSON value, a few of each list or mapping."""
+    yield path
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, each in list(items)[:8]:
+            yield from places(each, (*path, key))
+
+
+def replaced(value, path, strange):
+    if not path:
+        return strange
+    changed = dict(value) if isinstance(value, dict) else dict(enumerate(value))
+    changed[path[0]] = replaced(changed[path[0]], path[1:], strange)
+    return changed if isinstance(value, dict) else list(changed.values())
+
+
+@pytest.mark.parametrize("name", ["dataset.json", "frames.jsonl"])
+def test_whatever_a_manifest_holds_is_one_line(name, whole, tmp_path):
+    """One value replaced at a time: it is used, or refused in a line; nothing else is raised."""
+    for path in (whole / "dataset").glob("*.js*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    first, *rest = (tmp_path / name).read_text(encoding="utf-8").splitlines(keepends=True)
+    said = json.loads(first if name == "frames.jsonl" else "".join([first, *rest]))
+    draw = random.Random(0)
+    refused = []
+    for place in places(said):
+        text = json.dumps(replaced(said, place, draw.choice(STRANGE)))
+        (tmp_path / name).write_text(text + "\n", encoding="utf-8")
+        try:
+            frames = dataset.open(tmp_path)
+            assert all(isinstance(frame.key, str) and "/" not in frame.key for frame in frames)
+            info(tmp_path)
+            assert all("\n" not in line and len(line) < 700 for line in dataset.check(tmp_path, deep=True))
+        except OmniscvError as fault:
+            refused.append(str(fault))
+    assert len(refused) > 10
+    assert max(map(len, refused)) <= 600

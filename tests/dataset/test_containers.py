@@ -38,6 +38,15 @@ def test_webdataset_reads_every_byte(options, whole, tmp_path):
     assert largest == {1: 1, 2: 2}.get(options.get("max_count"), 1 if "max_bytes" in options else 4)
 
 
+def test_frames_of_some_cameras_are_exported(whole, tmp_path):
+    dataset.export(whole / "dataset", "webdataset", out=tmp_path / "lens", cameras=["lens"])
+    assert sorted(sample["__key__"] for sample in samples(tmp_path / "lens")) == [
+        "lens-0",
+        "lens-1",
+        "lens-2",
+    ]
+
+
 def test_shards_are_deterministic_and_plain(whole, tmp_path):
     for name in ("a", "b"):
         dataset.export(whole / "dataset", "webdataset", tmp_path / name, max_count=2)

@@ -78,7 +78,8 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
     assert said["omniscv"] == omniscv.__version__
     assert said["conventions"]["depth"] == "ray metres"
     assert said["conventions"]["pixels"] == "edge"
-    assert said["exports"] == [{"format": "webdataset", "out": "webdataset", "options": {}}]
+    wanted = {"format": "webdataset", "out": "webdataset", "options": {}, "cameras": []}
+    assert said["exports"] == [wanted]
     assert {name: omniscv.cameras.from_dict(each) for name, each in said["cameras"].items()} == dict(
         jobs.load(whole / "dataset.yaml").cameras
     )
@@ -92,7 +93,13 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
         ("export: [{format: webdataset, max_count: 0}]", "max_count: expected a whole number >= 1"),
         ("export: [{format: hf, out: ../x}]", "out: expected the name of a folder"),
         ("export: {webdataset: true}", "export: expected a list"),
+        ("export: [{format: hf, cameras: [left]}]", "cameras: expected one of pano, lens; got 'left'"),
+        ("export: [colmap, horizonnet]", "cannot carry camera 'lens'"),
+        ("export: [{format: horizonnet, cameras: [pano]}]", "horizonnet: expected frames with layout"),
         ("truth: {boxen: true}", "truth: expected fields among"),
+        ("truth: {amodal: shapes}", "truth.amodal: kind: expected one of boxes, masks; got 'shapes'"),
+        ("truth: {layout: {source: guess}}", "source: expected one of scene, fitted"),
+        ("truth: {bfov: {grid: 1}}", "truth.bfov: expected no options"),
         ("truth: {tolerance: {abs_m: -1}}", "truth.tolerance.abs_m: expected a finite number >= 0"),
         ("seam: torn", "seam: expected one of whole, split; got 'torn'"),
         ("media: {exif: true}", "media: expected fields among xmp, north; got 'exif'"),
