@@ -5,11 +5,11 @@ pixels at corners, next to the rim and to the centre; points next to the axes, f
 """
 
 import numpy as np
-from examples import takes_center
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.camera_contract import PIXEL_TOLERANCE, never_wrong
 
+from examples import takes_center
 from omniscv import cameras
 
 
