@@ -4,7 +4,7 @@ import pytest
 
 from attack.runner import ROUND, Tally, Worker, run
 
-SHORT = {"texts": 150, "flips": 100, "recordings": 60, "servers": 8, "folders": 30, "signals": 2}
+SHORT = {"texts": 90, "flips": 60, "recordings": 40, "servers": 6, "folders": 20, "signals": 2}
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``."""
 
 

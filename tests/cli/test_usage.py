@@ -129,6 +129,7 @@ def test_a_job_renders_every_camera_at_every_pose(capsys, tmp_path):
           - {position: [0, 0, 1.5]}
           - {position: [0.5, 0, 1.5], yaw_deg: 30}
         modes: [lit, depth]
+        face_size: 64
         out: images
         """
     )
@@ -200,7 +201,8 @@ def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path
 
 
 def test_mask_is_short_for_object_mask(tmp_path, capsys):
-    assert run(["render", "--size", "64x32", "--modes", "mask, lit,mask", "--out", str(tmp_path)]) == 0
+    small = ["--size", "64x32", "--face-size", "64"]
+    assert run(["render", *small, "--modes", "mask, lit,mask", "--out", str(tmp_path)]) == 0
     assert {"equirectangular.object_mask.png", "equirectangular.labels.png"} <= names_in(tmp_path)
 
 
@@ -208,7 +210,7 @@ def test_mask_is_short_for_object_mask(tmp_path, capsys):
 def test_a_list_is_written_with_commas(k, tmp_path, capsys):
     lens = ["--camera", "kannala-brandt", "--size", "64x48"]
     lens += [f"--param={each}" for each in ("fx=20", "fy=20.5", "cx=32", "cy=24", f"k={k}")]
-    assert run(["render", *lens, "--stem", "lens", "--out", str(tmp_path)]) == 0
+    assert run(["render", *lens, "--face-size", "64", "--stem", "lens", "--out", str(tmp_path)]) == 0
     written = json.loads((tmp_path / "lens.json").read_text())["camera"]
     assert (written["fy"], written["k"]) == (20.5, [0.01, 0, 0, 0])
 

@@ -21,9 +21,9 @@ UNCOVERED = (
 )
 THIN = ("Wires",)  # of 3 mm: thinner than any capture's pixel here
 SMALL = {
-    "noncentral-panorama": create("noncentral-panorama", width=160, height=80, radius=1.0),
+    "noncentral-panorama": create("noncentral-panorama", width=128, height=64, radius=1.0),
     "noncentral-spherical-mirror": create(
-        "noncentral-spherical-mirror", width=128, height=128, mirror_radius=0.3, distance=0.3, fov_deg=280
+        "noncentral-spherical-mirror", width=96, height=96, mirror_radius=0.3, distance=0.3, fov_deg=280
     ),
     "noncentral-conical-mirror": create(
         "noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3

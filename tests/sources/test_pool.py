@@ -221,6 +221,7 @@ def test_several_sources_of_one_command(way, tmp_path):
                 "poses": [{"position": [0.1 * step, 0, 1.5]} for step in range(8)],
                 "modes": ["lit", "object_mask", "depth"],
                 "strategy": "cube",
+                "face_size": 16,
             }
             (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
             assert run(["record", str(tmp_path / "job.yaml")]) == 0
