@@ -110,7 +110,8 @@ def test_adaptive_captures_more_where_rays_are_lost():
 
 
 def test_a_replay_is_the_same_and_a_missing_view_is_named(tmp_path):
-    camera = create("noncentral-panorama", width=64, height=32, radius=0.5)
+    """One ray of this camera is captured alone, in the smallest view that the server has."""
+    camera = create("noncentral-panorama", width=48, height=24, radius=0.5)
     path = tmp_path / "room.sqlite"
     modes = ("lit", "object_mask", "depth")
     with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:

@@ -52,7 +52,11 @@ class RecordedSource(Source):
         self._along: dict[tuple[Any, ...], list[View]] = defaultdict(list)
         for view in self._modes:
             self._along[_axis_key(view)].append(view)
-        self._capabilities = Capabilities(modes=frozenset().union(*modes.values()), dialect="recording")
+        # Planned as on the server that was recorded: no job that it holds has a view with a shorter side.
+        shortest = min((min(view.width, view.height) for view in self._modes), default=1)
+        self._capabilities = Capabilities(
+            modes=frozenset().union(*modes.values()), min_size=shortest, dialect="recording"
+        )
 
     @property
     def capabilities(self) -> Capabilities:
