@@ -7,13 +7,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
 from omniscv.cameras import Rays
 from omniscv.geometry import Array
-from omniscv.truth.spherical import SphericalBox, frames, lon_lat
+from omniscv.truth.spherical import SphericalBox, lon_lat
 
 Labels = NDArray[np.uint16]
 DirectionsAt = Callable[[NDArray[np.intp], NDArray[np.intp]], Array]
@@ -26,6 +27,7 @@ _SAMPLES = 1000
 _SPREADS_DEG = (1.5, 0.2, 0.025)
 """Around the best rotation so far: 17 are tried, an eighth of each apart."""
 _BINS = 7200  # of longitude
+_AHEAD = 1e-6  # what is not ahead of a box counts as 90 degrees from its centre
 _NEXT = 3.0
 """Neighbours are not so many times as far apart as others, but at an end of the image."""
 
@@ -157,25 +159,55 @@ def _hull(points: Array, middle: Array) -> Array:
 
 def _at(points: Array, middle: Array, turns: Array) -> SphericalBox:
     """Return the smallest of the boxes around directions (N, 3) with some rotations (T,), radians."""
-    center = np.broadcast_to(middle, (len(turns), 3))
-    for _ in range(_STEPS):
-        frame = frames(*lon_lat(center), turns)
-        x, y, z = np.moveaxis(points @ frame, -1, 0)  # (T, N) each
-        across, down = np.arctan2(x, z), np.arctan2(y, z)
-        a, b = (_middle(each) for each in (across, down))
-        moved = np.stack([np.tan(a), np.tan(b), np.ones_like(a)], axis=-1)
-        center = np.einsum("tij,tj->ti", frame, moved / np.linalg.norm(moved, axis=1, keepdims=True))
-    lon, lat = lon_lat(center)
-    x, y, z = np.moveaxis(points @ frames(lon, lat, turns), -1, 0)
-    half_h, half_v = (np.abs(np.arctan2(each, z)).max(axis=1) for each in (x, y))
+    lon, lat, half_h, half_v = _around(points, middle, turns)
     best = int((np.sin(half_h) * np.sin(half_v)).argmin())
     angles = np.degrees([each[best] for each in (lon, lat, 2 * half_h, 2 * half_v, turns)])
     return SphericalBox(*angles.tolist())
 
 
-def _middle(angles: Array) -> Array:
-    """(T,) the middle of each row (T, N)."""
-    return np.asarray((angles.min(axis=1) + angles.max(axis=1)) / 2)
+@njit(cache=True, nogil=True)
+def _around(points: Array, middle: Array, turns: Array) -> Array:
+    """Return (4, T): longitude and latitude of a box's centre, half its width and height, for each rotation.
+
+    The centre is moved to the middle of what is seen from it, ``_STEPS`` times.
+    """
+    found = np.empty((4, len(turns)))
+    for i in range(len(turns)):
+        center = middle.copy()
+        for _ in range(_STEPS + 1):
+            lon = np.arctan2(center[0], center[2])
+            lat = np.arctan2(-center[1], np.hypot(center[0], center[2]))
+            frame = _frame(lon, lat, turns[i])
+            left, right, top, bottom = _extent(points, frame)
+            across, down = np.tan((left + right) / 2), np.tan((top + bottom) / 2)
+            center = across * frame[0] + down * frame[1] + frame[2]
+        found[:, i] = lon, lat, max(-left, right), max(-top, bottom)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _extent(points: Array, frame: Array) -> tuple[float, float, float, float]:
+    """Return the least and the most angle across, and down, of directions (N, 3) in a frame, radians."""
+    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
+    for n in range(len(points)):
+        x, y, z = points[n]
+        ahead = max(frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z, _AHEAD)
+        across = (frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z) / ahead
+        down = (frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z) / ahead
+        left, right = min(left, across), max(right, across)
+        top, bottom = min(top, down), max(bottom, down)
+    return np.arctan(left), np.arctan(right), np.arctan(top), np.arctan(bottom)
+
+
+@njit(cache=True, nogil=True)
+def _frame(lon: float, lat: float, rot: float) -> Array:
+    """Return (3, 3) right, down and forward, row by row, of :func:`omniscv.truth.spherical.frames`."""
+    sl, cl, sp, cp, sr, cr = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat), np.sin(rot), np.cos(rot)
+    frame = np.empty((3, 3))
+    frame[0] = cr * cl + sr * sp * sl, sr * cp, -cr * sl + sr * sp * cl
+    frame[1] = cr * sp * sl - sr * cl, cr * cp, cr * sp * cl + sr * sl
+    frame[2] = cp * sl, -sp, cp * cl
+    return frame
 
 
 def _lonlat(directions: Array) -> SphericalBox:
