@@ -21,19 +21,33 @@ from omniscv.viewing.contact_sheet import contact_sheet
 MODES = ("lit", "object_mask", "depth")
 ROOMS = ("four-wall", "six-wall")
 POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
+_POSES = {
+    0.0: ("", POSE),
+    90.0: ("-looking-up", Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0, pitch_deg=90.0)),
+    -90.0: ("-looking-down", Pose.from_angles((1.4, 0.5, 1.5), yaw_deg=20.0, pitch_deg=-90.0)),
+}
+"""By a model's usual pitch: what captions end with, and the pose; plans are of what the others look at."""
 
-_CENTRAL_PX, _NONCENTRAL_PX = (384, 512), (192, 384)
+_CENTRAL_PX, _NONCENTRAL_PX = (384, 512), (128, 192)
 """Widths of square images and of panoramas; captures of non-central cameras grow with their centres."""
 
 
-def demo_cameras() -> dict[str, cameras.Camera]:
-    """Return an example of every registered model, as the contact sheet shows it."""
+def demo_cameras() -> dict[str, tuple[cameras.Camera, Pose]]:
+    """Return an example of every registered model and its pose, by caption, as the contact sheet shows them.
+
+    Mirrors hang above a camera that looks up at them, and show the ring of the room around it; central ones,
+    which cost no further captures, are shown level, too.
+    """
     found = {}
     for name in cameras.names():
         model = cameras.model(name)
         square, wide = _CENTRAL_PX if model.central else _NONCENTRAL_PX
         camera = model.example(square)
-        found[name] = camera if camera.width < 2 * camera.height else model.example(wide)
+        camera = camera if camera.width < 2 * camera.height else model.example(wide)
+        usual = model.typical_pitch_deg
+        for pitch_deg in dict.fromkeys([0.0, usual] if model.central else [usual]):
+            suffix, pose = _POSES[pitch_deg]
+            found[name + suffix] = camera, pose
     return found
 
 
@@ -67,7 +81,7 @@ def run_demo(out: Path, progress: Callable[[int, int], None] | None = None) -> D
     """
     started = time.monotonic()
     report = DemoReport(out)
-    done, total = count(1), 2 * len(ROOMS) * len(cameras.names())
+    done, total = count(1), 2 * len(ROOMS) * len(demo_cameras())
 
     def step() -> None:
         if progress:
@@ -94,8 +108,8 @@ def _compose(source: Source, out: Path, step: Callable[[], None]) -> tuple[dict[
     renderer = Renderer(source)
     images: dict[str, OmniImage] = {}
     files: list[Path] = []
-    for name, camera in demo_cameras().items():
-        images[name] = renderer.render(camera, POSE, MODES)
+    for name, (camera, pose) in demo_cameras().items():
+        images[name] = renderer.render(camera, pose, MODES)
         files += images[name].save(out, stem=name)
         step()
     return images, files

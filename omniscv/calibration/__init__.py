@@ -15,6 +15,7 @@ from omniscv.arguments import one_of, within
 from omniscv.calibration import nvidia, opencv
 from omniscv.calibration.aria import read_aria, rig_from_aria, rig_to_aria, write_aria
 from omniscv.calibration.colmap import NAMES, read_colmap, write_colmap
+from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.kalibr import read_kalibr, write_kalibr
 from omniscv.calibration.nvidia import read_isaac, read_ncore, write_isaac, write_ncore
 from omniscv.calibration.ocamcalib import read_ocamcalib, write_ocamcalib
@@ -32,6 +33,7 @@ from omniscv.calibration.opencv import (
     write_opencv_fisheye,
     write_opencv_omnidir,
 )
+from omniscv.calibration.own import read_json, write_json
 from omniscv.calibration.rigs import (
     RigFormat,
     load_rig,
@@ -45,8 +47,10 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 
 __all__ = [
+    "Fit",
     "FormatName",
     "RigFormat",
+    "fit",
     "formats",
     "from_opencv",
     "from_opencv_fisheye",
@@ -56,6 +60,7 @@ __all__ = [
     "read_aria",
     "read_colmap",
     "read_isaac",
+    "read_json",
     "read_kalibr",
     "read_ncore",
     "read_ocamcalib",
@@ -76,6 +81,7 @@ __all__ = [
     "write_aria",
     "write_colmap",
     "write_isaac",
+    "write_json",
     "write_kalibr",
     "write_ncore",
     "write_ocamcalib",
@@ -85,6 +91,7 @@ __all__ = [
 ]
 
 FormatName = Literal[
+    "json",
     "opencv",
     "opencv-fisheye",
     "opencv-omnidir",
@@ -114,6 +121,7 @@ def _opencv(name: str) -> Callable[[str], object]:
 
 
 _FORMATS: dict[str, _Format] = {
+    "json": _Format(_marked(r'^[{\s]*"?model"?[ \t]*:'), read_json, write_json),
     "opencv": _Format(_opencv("opencv"), read_opencv, write_opencv),
     "opencv-fisheye": _Format(_opencv("opencv-fisheye"), read_opencv_fisheye, write_opencv_fisheye),
     "opencv-omnidir": _Format(_opencv("opencv-omnidir"), read_opencv_omnidir, write_opencv_omnidir),

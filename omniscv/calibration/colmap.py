@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from omniscv.arguments import numbers, one_of, shown, within
 from omniscv.calibration.common import whole_number
 from omniscv.calibration.intrinsics import FormatModel, camera_of, fit_format, read_numbers
-from omniscv.cameras import Camera, Equirectangular, FisheyeEquidistant
+from omniscv.cameras import Camera, Equirectangular
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -102,8 +102,7 @@ def camera_line(camera_id: int, camera: Camera) -> str:
     """
     if isinstance(camera, Equirectangular):
         return f"{camera_id} EQUIRECTANGULAR {camera.width} {camera.height} {camera.width} {camera.height}"
-    written = ["SIMPLE_FISHEYE"] if isinstance(camera, FisheyeEquidistant) else _WRITTEN
-    found = fit_format(camera, [MODELS[name] for name in written], 0.0)
+    found = fit_format(camera, [MODELS[name] for name in _WRITTEN], 0.0)
     if found is None:
         known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
         raise ArgumentError(f"COLMAP: expected equirectangular, {known}, unskewed, got {camera.name}")

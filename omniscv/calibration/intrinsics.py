@@ -25,6 +25,9 @@ _ARGUMENTS: dict[str, dict[str, str]] = {
 }
 """The constructor arguments of a model beyond size, focal lengths and centre, and the numbers each holds."""
 
+MODELS = tuple(_ARGUMENTS)
+"""The models that are described by such numbers."""
+
 Numbers = dict[str, float]
 
 

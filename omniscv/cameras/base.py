@@ -110,6 +110,9 @@ class Camera(ABC):
     name: ClassVar[str]
     central: ClassVar[bool] = True
     typical: ClassVar[dict[str, Any]] = {}
+    typical_pitch_deg: ClassVar[float] = (
+        0.0  # 90: mirrors hang above the camera; -90: plans are seen from above
+    )
     _farthest_off: ClassVar[float] = 1.0  # between unit vectors: a point and the ray of its pixel
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
@@ -138,9 +141,8 @@ class Camera(ABC):
             Rays of shape (...), camera frame.
         """
         uv = self.pixels() if pixels is None else _last_axis("pixels", pixels, 2)
-        u, v = uv[..., 0], uv[..., 1]
         with np.errstate(all="ignore"):
-            inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
+            inside = np.ones(uv.shape[:-1], dtype=bool) if pixels is None else self._in_image(uv)
             origins, directions, valid = self._unproject(replaced(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
         if origins.shape != directions.shape:  # those of a grid's columns or rows
@@ -271,6 +273,10 @@ class Camera(ABC):
             f"{type(self).__name__}.{name}: cameras are immutable; make another one, for example with "
             "omniscv.cameras.from_dict({**camera.to_dict(), ...})"
         )
+
+    def _in_image(self, pixels: Array) -> Mask:
+        u, v = pixels[..., 0], pixels[..., 1]
+        return np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
 
     def _within_image(self, pixels: Array) -> tuple[Array, Mask]:
         """Which pixels (..., 2) lie in the rectangle; those that rounding took out of it are put back."""

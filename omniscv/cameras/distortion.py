@@ -15,9 +15,8 @@ class Distortion:
     ``y'' = y c + p1 (r2 + 2 y^2) + 2 p2 x y + s3 r2 + s4 r2^2``, with ``r2 = x^2 + y^2`` and
     ``c = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)``.
 
-    It is undone within the disc about (0, 0) on which it stretches in every direction: there, and in no
-    larger disc, the symmetric part of its derivative is positive definite, so that no two places of the
-    disc come to one. Without p and s the disc ends where r c turns back.
+    It is undone within the largest disc about (0, 0) on which the symmetric part of its derivative is
+    positive definite: there no two places come to one. Without p and s it ends where r c turns back.
 
     Args:
         coefficients: (12,) k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4: OpenCV's order.
@@ -66,20 +65,26 @@ class Distortion:
 
     def _first_turn(self) -> float:
         """Where r c turns back or has its first pole; infinity where it does not."""
-        N, D = np.polynomial.Polynomial(self._numerator), np.polynomial.Polynomial(self._denominator)
-        s = np.polynomial.Polynomial([0.0, 1.0])
-        slope = N * D + 2 * s * (N.deriv() * D - N * D.deriv())  # of r c by r, times D^2; s = r^2
-        turn, pole = first_positive_root(slope.coef), first_positive_root(self._denominator)
+        N, D, twice = self._numerator, self._denominator, 2 * np.arange(4)
+        # The slope by r of r N / D times D^2, with s = r^2: N D + 2 s (N' D - N D').
+        slope = np.convolve(N, D) + np.convolve(twice * N, D) - np.convolve(N, twice * D)
+        turn, pole = first_positive_root(slope), first_positive_root(D)
         return float(np.sqrt(min(turn, pole)))
 
     def _reaching(self, end: float, beyond: float) -> float:
-        """The least radius up to ``end`` where r c is ``beyond``; ``end`` where it does not come so far."""
-        low, high = 0.0, end
-        if not np.isfinite(end):
-            high = beyond
-            while self._radial(np.array(high)) < beyond and high < 1e100:
-                high *= 2
-        for _ in range(80):
+        """A radius up to ``end`` where r c is between 0.9 and 1 ``beyond``; ``end`` where it is less."""
+
+        def within(r: float) -> bool:  # and not past a pole
+            return bool(0 <= self._radial(np.array(r)) <= beyond)
+
+        if np.isfinite(end) and within(end):
+            return end
+        low, high = 0.0, end if np.isfinite(end) else beyond
+        while within(high) and high < 1e100:
+            low, high = high, 2 * high
+        for _ in range(100):
+            if self._radial(np.array(low)) >= 0.9 * beyond:
+                break
             middle = (low + high) / 2
-            low, high = (middle, high) if self._radial(np.array(middle)) < beyond else (low, middle)
-        return high
+            low, high = (middle, high) if within(middle) else (low, middle)
+        return low

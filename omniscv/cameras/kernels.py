@@ -143,7 +143,7 @@ Solver = tuple[Coefficients, float, float, float, float, Array]
 rounding may add; and the radii that the radial terms put at equal steps."""
 
 _STEPS = 3  # of Newton's, that mostly do
-_RADII, _AZIMUTHS, _FINE_AZIMUTHS = 512, 64, 720
+_RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -197,7 +197,7 @@ def first_turn(k: Coefficients, end: float) -> float:
         high = end * i / _RADII
         if not _stretches(k, high, _AZIMUTHS):
             low = end * (i - 1) / _RADII
-            for _ in range(60):
+            for _ in range(45):
                 middle = (low + high) / 2
                 if _stretches(k, middle, _FINE_AZIMUTHS):
                     low = middle

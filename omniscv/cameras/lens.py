@@ -14,9 +14,6 @@ from omniscv.cameras.base import Array, CentralCamera, Mask, polar, sin_cos_of_h
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import ROUNDING, Meridian, rays_about_axis
 
-Angle = tuple[float, float]
-"""An angle from +z, 0 to 180 degrees, by its sine and cosine: exact next to 0, 90, 180 degrees."""
-
 
 class Lens(CentralCamera):
     """A camera of revolution about +z behind a matrix and, if there is one, a distortion.

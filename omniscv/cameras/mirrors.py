@@ -24,6 +24,7 @@ class SphereModel(RadialCamera):
     xi: float
     eta: float
     _one_less_xi_squared: float  # 1 - xi^2, without subtracting like numbers
+    typical_pitch_deg = 90.0
 
     def _meridian(self, t: Array) -> Meridian:
         rho = t / -self.eta

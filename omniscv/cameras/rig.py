@@ -9,7 +9,6 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import Reader, fields, number, numbers, one_of, shown, text, within
 from omniscv.cameras.base import Camera
@@ -105,7 +104,7 @@ class Rig:
         for name, mounted in self.cameras.items():
             with within(name):
                 at = number("time", time) + mounted.time_offset
-                found[name] = _pose_at(pose, at) @ mounted.pose
+                found[name] = pose.at(at, steps_beyond=1) @ mounted.pose
         return found
 
     def seen_from(self, name: str) -> Rig:
@@ -179,20 +178,3 @@ def _mounted(where: str, value: object) -> RigCamera:
             raise ArgumentError(f"rotation: expected it or angles, got both ({', '.join(angles)})")
         pose = Pose(given.get("position", np.zeros(3)), given["rotation"])
         return RigCamera(given["camera"], pose, given.get("time_offset", 0.0))
-
-
-def _pose_at(trajectory: Trajectory, time: float) -> Pose:
-    """The pose at a time, which may be a step before the first one or after the last one."""
-    times, poses = trajectory.times, trajectory.poses
-    if times is None or len(times) < 2 or not (np.diff(times) > 0).all():
-        got = "none" if times is None else f"{len(times)}: {shown(list(times))}"
-        raise ArgumentError(f"times: expected at least two, increasing, for poses that move; got {got}")
-    i = int(np.clip(np.searchsorted(times, time, "right"), 1, len(times) - 1))
-    part = (time - times[i - 1]) / (times[i] - times[i - 1])
-    if not -1 <= part <= 2:
-        wanted = f"expected {times[0]:.15g} to {times[-1]:.15g} s, or a step beyond"
-        raise ArgumentError(f"time: {wanted}, got {time:.15g}")
-    start, end = poses[i - 1], poses[i]
-    turn = Rotation.from_matrix(start.R_w_c.T @ end.R_w_c).as_rotvec()
-    R_w_c = start.R_w_c @ Rotation.from_rotvec(part * turn).as_matrix()
-    return Pose(start.t_w_c + part * (end.t_w_c - start.t_w_c), R_w_c)

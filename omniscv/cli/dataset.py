@@ -123,7 +123,7 @@ def pack(
     export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, given)
 
 
-@app.command(epilog="Example: omniscv dataset video images --camera panorama --out panorama.mp4 --rate 10")
+@app.command(epilog="Example: omniscv dataset video dataset --camera panorama --out panorama.mp4 --rate 10")
 def video(
     folder: Dataset,
     out: Annotated[Path, Option(help="The MP4 file.")],

@@ -103,7 +103,7 @@ class JobOptions(ConnectionOptions):
             return replace(job, source_options={**job.source_options, **self.deadlines()})
         width, height = size(self.size)
         fov = {} if self.fov is None else {"fov_deg": self.fov}
-        parameters = {"width": width, "height": height, **fov, **dict(map(_parameter, self.param))}
+        parameters = {"width": width, "height": height, **fov, **dict(map(parameter, self.param))}
         position = numbers("--position", self.position)
         error = self.max_error
         bound = None if error is None else numbers("--max-error", error.removesuffix("px"), "0.5")[0]
@@ -165,7 +165,7 @@ def modes(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(part.strip() for part in text.split(",")))
 
 
-def _parameter(text: str) -> tuple[str, Any]:
+def parameter(text: str) -> tuple[str, Any]:
     """``NAME=VALUE``; the value is YAML, or a list separated by commas."""
     from omniscv import yaml_text
 

@@ -151,7 +151,8 @@ class Renderer:
         tasks = [self.task(camera, pose, options) for camera, pose in shots]
         tasks, wanted = together(tasks, sampled(chosen, options or RenderOptions()))
         made = [i for i in range(len(tasks)) if only is None or i in only]
-        source = SharedCaptures(self.source, Counter(request for i in made for request in wanted[i]))
+        needed = Counter(request for i in made for request in wanted[i])
+        source = SharedCaptures(self.source, needed) if needed else self.source
         for task in (tasks[i] for i in made):
             rays = self._rays(task.rays.camera)
             composition = Composition(task, rays, chosen, source, self._sampler_of, progress)

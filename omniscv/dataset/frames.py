@@ -33,6 +33,7 @@ class Frame:
         time: seconds; None where poses have none.
         place: frames of one place are never split.
         split: ``train``, ``val``, ``test``, ...; empty without splits.
+        scene: identity of what was captured; empty where it is not known.
     """
 
     key: str
@@ -45,6 +46,7 @@ class Frame:
     time: float | None = None
     place: str = ""
     split: str = ""
+    scene: str = ""
 
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer as it was in memory: dtype and shape as :mod:`omniscv.modalities` has it.

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import whole_file, write_picture
 from omniscv.dataset.frames import Frame
-from omniscv.errors import ArgumentError
 from omniscv.modalities import Modality
 
 _READABLE = (".png", ".jpg", ".jpeg")
@@ -20,17 +19,14 @@ _MASK = Modality("mask", ("bool",))
 
 
 def copy_lit(frame: Frame, folder: Path) -> Path:
-    """Copy a frame's colours into a folder as ``KEY.SUFFIX``, and return the file.
+    """Write a frame's colours into a folder as ``KEY.png``, or as the JPEG they are, and return the file.
 
     Raises:
-        ArgumentError: the frame has no colours, or not as PNG or JPEG.
+        ArgumentError: the frame has no colours.
     """
-    if "lit" not in frame.files:
-        raise ArgumentError(f"{frame.key}: expected a frame with lit, it has none; make it with mode lit")
-    source = frame.files["lit"]
-    if source.suffix not in _READABLE:
-        raise ArgumentError(f"{frame.key}: expected colours as PNG or JPEG, got {source.name}")
-    return write_color(folder / f"{frame.key}{source.suffix}", frame)
+    own = frame.files.get("lit")
+    suffix = own.suffix if own is not None and own.suffix in _READABLE else ".png"
+    return write_color(folder / f"{frame.key}{suffix}", frame)
 
 
 def write_color(path: Path, frame: Frame) -> Path:
@@ -51,6 +47,14 @@ def write_color(path: Path, frame: Frame) -> Path:
     with whole_file(path) as part:
         shutil.copyfile(own, part)
     return path
+
+
+def without_limit(camera: Camera) -> Camera:
+    """Return a calibrated lens without its limit ``fov_deg``, which its mask holds; others as they are."""
+    given = camera.to_dict()
+    if "fx" not in given or "fov_deg" not in given:
+        return camera
+    return from_dict({key: value for key, value in given.items() if key != "fov_deg"})
 
 
 def write_mask(camera: Camera, path: Path) -> Path | None:

@@ -42,4 +42,5 @@ def frame(folder: Path, whole: Manifest, entry: FrameEntry) -> Frame:
         time=entry.time,
         place=entry.place,
         split=entry.split,
+        scene=entry.scene,
     )

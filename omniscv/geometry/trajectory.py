@@ -16,6 +16,7 @@ EuRoC
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -26,9 +27,12 @@ import numpy as np
 
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
+from omniscv.files import read_bytes
 from omniscv.geometry import R_LEVEL, Array, Pose
+from omniscv.geometry.motion import between
 
 _NS = 10**9
+_MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _KITTI_ROUNDING = 1e-4
 """Of R R^T: KITTI's own files have seven digits."""
@@ -76,33 +80,29 @@ class Trajectory(Sequence[Pose]):
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)
 
-    def at(self, time: float) -> Pose:
+    def at(self, time: float, steps_beyond: float = 0.0) -> Pose:
         """Return the pose at a time: positions linear, rotations at constant speed (slerp) in between.
+
+        Args:
+            time: seconds.
+            steps_beyond: how far before the first pose or after the last one the time may lie, as a part of
+                the step between the two poses there, which goes on.
 
         Raises:
             ArgumentError: the trajectory has no times, or the time lies outside them.
         """
-        positions, rotations = self.interpolated([time])
-        return Pose(positions[0], rotations[0])
-
-    def interpolated(self, times: Iterable[float]) -> tuple[Array, Array]:
-        """Return positions (N, 3) in metres and rotations (N, 3, 3), camera to world, at N times.
-
-        Raises:
-            ArgumentError: as :meth:`at`.
-        """
         if self.times is None:
-            raise ArgumentError("trajectory: expected times of the poses to interpolate, it has none")
-        from scipy.spatial.transform import Rotation, Slerp
-
+            raise ArgumentError("trajectory: expected poses with times to interpolate, got none with times")
         first, last = self.times[0], self.times[-1]
-        wanted = np.array([number("time", each, least=first, most=last) for each in times])
-        places = np.array([pose.position for pose in self.poses])
-        turns = Rotation.from_matrix(np.array([pose.rotation for pose in self.poses]))
-        if len(self.poses) == 1:
-            return np.repeat(places, len(wanted), 0), np.repeat(turns.as_matrix(), len(wanted), 0)
-        positions = np.stack([np.interp(wanted, self.times, axis) for axis in places.T], axis=-1)
-        return positions, Slerp(self.times, turns)(wanted).as_matrix()
+        if first == last == time:
+            return self.poses[0]
+        i = min(max(bisect_right(self.times, time), 1), len(self.times) - 1)
+        start, end = self.times[i - 1], self.times[i]
+        part = (time - start) / (end - start) if end > start else math.nan
+        if not -steps_beyond <= part <= 1 + steps_beyond:
+            beyond = ", or a step beyond" if steps_beyond else ""
+            raise ArgumentError(f"time: expected {first:.15g} to {last:.15g} s{beyond}, got {time:.15g}")
+        return between(self.poses[i - 1], self.poses[i], part)
 
 
 def read_trajectory(path: Path, first: Pose = _FIRST) -> Trajectory:
@@ -181,12 +181,12 @@ def plain(value: float) -> str:
 def _rows(path: Path) -> Iterator[tuple[int, list[str], bool]]:
     """Line number, words and whether commas separate them, of lines that are not only comments."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as cause:
-        raise ArgumentError(f"{path}: expected a trajectory file, got {cause}") from cause
-    for line, text in enumerate(lines, start=1):
-        if content := text.partition("#")[0].strip():
-            yield line, content.replace(",", " ").split(), "," in content
+        content = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+    except ValueError as cause:
+        raise ArgumentError(f"{path}: {cause}") from cause
+    for line, text in enumerate(content.splitlines(), start=1):
+        if numbers := text.partition("#")[0].strip():
+            yield line, numbers.replace(",", " ").split(), "," in numbers
 
 
 def _tum(words: list[str]) -> tuple[float, Pose]:

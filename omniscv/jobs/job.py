@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -16,7 +17,7 @@ from omniscv.dataset.splits import Split
 from omniscv.dataset.writer import Shot
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.jobs.rigs import cameras_of, poses_of
+from omniscv.jobs.rigs import cameras_of, trajectory_of
 from omniscv.jobs.sampled_poses import SampledPoses
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
@@ -114,10 +115,20 @@ class Job:
     def _images(self, i: int) -> Iterator[tuple[str, str, Pose]]:
         """The camera's name, the stem and the pose of every image at a pose."""
         digits = len(str(max(0, len(self.poses) - 1)))
-        mounted = poses_of(self.rig, Trajectory(self.poses, self.times), i)
+        mounted = {} if self.rig is None else self.rig.poses(*self._rig_pose(i))
         for name in self.cameras:
             stem = f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name
             yield name, stem, mounted.get(name, self.poses[i])
+
+    def _rig_pose(self, i: int) -> tuple[Pose | Trajectory, float | None]:
+        """The rig's pose; or its timed poses and this one's time, where time offsets move its cameras."""
+        if self._trajectory is None:
+            return self.poses[i], None
+        return self._trajectory, (self.times or ())[i]
+
+    @cached_property
+    def _trajectory(self) -> Trajectory | None:
+        return trajectory_of(self.rig, self.poses, self.times)
 
     def _time(self, i: int, name: str) -> float | None:
         """When a camera takes its image at a pose, seconds."""

@@ -57,18 +57,19 @@ def cameras_of(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Came
     return {**mounted, **cameras}
 
 
-def poses_of(rig: Rig | None, trajectory: Trajectory, number: int) -> dict[str, Pose]:
-    """Return where the rig's cameras are at one of a job's poses, moved by their time offsets.
+def trajectory_of(
+    rig: Rig | None, poses: tuple[Pose, ...], times: tuple[float, ...] | None
+) -> Trajectory | None:
+    """Return the timed poses along which time offsets move a rig's cameras; None without time offsets.
 
     Raises:
-        ArgumentError: time offsets, but poses without times.
+        ArgumentError: time offsets, but poses without times, or times that do not increase.
     """
-    if rig is None:
-        return {}
-    late = next((name for name, each in rig.cameras.items() if each.time_offset), None)
-    if late is None:
-        return rig.poses(trajectory.poses[number])
-    if trajectory.times is None:
-        got = f"{late}: time_offset {rig.cameras[late].time_offset:.15g} s, and poses without times"
-        raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
-    return rig.poses(trajectory, trajectory.times[number])
+    late = {} if rig is None else {name: each.time_offset for name, each in rig.cameras.items()}
+    for name, offset in late.items():
+        if offset:
+            if times is None:
+                got = f"{name}: time_offset {offset:.15g} s, and poses without times"
+                raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
+            return Trajectory(poses, times)
+    return None

@@ -96,7 +96,7 @@ class CameraRays:
 
     @cached_property
     def scattered(self) -> bool:
-        """Whether there are more optical centres than rows and columns: hardly a view would serve two pixels."""
+        """Whether there are more optical centres than rows and columns: hardly a view serves two pixels."""
         return self.origins is not None and len(self.own.centers) > sum(self.valid.shape)
 
     def groups(self, viewpoints: int | None = None) -> tuple[RayGroup, ...]:

@@ -98,7 +98,11 @@ class SceneSource(Source):
             if request.mode not in _CAPABILITIES.modes:
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
-            yield Capture(request, request.view, self._traced(request.view)[request.mode], provenance)
+            pixels, where = self._traced(request.view)
+            image = pixels[request.mode]
+            if where is not None:
+                image = _spread(image, where, self._beyond[request.mode])
+            yield Capture(request, request.view, image, provenance)
 
     def geometry(self) -> SceneGeometry:
         """The boxes of all objects, each turned as its object, and the room."""
@@ -121,11 +125,12 @@ class SceneSource(Source):
         if self._closed:
             raise closed_error(f"scene {self.scene.name}")
 
-    def _trace(self, view: View) -> dict[str, NDArray[Any]]:
+    def _trace(self, view: View) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_] | None]:
+        """By mode, the pixels (H, W, ...) of a view; where objects are hidden, only those (N, ...) that may
+        show another, and which these are."""
         from mock_server.render import pinhole_rays
 
-        sky = self.scene.sky
-        where = None if not self._hidden or sky is None else self._reached(view)
+        where = None if not self._hidden or self.scene.sky is None else self._reached(view)
         rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
         hits = self.scene.trace(view.pose.position, rays, self._hidden)
         self.made += 1
@@ -136,13 +141,16 @@ class SceneSource(Source):
             "depth": (hits.distance / lengths).astype(np.float32),
             "normals": hits.normal.astype(np.float32),
         }
-        if where is not None and sky is not None:
-            shown = sky if self._lit == "float32" else np.round(255 * sky)
-            beyond = {"lit": shown, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
-            pixels = {mode: _spread(some, where, beyond[mode]) for mode, some in pixels.items()}
         for array in pixels.values():
             array.flags.writeable = False
-        return pixels
+        return pixels, where
+
+    @cached_property
+    def _beyond(self) -> dict[str, Any]:
+        """What pixels show that show no object, by mode."""
+        sky = np.zeros(3) if self.scene.sky is None else self.scene.sky
+        lit = sky if self._lit == "float32" else np.round(255 * sky)
+        return {"lit": lit, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
 
     def _reached(self, view: View) -> NDArray[np.bool_]:
         """(H, W) the pixels whose rays may meet an object that is not hidden: around the boxes' corners."""
@@ -181,6 +189,7 @@ def _spread(some: NDArray[Any], where: NDArray[np.bool_], beyond: Any) -> NDArra
     image = np.empty((*where.shape, *some.shape[1:]), some.dtype)
     image[...] = beyond
     image[where] = some
+    image.flags.writeable = False
     return image
 
 

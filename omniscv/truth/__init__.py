@@ -7,11 +7,12 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from omniscv.truth.layout_record import project_layout, room_of
     from omniscv.truth.object_boxes import boxes
     from omniscv.truth.optical_flow import Flow, flow
     from omniscv.truth.oriented_boxes import boxes3d
     from omniscv.truth.point_cloud import Points, merged, points
-    from omniscv.truth.room_layout import RoomLayout, layout, project_layout, room_of
+    from omniscv.truth.room_layout import RoomLayout, layout
     from omniscv.truth.spherical import SphericalBox, fov_iou, spherical_iou
     from omniscv.truth.spherical_fit import bfov
     from omniscv.truth.visibility import amodal
@@ -30,8 +31,8 @@ _HOMES = {
     "layout": "omniscv.truth.room_layout:layout",
     "merged": "omniscv.truth.point_cloud:merged",
     "points": "omniscv.truth.point_cloud:points",
-    "project_layout": "omniscv.truth.room_layout:project_layout",
-    "room_of": "omniscv.truth.room_layout:room_of",
+    "project_layout": "omniscv.truth.layout_record:project_layout",
+    "room_of": "omniscv.truth.layout_record:room_of",
     "spherical_iou": "omniscv.truth.spherical:spherical_iou",
 }
 

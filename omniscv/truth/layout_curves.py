@@ -16,10 +16,12 @@ SPACING_PX = 0.5
 RESOLVED_M = 5e-7
 """The ray of a sample's pixel passes the sample at most so far away."""
 
-_AIM_PX = 0.45  # a little less, so that most curves need one round
-_COARSE = np.radians(1.0)  # what of a curve shows for less than this, between two samples, may be missed
+_AIM_PX = 0.42  # less, so that most curves need one round
+_COARSE_PX = 8  # what shows of a curve for less than this at the image's middle may be missed
+_COARSE = np.radians([0.01, 1.0])  # but no less, and no more
 _FINEST = 1e-9  # rad: where a curve breaks off is found to this
 _MOST_PARTS = 16
+_PARALLEL = 1e-9  # rad between the rays of neighbouring pixels
 _DECIMALS = 8  # of pixels in px, as files have them
 _THINNEST_PX = 0.04  # of samples that crowd where a curve breaks off, one in so much is kept
 _LEAST_DISTANCE = 1e-2  # of an edge's length: an edge through the camera has no steps of equal angle
@@ -55,7 +57,7 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
         starts_c, ends_c: (E, 3) metres, camera frame.
     """
     edges = _Edges(starts_c, ends_c)
-    edge, angle = edges.coarse()
+    edge, angle = edges.coarse(float(np.clip(_COARSE_PX * radians_per_pixel(camera), *_COARSE)))
     pixels, valid = camera.project(edges.points(edge, angle))
     while True:
         parts = _parts(edge, angle, pixels, valid)
@@ -112,11 +114,11 @@ class _Edges:
         away = np.linalg.norm(starts_c + self._nearest[:, None] * self._direction, axis=-1)
         self._away = np.maximum(away, _LEAST_DISTANCE * self._length)
 
-    def coarse(self) -> tuple[NDArray[np.intp], Array]:
-        """Edge and angle of the first samples: both ends, and steps of ``_COARSE``."""
+    def coarse(self, step: float) -> tuple[NDArray[np.intp], Array]:
+        """Edge and angle of the first samples: both ends, and steps of so many radians or less."""
         first = np.arctan2(-self._nearest, self._away)
         last = np.arctan2(self._length - self._nearest, self._away)
-        counts = np.ceil((last - first) / _COARSE).astype(int) + 1
+        counts = np.ceil((last - first) / step).astype(int) + 1
         angles = [np.linspace(*ends) for ends in zip(first, last, counts, strict=True)]
         return np.repeat(np.arange(len(counts)), counts), np.concatenate(angles)
 
@@ -124,6 +126,21 @@ class _Edges:
         """(S, 3) metres, camera frame."""
         along = np.clip(self._nearest[edge] + self._away[edge] * np.tan(angle), 0, self._length[edge])
         return np.asarray(self._start[edge] + along[:, None] * self._direction[edge])
+
+
+def radians_per_pixel(camera: Camera) -> float:
+    """Return what a pixel takes at the image's middle, to the right of it; of a panorama, 2 pi / width.
+
+    Not across the middle itself: the tip of a cone has no ray, and opposite ones on its sides. A camera whose
+    rays are parallel is given a panorama's pixels.
+    """
+    center = camera.center if camera.valid(camera.center) else [camera.width / 2, camera.height / 2]
+    steps = np.column_stack([np.arange(camera.width // 2 + 1) + 0.5, np.zeros(camera.width // 2 + 1)])
+    rays = camera.unproject(np.asarray(center) + steps)
+    first = int(np.argmax(rays.valid[1:] & rays.valid[:-1]))
+    a, b = rays.directions[first : first + 2]
+    turn = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    return turn if turn > _PARALLEL else 2 * np.pi / camera.width
 
 
 def _gaps(pixels: Array) -> Array:
@@ -135,7 +152,7 @@ def _parts(edge: NDArray[np.intp], angle: Array, pixels: Array, valid: NDArray[n
     """(S - 1,) into how many parts to cut the intervals between neighbours; 1 for those to keep."""
     gaps, both = _gaps(pixels), valid[1:] & valid[:-1]
     parts = np.where(both, np.clip(np.ceil(gaps / _AIM_PX), 2, _MOST_PARTS), _MOST_PARTS)
-    fine = np.where(both, gaps <= SPACING_PX, valid[1:] == valid[:-1])
+    fine = np.where(both, gaps <= SPACING_PX - _THINNEST_PX, valid[1:] == valid[:-1])
     fine |= (edge[1:] != edge[:-1]) | (np.diff(angle) <= _FINEST)
     parts[fine] = 1
     return parts.astype(np.intp)

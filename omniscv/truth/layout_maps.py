@@ -12,7 +12,8 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
-from omniscv.truth.room_layout import room_of
+from omniscv.truth.layout_curves import radians_per_pixel
+from omniscv.truth.layout_record import room_of
 from omniscv.truth.room_surfaces import first_hits
 
 Map = NDArray[np.uint8]
@@ -39,7 +40,7 @@ def exact_maps(
     image closes there; 0 outside the field of view.
 
     Args:
-        record: of the layout in the image; see :mod:`omniscv.truth.room_layout`.
+        record: of the layout in the image; see :mod:`omniscv.truth.layout_record`.
         camera: of the image.
         edge_sigma, corner_sigma: of the pixels that a full turn takes at the image's middle.
         visibility: ``room``: what no wall hides; ``full``: what nothing hides; ``all``.
@@ -54,7 +55,7 @@ def exact_maps(
         corners = [each["pixel"] for each in record["corners"] if each["in_image"] and _shows(each, flag)]
     except KeyError as cause:
         raise ArgumentError(f"layout: expected a record of a layout, without {cause}") from cause
-    turn, valid = _pixels_per_turn(camera), camera.valid()
+    turn, valid = 2 * np.pi / radians_per_pixel(camera), camera.valid()
     edge_map = _blobs(np.array(curves), turn * edge_sigma, camera, valid)
     return edge_map, _blobs(np.array(corners), turn * corner_sigma, camera, valid)
 
@@ -82,7 +83,7 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     surface = first_hits(room, pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T).surface
     longer = max(surface.shape)
     border = longer // 8  # beyond the reach of the blur
-    beside = cv2.BORDER_WRAP if closes(camera) else cv2.BORDER_REPLICATE
+    beside = cv2.BORDER_WRAP if camera.wraps else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(surface, 0, 0, border, border, beside)
     padded = cv2.copyMakeBorder(padded, border, border, 0, 0, cv2.BORDER_REPLICATE)
     digits = [(padded + 1) // _LEVELS**k % _LEVELS for k in range(3)]
@@ -99,14 +100,6 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     return found[0], found[1]
 
 
-def closes(camera: Camera) -> bool:
-    """Return whether the left border of an image is its right border, too: a panorama of a full turn."""
-    rows = camera.height * np.array([0.25, 0.5, 0.75])  # a lens that sees all around closes in one of them
-    rays = [camera.unproject(np.column_stack([np.full(3, u), rows])) for u in (0.0, camera.width)]
-    seen = rays[0].valid.all() and rays[1].valid.all()
-    return bool(seen and np.allclose(rays[0].lines(), rays[1].lines(), rtol=0, atol=1e-9))
-
-
 def _colors_around(surface: NDArray[np.int16]) -> NDArray[np.int64]:
     """(H, W) how many surfaces show in the 3 x 3 pixels around each."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(surface, 1, "edge"), (3, 3))
@@ -120,24 +113,6 @@ def _shows(part: Mapping[str, Any], flag: str | None) -> bool:
     return flag is None or bool(part[flag])
 
 
-def _pixels_per_turn(camera: Camera) -> float:
-    """Pixels that a full turn takes at the image's middle, across; of a panorama, its width."""
-    middle = camera.center if camera.valid(camera.center) else _nearest_valid(camera)
-    half = np.array([0.5, 0.0])
-    rays = camera.unproject([middle - half, middle + half])
-    a, b = rays.directions
-    return float(2 * np.pi / np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def _nearest_valid(camera: Camera) -> Array:
-    """(2,) px, the point nearest to the centre that has rays on both sides, as beside a cone's tip."""
-    pixels = camera.pixels()
-    half = np.array([0.5, 0.0])
-    beside = camera.valid(pixels - half) & camera.valid(pixels + half) & camera.valid()
-    away = np.where(beside, np.linalg.norm(pixels - camera.center, axis=-1), np.inf)
-    return np.asarray(pixels.reshape(-1, 2)[away.argmin()])
-
-
 def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]) -> Map:
     """255 times the largest of Gaussians around points (P, 2) px."""
     import cv2
@@ -146,7 +121,7 @@ def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]
     drawn = np.zeros((camera.height, camera.width), np.uint8)
     if not len(points):
         return drawn
-    reach, wrap = sigma * _SMALLEST, closes(camera)
+    reach, wrap = sigma * _SMALLEST, camera.wraps
     column, row = np.minimum(points.astype(int), [camera.width - 1, camera.height - 1]).T
     drawn[row, column] = 1
     margin = int(np.ceil(reach)) + 2 if wrap else 0

@@ -15,7 +15,7 @@ from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.truth.classes import ClassTable
 from omniscv.truth.object_boxes import Labels, Names, ids
 
-_ACROSS = 8
+_ACROSS = 6
 """Points along each edge of a box's sides, for the share of it that is in the image."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -23,11 +24,11 @@ DirectionsAt = Callable[[NDArray[np.intp], NDArray[np.intp]], Array]
 _STEPS = 10  # of moving the centre to the middle of what is seen from it
 _FRONT = np.cos(np.radians(85))
 """Directions further from the centre than 85 degrees are too wide for a perspective box."""
-_SAMPLES = 1000
-_SPREADS_DEG = (1.5, 0.2, 0.025)
-"""Around the best rotation so far: 17 are tried, an eighth of each apart."""
+_SPREADS_DEG = (3.0, 0.4, 0.06)
+"""Around the best rotation so far: 15 are tried, a seventh of each apart."""
+_NEAR_RIM = 1e-6
+"""Of z of what comes to lie beside or behind a frame, while its centre is moved."""
 _BINS = 7200  # of longitude
-_AHEAD = 1e-6  # what is not ahead of a box counts as 90 degrees from its centre
 _NEXT = 3.0
 """Neighbours are not so many times as far apart as others, but at an end of the image."""
 
@@ -68,13 +69,23 @@ def bfovs(
     """
     found, places = {}, ndimage.find_objects(labels)
     for instance, outline in outlines(labels, directions_at, wrap).items():
-        place = places[instance - 1]
-        rows, columns = np.nonzero(labels[place] == instance)
-        rows, columns = rows + place[0].start, columns + place[1].start
-        step = -(-len(rows) // _SAMPLES)
-        inside = partial(directions_at, rows, columns)
-        found[instance] = fit(outline, inside, directions_at(rows[::step], columns[::step]))
+        pixels = partial(_pixels, labels, instance, places[instance - 1])
+        rows, columns = pixels(every=max(1, math.isqrt(len(outline)) // 4))
+        inside = partial(lambda pixels: directions_at(*pixels(every=1)), pixels)
+        found[instance] = fit(outline, inside, directions_at(rows, columns))
     return found
+
+
+def _pixels(
+    labels: Labels, instance: int, place: tuple[slice, ...], every: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of an id's pixels, in every so many rows and columns; some, if it has any."""
+    part = labels[place]
+    rows, columns = np.nonzero(part[::every, ::every] == instance)
+    if not len(rows):
+        rows, columns = (each[:1] for each in np.nonzero(part == instance))
+        every = 1
+    return place[0].start + every * rows, place[1].start + every * columns
 
 
 def wraps(rays: Rays) -> bool:
@@ -138,11 +149,12 @@ def fit(outline: Array, inside: Callable[[], Array], samples: Array) -> tuple[Sp
         wide = _lonlat(inside())
         return wide, wide
     hull = _hull(outline, middle)
-    upright = _at(hull, middle, np.zeros(1))
-    rotated = _at(hull, middle, np.radians(np.arange(-45.0, 45.0, 1.5)))
+    upright = _smallest(hull, middle, np.zeros(1), _STEPS)
+    rotated = _smallest(hull, upright.R_c_b[:, 2], np.arange(-45.0, 45.0, 3.0), 2)
     for spread in _SPREADS_DEG:
-        turns = np.radians(rotated.rot + spread * np.linspace(-1, 1, 17))
-        rotated = _at(hull, middle, turns)
+        turns = rotated.rot + spread * np.linspace(-1, 1, 15)
+        rotated = _smallest(hull, rotated.R_c_b[:, 2], turns, 3)
+    rotated = _smallest(hull, rotated.R_c_b[:, 2], np.array([rotated.rot]), _STEPS)
     return upright, (rotated if rotated.area < upright.area else upright)
 
 
@@ -157,57 +169,49 @@ def _hull(points: Array, middle: Array) -> Array:
         return points
 
 
-def _at(points: Array, middle: Array, turns: Array) -> SphericalBox:
-    """Return the smallest of the boxes around directions (N, 3) with some rotations (T,), radians."""
-    lon, lat, half_h, half_v = _around(points, middle, turns)
-    best = int((np.sin(half_h) * np.sin(half_v)).argmin())
-    angles = np.degrees([each[best] for each in (lon, lat, 2 * half_h, 2 * half_v, turns)])
-    return SphericalBox(*angles.tolist())
+def _smallest(points: Array, middle: Array, turns_deg: Array, steps: int) -> SphericalBox:
+    """Return the smallest of the boxes around directions (N, 3) with some rotations (T,), degrees.
 
-
-@njit(cache=True, nogil=True)
-def _around(points: Array, middle: Array, turns: Array) -> Array:
-    """Return (4, T): longitude and latitude of a box's centre, half its width and height, for each rotation.
-
-    The centre is moved to the middle of what is seen from it, ``_STEPS`` times.
+    Args:
+        points: in front of the centre.
+        middle: (3,) where the search for the centre begins.
+        turns_deg: of the frames.
+        steps: of moving the centre to the middle of what is seen from it.
     """
-    found = np.empty((4, len(turns)))
-    for i in range(len(turns)):
-        center = middle.copy()
-        for _ in range(_STEPS + 1):
-            lon = np.arctan2(center[0], center[2])
-            lat = np.arctan2(-center[1], np.hypot(center[0], center[2]))
-            frame = _frame(lon, lat, turns[i])
-            left, right, top, bottom = _extent(points, frame)
-            across, down = np.tan((left + right) / 2), np.tan((top + bottom) / 2)
-            center = across * frame[0] + down * frame[1] + frame[2]
-        found[:, i] = lon, lat, max(-left, right), max(-top, bottom)
-    return found
+    best = np.empty(5)
+    _search(np.ascontiguousarray(points), np.array(middle), np.radians(turns_deg), steps, best)
+    return SphericalBox(*np.degrees(best).tolist())
 
 
 @njit(cache=True, nogil=True)
-def _extent(points: Array, frame: Array) -> tuple[float, float, float, float]:
-    """Return the least and the most angle across, and down, of directions (N, 3) in a frame, radians."""
-    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
-    for n in range(len(points)):
-        x, y, z = points[n]
-        ahead = max(frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z, _AHEAD)
-        across = (frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z) / ahead
-        down = (frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z) / ahead
-        left, right = min(left, across), max(right, across)
-        top, bottom = min(top, down), max(bottom, down)
-    return np.arctan(left), np.arctan(right), np.arctan(top), np.arctan(bottom)
-
-
-@njit(cache=True, nogil=True)
-def _frame(lon: float, lat: float, rot: float) -> Array:
-    """Return (3, 3) right, down and forward, row by row, of :func:`omniscv.truth.spherical.frames`."""
-    sl, cl, sp, cp, sr, cr = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat), np.sin(rot), np.cos(rot)
-    frame = np.empty((3, 3))
-    frame[0] = cr * cl + sr * sp * sl, sr * cp, -cr * sl + sr * sp * cl
-    frame[1] = cr * sp * sl - sr * cl, cr * cp, cr * sp * cl + sr * sl
-    frame[2] = cp * sl, -sp, cp * cl
-    return frame
+def _search(points: Array, middle: Array, turns: Array, steps: int, best: Array) -> None:
+    """Write longitude, latitude, both angles and the rotation, radians, of the smallest box into ``best``."""
+    least = math.inf
+    for turn in turns:
+        x, y, z = middle
+        sr, cr = math.sin(turn), math.cos(turn)
+        for step in range(steps + 1):
+            lon, lat = math.atan2(x, z), math.atan2(-y, math.hypot(x, z))
+            sl, cl, sp, cp = math.sin(lon), math.cos(lon), math.sin(lat), math.cos(lat)
+            rx, ry, rz = cr * cl + sr * sp * sl, sr * cp, sr * sp * cl - cr * sl
+            dx, dy, dz = cr * sp * sl - sr * cl, cr * cp, cr * sp * cl + sr * sl
+            fx, fy, fz = cp * sl, -sp, cp * cl
+            left = top = math.inf
+            right = bottom = -math.inf
+            for i in range(points.shape[0]):
+                px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+                ahead = max(px * fx + py * fy + pz * fz, _NEAR_RIM)
+                across, down = (px * rx + py * ry + pz * rz) / ahead, (px * dx + py * dy + pz * dz) / ahead
+                left, right = min(left, across), max(right, across)
+                top, bottom = min(top, down), max(bottom, down)
+            left, right, top, bottom = math.atan(left), math.atan(right), math.atan(top), math.atan(bottom)
+            if step < steps:
+                a, b = math.tan((left + right) / 2), math.tan((top + bottom) / 2)
+                x, y, z = fx + a * rx + b * dx, fy + a * ry + b * dy, fz + a * rz + b * dz
+        half_h, half_v = max(-left, right), max(-top, bottom)
+        if math.sin(half_h) * math.sin(half_v) < least:
+            least = math.sin(half_h) * math.sin(half_v)
+            best[0], best[1], best[2], best[3], best[4] = lon, lat, 2 * half_h, 2 * half_v, turn
 
 
 def _lonlat(directions: Array) -> SphericalBox:

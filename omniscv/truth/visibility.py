@@ -60,6 +60,14 @@ def amodal(
     return sorted(records, key=lambda record: int(record["instance_id"]))
 
 
+def add_shares(records: Iterable[dict[str, Any]], shares: Iterable[Mapping[str, Any]]) -> None:
+    """Add ``visib_fract`` to records of objects, of those that are among the records of :func:`amodal`."""
+    known = {share["instance_id"]: share["visib_fract"] for share in shares}
+    for record in records:
+        if record["instance_id"] in known:
+            record["visib_fract"] = known[record["instance_id"]]
+
+
 def apart(
     names: Iterable[str], boxes: Mapping[str, ObjectBox], center_w: Array, radius: float
 ) -> list[tuple[str, ...]]:

@@ -35,7 +35,7 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     """
     rows = _rows(images)
     farthest = _farthest(images.values())
-    heights = [1.0 / max(image.camera.width / image.camera.height for _, image in row) for row in rows]
+    heights = [max(image.camera.height / image.camera.width for _, image in row) for row in rows]
     cell_in = _WIDTH_IN / _MODELS_PER_ROW / 3
     height_in = sum(heights) * cell_in + 0.42 * len(rows) + 2.1
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, facecolor=_PAPER)
@@ -64,14 +64,9 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
 
 
 def _rows(images: Mapping[str, OmniImage]) -> list[list[tuple[str, OmniImage]]]:
-    """Images of one shape share a row, so that no row wastes height."""
-    wide = [item for item in images.items() if item[1].camera.width > 1.5 * item[1].camera.height]
-    rest = [item for item in images.items() if item not in wide]
-    return [
-        group[start : start + _MODELS_PER_ROW]
-        for group in (wide, rest)
-        for start in range(0, len(group), _MODELS_PER_ROW)
-    ]
+    """Images of about one shape share a row, the widest first, so that no row wastes height."""
+    ordered = sorted(images.items(), key=lambda item: -round(item[1].camera.width / item[1].camera.height, 1))
+    return [ordered[start : start + _MODELS_PER_ROW] for start in range(0, len(ordered), _MODELS_PER_ROW)]
 
 
 def _layers(image: OmniImage) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

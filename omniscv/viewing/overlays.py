@@ -24,7 +24,7 @@ def draw_layout(picture: NDArray[np.uint8], record: Mapping[str, Any]) -> NDArra
 
     Args:
         picture: (H, W, 3) uint8 RGB; not changed.
-        record: of the layout in the image; see :mod:`omniscv.truth.room_layout`.
+        record: of the layout in the image; see :mod:`omniscv.truth.layout_record`.
 
     Raises:
         ArgumentError: another picture.

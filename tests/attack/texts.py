@@ -5,7 +5,7 @@ import time
 
 from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
 from attack.words import ARGUMENTS, SIGNS, YAML
-from omniscv import calibration, cameras, jobs
+from omniscv import Rig, RigCamera, calibration, cameras, jobs
 from omniscv.errors import ArgumentError
 
 JOB = {
@@ -56,6 +56,16 @@ JOB = {
     "filter": "bilinear",
     "max_error_px": 0.5,
     "image_format": "png",
+    "rig": {
+        "cameras": {
+            "left": {"camera": {"model": "pinhole", "width": 4, "height": 3}, "position": [0.1, 0, 0]},
+            "right": {
+                "camera": {"model": "pinhole", "width": 4, "height": 3},
+                "yaw_deg": 9,
+                "time_offset": 0,
+            },
+        }
+    },
     "source_options": {"timeout_s": 5, "retries": 0},
 }
 TEXTURE = {"kind": "checker", "colors": [[0.1, 0.2, 0.3], [1, 1, 1]], "scale": 0.2, "angle_deg": 10}
@@ -175,11 +185,22 @@ def _calibrations():
         "kannala-brandt", 40, 30, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=[0.1, -0.02, 0.0, 1e-5]
     )
     bent = cameras.create("scaramuzza", 40, 30, coefficients=[-15.0, 0.0, 0.01], affine=(1.01, 0.001, -0.002))
+    plain = cameras.create("pinhole", 40, 30, fx=25.0, fy=26.0, distortion=(-0.2, 0.03, 1e-3, 0))
+    mei = cameras.create("unified", 40, 30, fx=20.0, fy=21.0, xi=1.1)
+    aria = cameras.create("fisheye624", 640, 480, fx=240.0, fy=240.0)
+    theta = cameras.create("ftheta", 40, 30, polynomial=(0, 0.05, 0, 1e-6), reference="pixel-to-angle")
+    rig = Rig({"cam0": RigCamera(lens), "cam1": RigCamera.turned(lens, (0.1, 0, 0), 20, time_offset=0.01)})
     return {
+        "json": calibration.write_json({"cam0": bent}),
+        "opencv": calibration.write_opencv({"cam0": plain}, ".xml"),
         "opencv-fisheye": calibration.write_opencv_fisheye({"cam0": lens}),
-        "kalibr": calibration.write_kalibr({"cam0": lens}),
+        "opencv-omnidir": calibration.write_opencv_omnidir({"cam0": mei}, ".json"),
+        "kalibr": calibration.rig_to_kalibr(rig),
         "colmap": calibration.write_colmap({"1": lens}),
         "ocamcalib": calibration.write_ocamcalib({"cam0": bent}),
+        "aria": calibration.write_aria({"camera-slam-left": aria}),
+        "isaac": calibration.write_isaac({"cam0": lens, "cam1": theta}),
+        "ncore": calibration.write_ncore({"cam0": theta}),
     }
 
 
@@ -191,6 +212,9 @@ def calibration_file(rng, folder):
     path = write(folder / "camera.txt", scrambled(rng, CALIBRATIONS[name]))
     started = time.process_time()
     try:
+        if name in ("kalibr", "aria") and rng.random() < 0.5:
+            require(calibration.load_rig(path).cameras, "a rig without cameras")
+            return
         found = calibration.load(path, rng.choice([name, None]))
         require(found and all(isinstance(each, cameras.Camera) for each in found.values()), repr(found))
     except ArgumentError as error:

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.same_rays import assert_same_rays
 
-from omniscv import Pose, Rig, RigCamera, calibration, cameras
+from omniscv import Rig, RigCamera, calibration, cameras
 from omniscv.errors import ArgumentError
 
 F624 = [240.0, 320.5, 239.25, 0.01, -0.002, 3e-4, 0, -1e-5, 0, 1e-4, 2e-4, 1e-5, -2e-6, 2e-5, 1e-6]
@@ -69,11 +69,11 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
     lens = cameras.create(
         "fisheye624", width=640, height=480, fx=240.0, fy=240.0, k=(0.01, 0, 0, 0, 0, 0), s=(1e-4, 0, 0, 0)
     )
-    wide = cameras.create("kannala-brandt", width=2880, height=2880, fx=1200.0, fy=1210.0)
+    wide = cameras.create("kannala-brandt", width=640, height=480, fx=300.0, fy=310.0)
     rig = Rig(
         {
             "camera-slam-left": RigCamera.turned(lens, (0.01, 0.02, 0.03), 20, -10, 30),
-            "camera-rgb": RigCamera.turned(wide, (0, 0.1, 0), 5, time_offset=0.002),
+            "camera-et-left": RigCamera.turned(wide, (0, 0.1, 0), 5, time_offset=0.002),
         }
     )
     text = calibration.rig_to_aria(rig)
@@ -87,7 +87,6 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
         assert_same_rays(again.cameras[label].camera, mounted.camera)
         assert again.cameras[label].time_offset == mounted.time_offset
         np.testing.assert_allclose(again.cameras[label].pose.rotation, mounted.pose.rotation, atol=1e-12)
-    assert isinstance(again.cameras["camera-rgb"].pose, Pose)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ pixels at corners, next to the rim and to the centre; points next to the axes, f
 """
 
 import numpy as np
-from examples import takes_center
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.camera_contract import PIXEL_TOLERANCE, never_wrong
 
+from examples import takes_center
 from omniscv import cameras
 
 
@@ -33,6 +33,8 @@ def model(name, **parameters):
     return st.fixed_dictionaries({**sizes, **parameters}).map(lambda given: cameras.create(name, **given))
 
 
+focals = {"fx": st.floats(1, 300), "fy": st.floats(1, 300)}
+small = st.floats(-0.1, 0.1)
 any_camera = st.one_of(
     model("equirectangular"),
     model("cylindrical", fov_h_deg=up_to(360, True), fov_v_deg=up_to(180, True)),
@@ -48,6 +50,14 @@ any_camera = st.one_of(
     model("catadioptric-planar", fov_deg=up_to(180, False)),
     model("kannala-brandt", fx=st.floats(1, 300), fy=st.floats(1, 300), k=st.tuples(*[st.floats(-1, 1)] * 4)),
     model("pinhole", fov_deg=up_to(180, False)),
+    model("pinhole", **focals, skew=small, distortion=st.lists(st.floats(-0.5, 0.5), min_size=8, max_size=8)),
+    model("pinhole", **focals, distortion=st.lists(small, min_size=12, max_size=12)),
+    model("fisheye624", **focals, k=st.tuples(*[st.floats(-0.3, 0.3)] * 6), s=st.tuples(*[small] * 4)),
+    model("double-sphere", **focals, xi=up_to(2, True).map(lambda x: x - 1), alpha=up_to(1, True)),
+    model("extended-unified", **focals, alpha=up_to(1, True), beta=st.floats(-3, 3).map(lambda e: 10**e)),
+    model("unified", **focals, xi=st.floats(-0.99, 5), distortion=st.tuples(*[small] * 4)),
+    model("division", focal=st.floats(1, 300), k=st.floats(-10, 10)),
+    model("ftheta", polynomial=st.tuples(st.just(0), st.floats(1, 300), *[st.floats(-50, 50)] * 4)),
 )
 hair = st.floats(-16, 0).map(lambda e: 10**e)
 coordinate = st.one_of(

@@ -16,7 +16,7 @@ from support.calibrated import SIZE, drawn_intrinsics, drawn_lens, drawn_rays
 from omniscv import cameras
 
 TOLERANCE = 1e-9  # px; and rad where rays are compared
-DRAWS = 6
+DRAWS = 4
 HALF = 0.5
 ARIA = json.loads((Path(__file__).parent / "aria_fisheye624.json").read_text())
 

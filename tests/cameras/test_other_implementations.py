@@ -107,6 +107,21 @@ def test_opencv_undistorts_in_five_steps():
     np.testing.assert_allclose(ray[:2] / ray[2], point[:2], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("model", ["pinhole", "kannala-brandt"])
+def test_opencv_takes_skew_as_an_argument_or_not_at_all(model):
+    """``projectPoints`` does not read K[0, 1]; that of the fisheye model takes it as ``alpha``."""
+    skewed, ray = K.copy(), np.array([[[0.3, 0.2, 1.0]]])
+    skewed[0, 1] = 0.1 * F
+    project = cv2.projectPoints if model == "pinhole" else cv2.fisheye.projectPoints
+    answers = [project(ray, NOWHERE, NOWHERE, matrix, np.zeros(4))[0] for matrix in (K, skewed)]
+    np.testing.assert_array_equal(*answers)
+    ours, _ = cameras.create(model, **SIZE, **FOCALS, skew=0.1).project(ray[0, 0])
+    assert abs(ours[0] - HALF - answers[0].ravel()[0]) > 2
+    if model == "kannala-brandt":
+        theirs = cv2.fisheye.projectPoints(ray, NOWHERE, NOWHERE, K, np.zeros(4), alpha=0.1)[0].ravel()
+        np.testing.assert_allclose(theirs + HALF, ours, rtol=0, atol=1e-9)
+
+
 # -- COLMAP -------------------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ import omniscv
 from omniscv.cli import COMMANDS, run
 
 GROUPS = {
+    "cameras": ("show", "fit"),
     "captures": ("info", "verify", "export", "import"),
     "dataset": ("make", "export", "check", "info", "classes", "pack"),
 }

@@ -100,10 +100,12 @@ def test_a_recording_without_the_asked_view(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("- not a job", "expected a mapping with 'source', 'cameras', 'poses'"),
+        ("- not a job", "expected a mapping with 'source', 'poses'"),
         ("source: mock://four-wall\ncameras: {}\nposes: []\n", "cameras: expected"),
         ("sources: x\n", "'sources'"),
-        ("source: mock://four-wall\n", "'cameras'"),
+        ("source: mock://four-wall\n", "'poses'"),
+        ("source: mock://four-wall\nposes: [{position: [0, 0, 1]}]\n", "cameras or a rig, got none"),
+        ("source: mock://four-wall\nrig: 3\nposes: [{position: [0, 0, 1]}]\n", "rig: expected"),
         ("{", "expected YAML"),
         ("!!python/object/apply:os.system [true]", "expected no tags"),
         ("source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: []\n", "file names"),

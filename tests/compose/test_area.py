@@ -14,10 +14,10 @@ from omniscv.sources.scene import SceneSource
 
 POSE = Pose.from_angles((0.1, 0, 1.5), yaw_deg=15.0, pitch_deg=20.0, roll_deg=10.0)
 CAMERAS = {
-    "equirectangular": create("equirectangular", width=128, height=64),
-    "fisheye-equidistant": create("fisheye-equidistant", width=128, height=128, fov_deg=180),
+    "equirectangular": create("equirectangular", width=96, height=48),
+    "fisheye-equidistant": create("fisheye-equidistant", width=96, height=96, fov_deg=180),
 }
-PIXEL = {"equirectangular": 2 * np.pi / 128, "fisheye-equidistant": np.pi / 128}
+PIXEL = {"equirectangular": 2 * np.pi / 96, "fisheye-equidistant": np.pi / 96}
 NONCENTRAL = create("noncentral-panorama", width=32, height=16, radius=0.5)
 SUBRAYS = 8
 
@@ -51,8 +51,11 @@ def means(scene, camera, subrays=SUBRAYS):
     return total / np.maximum(count, 1)
 
 
+source_of = cache(float_source)
+
+
 def shown(scene, camera, face_size, filter="area", **options):
-    return omniscv.render(camera, POSE, float_source(scene), filter=filter, face_size=face_size, **options)
+    return omniscv.render(camera, POSE, source_of(scene), filter=filter, face_size=face_size, **options)
 
 
 def rms(image, wanted, where=True):
@@ -70,7 +73,7 @@ def kept(values, scene, camera):
     return ((values[some] - 0.5) * wave).sum() / (wave**2).sum()
 
 
-@pytest.mark.parametrize("face_size", [160, 512])
+@pytest.mark.parametrize("face_size", [120, 384])
 @pytest.mark.parametrize("period_px", [2.5, 3.0, 4.0])
 @pytest.mark.parametrize("name", CAMERAS)
 def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
@@ -93,7 +96,7 @@ def test_sinusoids_shorter_than_a_pixel_keep_no_more_than_the_mean_keeps(name, p
     """A bilinear image shows others in their place, that are not there."""
     camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
     wanted = means(scene, camera)
-    image, bilinear = (shown(scene, camera, 512, filter) for filter in ("area", "bilinear"))
+    image, bilinear = (shown(scene, camera, 384, filter) for filter in ("area", "bilinear"))
     assert abs(kept(image.lit, scene, camera)) <= abs(kept(wanted, scene, camera)) + 0.05
     assert rms(image, wanted) < 0.12 * rms(bilinear, wanted)
 
@@ -110,7 +113,7 @@ def test_a_floor_fades_towards_the_horizon():
     """Near it tiles are smaller than a face's pixels: the faces pass over some, and so do 64 rays. Where
     these are as good as 400, on more than nine pixels in ten, so is the image."""
     camera = CAMERAS["equirectangular"]
-    image, wanted = shown(FLOOR, camera, 512), means(FLOOR, camera)
+    image, wanted = shown(FLOOR, camera, 384), means(FLOOR, camera)
     known = np.abs(wanted - means(FLOOR, camera, subrays=20)).max(axis=-1) < 2 / 255
     assert known[image.valid].mean() > 0.9
     assert rms(image, wanted, known) <= 2
@@ -120,7 +123,7 @@ def test_a_floor_fades_towards_the_horizon():
 def test_at_the_rim_only_what_is_inside_the_field_of_view_counts(fov_deg):
     camera = create("fisheye-equidistant", width=96, height=96, fov_deg=fov_deg)
     scene = waves(3 * np.radians(fov_deg) / 96)
-    image = shown(scene, camera, 512)
+    image = shown(scene, camera, 384)
     assert (image.lit[~image.valid] == 0).all()
     rim = np.hypot(*(np.indices((96, 96)) - 47.5)) > 46.5
     assert (image.valid & rim).sum() > 200
@@ -146,7 +149,7 @@ def test_what_depth_marching_finds_is_averaged_over_the_step_of_a_pixel():
 
 def test_auto_averages_where_the_image_is_coarser():
     camera, scene = CAMERAS["equirectangular"], waves(3 * PIXEL["equirectangular"])
-    area, auto, bilinear = (shown(scene, camera, 512, filter).lit for filter in ("area", "auto", "bilinear"))
+    area, auto, bilinear = (shown(scene, camera, 384, filter).lit for filter in ("area", "auto", "bilinear"))
     assert np.array_equal(area, auto)
     assert not np.array_equal(area, bilinear)
 

@@ -29,6 +29,21 @@ SMALL = {
         "noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3
     ),
 }
+MOVING = {
+    "ods": create("ods", width=160, height=80, interpupillary=0.1),
+    "rolling-shutter": create(
+        "rolling-shutter",
+        width=128,
+        height=96,
+        base={"model": "fisheye-equidistant", "fov_deg": 150},
+        readout=0.03,
+        velocity=(10, 3, 2),
+        angular_velocity_deg=(100, -200, 300),
+    ),
+    "push-broom": create("push-broom", width=128, height=96, travel=(1.5, 0.1, -0.2)),
+    "orthographic": create("orthographic", width=128, height=96, width_m=1.2),
+}
+SMALL |= MOVING
 WAYS = ({}, {"strategy": "adaptive"}, {"strategy": "strips", "viewpoints": 12})
 ROOMS = ("four-wall", "open", "fence")
 
@@ -65,6 +80,12 @@ CASES = [
     ("noncentral-spherical-mirror", "four-wall", WAYS[1]),
     ("noncentral-conical-mirror", "open", WAYS[1]),
     ("noncentral-conical-mirror", "four-wall", WAYS[2]),
+    ("ods", "fence", WAYS[0]),
+    ("rolling-shutter", "fence", WAYS[0]),
+    ("rolling-shutter", "four-wall", WAYS[1]),
+    ("push-broom", "open", WAYS[1]),
+    ("push-broom", "four-wall", WAYS[2]),
+    ("orthographic", "four-wall", WAYS[0]),
 ]
 ALL = [
     (name, room, way) for name in names() for room in ROOMS for way in (WAYS if name in SMALL else WAYS[:1])

@@ -21,7 +21,7 @@ SOLID = {"texture": PLAIN, "solids": [{"box": SIZE.tolist(), "at": MIDDLE.tolist
 BOX = float_source(Scene("box", {"objects": {"Box": SOLID}}))
 SQUARE = {"width": 192, "height": 192, "distance": 0.3}
 CAMERAS = {
-    "panorama": (create("noncentral-panorama", width=512, height=256, radius=1.0), 0.0),
+    "panorama": (create("noncentral-panorama", width=256, height=128, radius=1.0), 0.0),
     "cone": (create("noncentral-conical-mirror", **SQUARE, half_angle_deg=60), 90.0),
     "ball": (create("noncentral-spherical-mirror", **SQUARE, mirror_radius=0.5), 90.0),
 }

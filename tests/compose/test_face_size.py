@@ -17,7 +17,7 @@ POSES = [
     for i in range(4)
 ]
 SCENE = load_scene("four-wall")
-CAMERAS = cameras_at(192)
+CAMERAS = cameras_at(96)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ CAMERAS = {
     "panorama": PANORAMA,
     "fisheye": cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=170),
     "brandt": cameras.create(
-        "kannala-brandt", width=48, height=40, fx=15.0, fy=14.0, k=[0.02, -0.008, 0.002, -0.0004]
+        "kannala-brandt", width=48, height=40, fx=15.0, fy=14.0, k=[0.02, -0.008, 0.002, -0.0004], fov_deg=150
     ),
     "pinhole": cameras.create("pinhole", width=32, height=24, fov_deg=80, center=(15, 13)),
     "eucm": cameras.create(
@@ -118,11 +118,22 @@ def test_images_and_masks(model):
     for image in read.images.values():
         size = image.camera.height, image.camera.width
         assert cv2.imread(str(out / "images" / image.name)).shape[:2] == size
-    mask = cv2.imread(str(out / "masks/fisheye.png"), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(mask > 0, CAMERAS["fisheye"].valid())
+    for name in ("fisheye", "brandt"):
+        mask = cv2.imread(str(out / f"masks/{name}.png"), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(mask > 0, CAMERAS[name].valid())
     assert not (out / "masks/panorama.png").exists()
     first = (out / "images/panorama/panorama-0.png").read_bytes()
     assert first == next(frame for frame in frames if frame.key == "panorama-0").files["lit"].read_bytes()
+
+
+def test_colours_of_another_kind_go_out_as_png(tmp_path):
+    draw = np.random.default_rng(1)
+    lit = draw.uniform(0, 1, (32, 64, 3)).astype(np.float32)
+    frame = frame_of(tmp_path, {"lit": lit}, PANORAMA, MOVES[0])
+    assert frame.files["lit"].suffix == ".exr"
+    get("colmap").write([frame], tmp_path, {})
+    found = cv2.imread(str(tmp_path / "images/cam/cam.png"))[..., ::-1]
+    np.testing.assert_allclose(found, 255 * lit, atol=0.501)
 
 
 def test_the_example_of_the_reference(tmp_path):

@@ -10,6 +10,7 @@ from support.observed import framed, observed
 import mock_server
 import omniscv
 from omniscv import cameras, dataset
+from omniscv.dataset.formats.omni3d import matrix_of
 from omniscv.errors import ArgumentError
 
 SCENE = mock_server.load_scene("four-wall")
@@ -68,6 +69,8 @@ def test_vertices_are_the_corners_of_the_objects(name, frames, tmp_path):
             assert world.min(axis=0) == pytest.approx(low, abs=1e-6)
             assert world.max(axis=0) == pytest.approx(high, abs=1e-6)
         assert np.linalg.det(each["R_cam"]) == pytest.approx(1)
+        assert each["dimensions"][1] == pytest.approx(high[2] - low[2])  # the height
+        assert POSE.R_w_c @ np.array(each["R_cam"])[:, 1] == pytest.approx([0, 0, -1])
         assert each["valid3D"]
         assert each["category_name"] == each["name"]
 
@@ -96,6 +99,14 @@ def test_a_pinhole_image_has_its_matrix_and_projections(frames, tmp_path):
         else:
             assert each["bbox2D_proj"] == each["bbox2D_trunc"] == [-1, -1, -1, -1]
     assert projected >= 3
+
+
+def test_only_cameras_that_keep_lines_straight_have_a_matrix():
+    assert matrix_of(CAMERAS["pinhole"]) == pytest.approx(
+        np.array([[(f := 80 / np.tan(np.radians(40))), 0, 80], [0, f, 60], [0, 0, 1]]), abs=1e-6
+    )
+    straight = {name for name in cameras.names() if matrix_of(cameras.model(name).example(64)) is not None}
+    assert straight == {"pinhole"}
 
 
 def test_panoramas_have_their_camera_in_place_of_the_matrix(frames, tmp_path):

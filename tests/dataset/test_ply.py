@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 from plyfile import PlyData
-from support.exact import distance_to_surfaces
+from support.exact import distance_to_surfaces, float_source
 from support.traced_frames import frame_of, traced, traced_frame
 
 import mock_server
-from omniscv import Pose, cameras
+from omniscv import Pose, cameras, render
 from omniscv.dataset import get
 from omniscv.errors import ArgumentError
 
@@ -80,3 +80,17 @@ def test_frames_say_what_the_files_hold(tmp_path):
         get("ply").write([frame_of(tmp_path, {"lit": layers["lit"]}, CAMERA, POSES[0])], tmp_path, {})
     with pytest.raises(ArgumentError, match="voxel: expected a finite number > 0"):
         get("ply").write([depth_only], tmp_path, {"voxel": 0})
+
+
+@pytest.mark.parametrize(("name", "width"), [("equirectangular", 64), ("noncentral-spherical-mirror", 32)])
+def test_points_of_rendered_frames_are_as_near_to_the_surfaces_as_asked(name, width, tmp_path):
+    camera = cameras.model(name).example(width)
+    image = render(camera, POSES[0], float_source(SCENE), modes=("depth",))
+    frame = frame_of(tmp_path, dict(image.layers), camera, POSES[0])
+    sizes = []
+    for limit in ({}, {"max_error": 0.001}):
+        (path,) = get("ply").write([frame], tmp_path, {"cloud": False, **limit})
+        xyz = columns(PlyData.read(path)["vertex"].data, "xyz").astype(float)
+        sizes.append(len(xyz))
+        assert distance_to_surfaces(SCENE, xyz).max() < 0.001 or not limit
+    assert 0.3 * sizes[0] < sizes[1] < sizes[0]

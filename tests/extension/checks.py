@@ -54,17 +54,17 @@ def test_a_camera_and_a_source_through_render():
 def test_a_source_without_a_wire_is_recorded_and_replayed(tmp_path):
     path = tmp_path / "checker.sqlite"
     with omniscv.open_source("checker://") as live, omniscv.record(live, path) as source:
-        captured = omniscv.render(CAMERA, POSE, source, MODES)
+        captured = omniscv.render(CAMERA, POSE, source, MODES, face_size=96)
     with omniscv.open_source(path) as replay:
-        again = omniscv.render(CAMERA, POSE, replay, MODES)
+        again = omniscv.render(CAMERA, POSE, replay, MODES, face_size=96)
     for layer in captured.layers:
         np.testing.assert_array_equal(again[layer], captured[layer])
 
 
 def test_a_strategy_is_sent_what_it_keeps():
     with omniscv.open_source("checker://") as source:
-        own = omniscv.render(CAMERA, POSE, source, MODES, strategy="depth-first")
-        faces = omniscv.render(CAMERA, POSE, source, MODES, strategy="faces")
+        own = omniscv.render(CAMERA, POSE, source, MODES, strategy="depth-first", face_size=96)
+        faces = omniscv.render(CAMERA, POSE, source, MODES, strategy="faces", face_size=96)
     for layer in faces.layers:
         np.testing.assert_array_equal(own[layer], faces[layer])
     assert outsider.DepthFirst.nearest == pytest.approx(5 / np.sqrt(3), rel=0.2)  # near a cube's corner
@@ -73,7 +73,7 @@ def test_a_strategy_is_sent_what_it_keeps():
 def test_a_modality_is_composed_and_written(tmp_path):
     camera = omniscv.cameras.create("fisheye-equidistant", width=64, height=64, fov_deg=180)
     with omniscv.open_source("rough:checker://") as source:
-        image = omniscv.render(camera, POSE, source, ("lit", "roughness"))
+        image = omniscv.render(camera, POSE, source, ("lit", "roughness"), face_size=96)
         image.save(tmp_path, stem="rough")
     assert (image["roughness"][image.valid] == 0.5).all()
     assert (image["roughness"][~image.valid] == -1.0).all()
@@ -88,6 +88,7 @@ cameras: {{broom: {{model: lambert, width: 384, height: 128}}}}
 poses: [{{position: [0, 0, 0], yaw_deg: 20}}]
 modes: [lit, object_mask, depth, roughness]
 strategy: depth-first
+face_size: 256
 image_format: ppm
 out: {out}
 """

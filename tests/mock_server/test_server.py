@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import socket
 import struct
 import time
 
@@ -73,10 +74,11 @@ def test_stopping_waits_for_no_frame_of_a_slow_engine(start, open_raw):
 
 def test_a_client_that_sends_and_does_not_read_is_dropped_within_a_bound(start, open_raw):
     """The bound is stated: MAX_WAITING. The next client is served."""
-    server = start(size=(512, 512))
+    server = start()
     rude = open_raw(server)
-    rude.send(*[b"1:vget /camera/0/lit bmp"] * 40)  # replies of 40 MB: the server waits until they are read
-    request, sent = b"2:vget /unrealcv/echo " + b"x" * (1 << 20), 0
+    rude.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)  # replies wait in the server
+    rude.socket.settimeout(None)  # a server that keeps it waiting exceeds the suite's time limit
+    request, sent = b"2:vget /unrealcv/echo " + b"x" * (1 << 20), 0  # its reply is as long
     with contextlib.suppress(ConnectionError):
         while sent < 1 << 30:
             rude.send(request)

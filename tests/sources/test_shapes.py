@@ -15,10 +15,12 @@ import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, DamagedRecordingError, RecordingError, SourceError
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
-from omniscv.sources import Request
+from omniscv.sources import Request, View
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.registry import open_sources
+from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.shapes import boxes
 
 SCENE = mock_server.load_scene("four-wall")
 SMALL = "mock://four-wall?dialect=0.3.10&size=16x16"
@@ -143,6 +145,28 @@ def test_vertices_that_are_none_are_a_fault(reply):
         source.geometry()
 
 
+def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
+    def spoils(command, forward):
+        return "1 2" if command.endswith(("vertex_location", "bounds")) else forward(command)
+
+    path = tmp_path / "room.sqlite"
+    with mock_server.serve("four-wall") as server, relayed(server, spoils) as address:
+        live = omniscv.open_source(address, retries=1, patience_s=0.5)
+        with omniscv.record(live, path) as source:
+            assert len(list(source.capture(MASKS[:2]))) == 2
+    assert "no boxes of objects are recorded: " in caplog.text
+    with omniscv.open_source(path) as replay:
+        assert not replay.geometry()
+        assert len(list(replay.capture(MASKS[:2]))) == 2
+
+
+def test_vertices_are_fetched_up_to_a_bound():
+    """Bounds serve for the rest; eight objects are asked for together."""
+    with mock_server.serve("four-wall") as server, open_connection(server.uri) as connection:
+        found = boxes(connection, SCENE.objects, most_vertices=500)
+    assert [found[name].source for name in SCENE.objects] == ["vertices"] * 8 + ["bounds"] * 12
+
+
 SOURCES = {
     "scene": ["scene://four-wall"],
     "mock": ["mock://four-wall"],
@@ -170,6 +194,27 @@ def test_hidden_objects_are_gone_until_the_source_is_closed(uris):
 
 def shows(pixels, color):
     return (np.abs(pixels.astype(int) - color) <= 3).all(axis=-1).any()
+
+
+def test_views_without_objects_are_those_of_a_scene_without_them():
+    """From anywhere, also from inside furniture; to the bit, whatever part of a view is traced."""
+    rng = np.random.default_rng(5)
+    modes = ("lit", "object_mask", "depth", "normals")
+    with omniscv.open_source("scene://four-wall?masks=ids") as source:
+        for _ in range(12):
+            hide = [name for name in SCENE.objects if rng.random() < 0.8]
+            angles = dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), rng.uniform(-180, 180, 3), strict=True))
+            pose = omniscv.Pose.from_angles(rng.uniform([-2.9, -2.4, 0.1], [2.9, 2.4, 2.7]), **angles)
+            view = View(pose, rng.uniform(20, 150), 48, 32)
+            wanted = mock_server.render_view(
+                SCENE, pose.R_w_c, pose.position, view.fov_deg, view.width, view.height, hide
+            )
+            with source.without(hide) as rest:
+                found = {each.mode: each.pixels for each in rest.capture(Request(view, m) for m in modes)}
+            assert np.array_equal(found["lit"], wanted.color)
+            assert np.array_equal(found["object_mask"], wanted.label)
+            assert np.array_equal(found["depth"], wanted.depth.astype(np.float32))
+            assert np.array_equal(found["normals"], wanted.normal.astype(np.float32))
 
 
 def test_a_game_shows_its_objects_when_its_source_is_closed():

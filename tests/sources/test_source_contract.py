@@ -117,7 +117,7 @@ def test_it_is_a_context_manager_and_can_be_closed_twice(source):
 def test_a_closed_source_raises_one_clear_sentence(source):
     list(source.capture(REQUESTS[:1]))
     source.close()
-    for use in (lambda: list(source.capture(REQUESTS[:1])), source.objects):
+    for use in (lambda: list(source.capture(REQUESTS[:1])), source.objects, source.geometry):
         with pytest.raises(SourceError, match="expected an open source, got a closed one; open it again"):
             use()
 
@@ -167,10 +167,12 @@ def test_recorded_and_replayed_it_is_the_same(source, tmp_path):
     views = tuple(dict.fromkeys(request.view for request in REQUESTS))
     with omniscv.record(source, tmp_path / "new.sqlite") as recording:
         objects, covers = recording.objects(), [recording.cover(view) for view in views]
+        shapes = recording.geometry().to_dict()
         requests = [Request(view, mode) for mode in MODES for cover in covers for view in cover]
         captured = list(recording.capture(requests))
     with omniscv.open_source(tmp_path / "new.sqlite") as replay:
         assert replay.objects() == objects
+        assert replay.geometry().to_dict() == shapes
         assert [replay.cover(view) for view in views] == covers
         assert replay.capabilities.modes == set(MODES)
         assert set(replay.recorded_views()) == {request.view for request in requests}

@@ -65,6 +65,7 @@ JOB = """
 source: mock://four-wall
 cameras: {panorama: {model: equirectangular, width: 64, height: 32}}
 poses: [{position: [0, 0, 1.5]}]
+face_size: 64
 out: images
 """
 
@@ -72,17 +73,16 @@ out: images
 CLASSES = "rules: [{match: '*', class: thing}]\n"
 
 
-def example_inputs(folder, faces, dataset=False):
-    """Write the files that examples of the help read: a job, recordings, images, captures, a dataset."""
+def example_inputs(folder):
+    """Write the files that examples of the help read into the present folder: a job, recordings, images, a
+    dataset, a folder of captures."""
     (folder / "job.yaml").write_text(JOB, encoding="utf-8")
     recording = folder / "captures" / "four-wall.sqlite"
     for name in ("room.sqlite", "kitchen.sqlite"):
         shutil.copy(recording, folder / name)
     run(["omniscv", "render", "job.yaml"], {})
-    if dataset:
-        job = JOB.replace("out: images", "modes: [lit, object_mask]\nclasses: classes.yaml\nout: dataset")
-        (folder / "classes.yaml").write_text(CLASSES, encoding="utf-8")
-        (folder / "dataset.yaml").write_text(job, encoding="utf-8")
-        run(["omniscv", "dataset", "make", "dataset.yaml"], {})
-    if faces:
-        run(["omniscv", "captures", "export", str(recording), "faces/"], {})
+    job = JOB.replace("out: images", "modes: [lit, object_mask]\nclasses: classes.yaml\nout: dataset")
+    (folder / "classes.yaml").write_text(CLASSES, encoding="utf-8")
+    (folder / "dataset.yaml").write_text(job, encoding="utf-8")
+    run(["omniscv", "dataset", "make", "dataset.yaml"], {})
+    run(["omniscv", "captures", "export", str(recording), "faces/"], {})

@@ -36,7 +36,7 @@ def _parameters(name, rng, width):
         return float(rng.uniform(low, high))
 
     match name:
-        case "equirectangular":
+        case "equirectangular" | "octahedral" | "cube-map" | "equiangular-cube":
             return {}
         case "cylindrical":
             return {"fov_h_deg": between(90, 360), "fov_v_deg": between(40, 170)}
@@ -95,6 +95,19 @@ def _parameters(name, rng, width):
             }
         case "division":
             return {"focal": width * between(0.3, 0.8), "k": between(-0.3, -0.02)}
+        case "ods" | "vr180":
+            return {"interpupillary": between(0.05, 0.2), "eye": ("left", "right")[int(rng.integers(2))]}
+        case "push-broom":
+            return {"travel": (between(0.2, 2), between(-0.2, 0.2), 0.0), "fov_deg": between(40, 120)}
+        case "orthographic":
+            return {"width_m": between(0.2, 1.5)}
+        case "rolling-shutter":
+            return {
+                "base": {"model": "fisheye-equidistant", "fov_deg": between(60, 200)},
+                "readout": 0.03,
+                "velocity": rng.uniform(-10, 10, 3),
+                "angular_velocity_deg": rng.uniform(-300, 300, 3),
+            }
         case "noncentral-panorama":
             return {"radius": between(0, 1.5)}
         case "noncentral-spherical-mirror":

@@ -55,8 +55,8 @@ def test_corners_give_back_the_plan_clockwise_with_those_that_walls_hide(plan, p
 
 @pytest.mark.parametrize(("plan", "position"), PLACES)
 def test_corners_against_themselves_are_perfect(plan, position):
-    corners = seen_from(plan, position)
-    scores = layout_scores(corners, corners)
+    corners = seen_from(plan, position, SMALL)
+    scores = layout_scores(corners, corners, 256, 128)
     assert scores.iou_2d == pytest.approx(1, abs=1e-12)
     assert scores.iou_3d == pytest.approx(1, abs=1e-12)
     assert scores[2:] == (0, 0, 0, 1)

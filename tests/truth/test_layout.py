@@ -4,6 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.cases import cases
 from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan, room_of_scene, scene_of_plan
 
 import mock_server
@@ -78,6 +81,21 @@ def test_curves_hold_all_that_the_camera_sees_of_the_edges(name):
             continue
         away = np.linalg.norm(pixels[valid][:, None] - np.concatenate(found), axis=-1).min(axis=1)
         assert away.max() <= SPACING_PX
+
+
+def test_a_long_lens_misses_no_edge():
+    """Half a degree of the room: between samples a degree apart, its whole view would be missed."""
+    camera = cameras.create("pinhole", 200, 150, fov_deg=0.5)
+    target = np.array([4, -1.234, 0.0])
+    away = target - [0.2, -0.3, 1.5]
+    yaw_deg, pitch_deg = np.degrees([np.arctan2(away[1], away[0]), np.arctan2(away[2], np.hypot(*away[:2]))])
+    pose = Pose.from_angles((0.2, -0.3, 1.5), yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+    record = project_layout(room_of_plan(L_SHAPE), camera, pose)
+    ((edge, pixels, piece),) = pieces_of(record)
+    assert (edge["id"], piece["visible_room"]) == (1, True)
+    assert np.linalg.norm(pixels - [100, 75], axis=1).min() <= SPACING_PX
+    assert pixels[:, 0].min() < 0.01
+    assert pixels[:, 0].max() > 199.99
 
 
 MODELS = (
@@ -233,3 +251,20 @@ def test_other_wrong_arguments_are_refused_in_one_line():
         room_of(record)
     with pytest.raises(ArgumentError, match="expected a record of a layout"):
         room_of({})
+
+
+@cases(8)
+@given(
+    name=st.sampled_from(cameras.names()),
+    place=st.tuples(st.floats(-2.8, 1.5), st.floats(-2.3, 3.3), st.floats(0.1, 2.7)),
+    angles=st.tuples(st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180)),
+)
+def test_samples_lie_on_their_edges_wherever_the_camera_is(name, place, angles):
+    off_the_walls = np.array([0.0123, 0.0171, 0.0137])  # a ray along a wall is decided by rounding
+    camera, pose = example(name, 64), Pose.from_angles(place + off_the_walls, *angles)
+    record, scene = project_layout(room_of_plan(L_SHAPE), camera, pose), scene_of_plan(L_SHAPE)
+    for edge, pixels, piece in pieces_of(record):
+        origins, points, away = on_edge(record, edge, camera, pose, pixels)
+        assert away.max() <= RAY_M
+        assert (np.linalg.norm(np.diff(pixels, axis=0), axis=1) <= SPACING_PX).all()
+        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()

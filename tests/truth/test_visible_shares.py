@@ -11,7 +11,7 @@ from omniscv.dataset import truths
 from omniscv.errors import ArgumentError
 from omniscv.truth import rle
 from omniscv.truth.classes import ClassTable, SemanticClass
-from omniscv.truth.visibility import apart, centers_ball
+from omniscv.truth.visibility import add_shares, apart, centers_ball
 
 SCENE = mock_server.load_scene("four-wall")
 THINGS = [name for name in SCENE.objects if not name.startswith("Layout")]
@@ -36,7 +36,9 @@ def alone(observation, name):
 def shares(request):
     """An image, and the records of its objects."""
     camera = CAMERAS[request.param]
-    options = {} if camera.central else {"viewpoints": 4, "strategy": "faces", "face_size": 64}
+    options = (
+        {"face_size": 128} if camera.central else {"viewpoints": 4, "strategy": "faces", "face_size": 64}
+    )
     with omniscv.open_source("scene://four-wall") as source:
         observation = observed(source, camera, HERE, ("object_mask",), **options)
         return observation, truths.get("amodal").derive(observation, {"kind": "masks"})
@@ -112,6 +114,12 @@ def test_a_live_server_has_the_same_shares_and_shows_all_again():
     for record in wanted:
         if record["px_visib"]:
             assert by_name[record["name"]]["visib_fract"] == pytest.approx(record["visib_fract"], abs=0.02)
+
+
+def test_shares_are_added_to_other_records():
+    boxes = [{"instance_id": 3}, {"instance_id": 4}]
+    add_shares(boxes, [{"instance_id": 4, "visib_fract": 0.25}, {"instance_id": 5, "visib_fract": 1.0}])
+    assert boxes == [{"instance_id": 3}, {"instance_id": 4, "visib_fract": 0.25}]
 
 
 def test_stuff_has_no_share():

@@ -28,6 +28,7 @@ class NoncentralMirror(CircleCamera):
     """
 
     central = False
+    typical_pitch_deg = 90.0
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """One centre per ring of a pixel's width, or at most ``count`` in equal steps of height.

@@ -124,9 +124,11 @@ class RollingShutter(Camera):
         Raises:
             ArgumentError: the trajectory does not last from the first line to the last.
         """
-        from omniscv.geometry.motion import pose_at
+        from omniscv.geometry.trajectory import Trajectory
 
-        start, end = (pose_at(times, poses, time) for time in (at, at + readout))
+        known = numbers("times", times, (len(poses),))
+        trajectory = Trajectory(tuple(poses), tuple(known.tolist()))
+        start, end = (trajectory.at(time) for time in (at, at + readout))
         return cls.between(base, readout, start, end, scan)
 
     def _arguments(self) -> dict[str, Any]:

@@ -82,6 +82,7 @@ class Orthographic(Camera):
 
     name = "orthographic"
     typical: ClassVar = {"width_m": 2.0}
+    typical_pitch_deg = -90.0
     central = False
 
     def __init__(self, width: int, height: int, width_m: float, center: ArrayLike | None = None) -> None:
@@ -90,9 +91,10 @@ class Orthographic(Camera):
         self._pixel_m = self.width_m / self.width
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
-        origins = np.zeros((*pixels.shape[:-1], 3))
+        origins, directions = np.zeros((2, *pixels.shape[:-1], 3))
         origins[..., :2] = (pixels - self.center) * self._pixel_m
-        return origins, np.broadcast_to([0.0, 0.0, 1.0], origins.shape), True
+        directions[..., 2] = 1
+        return origins, directions, True
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         return self.center + points[..., :2] / self._pixel_m, points[..., 2] > 0

@@ -39,7 +39,7 @@ class Vr180(AngularGrid):
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
         directions, _ = self._directions(pixels)
-        return np.broadcast_to(self._center_c, directions.shape), directions, True
+        return np.zeros_like(directions) + self._center_c, directions, True
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         offset = points - self._center_c

@@ -12,20 +12,20 @@ from typing import Any
 from omniscv.arguments import fields, number, one_of
 from omniscv.cameras import create
 from omniscv.compose.image import OmniImage
-from omniscv.compose.renderer import Renderer
 from omniscv.dataset.truths import Observation, Truth, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.truth.layout_record import project_layout
 from omniscv.truth.layout_visibility import Tolerance
 from omniscv.truth.room_fit import Picture, is_room
-from omniscv.truth.room_layout import RoomLayout, layout, project_layout
+from omniscv.truth.room_layout import RoomLayout, layout
 
 _PANORAMA = "equirectangular", 1024, 512
 _FIT_MODES = ("object_mask", "depth", "normals")
 
 
 def derive(observation: Observation, options: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the record of the room's layout in an image; see :mod:`omniscv.truth.room_layout`.
+    """Return the record of the room's layout in an image; see :mod:`omniscv.truth.layout_record`.
 
     A room that the source does not know is fitted to the image, or, where that does not show every wall, to a
     panorama from the same place without furniture, if the source can hide objects.
@@ -78,7 +78,7 @@ def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
     except ArgumentError:
         return None
     with empty:
-        return Renderer(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
+        return observation.renderer.of(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
 
 
 def _captures(geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:

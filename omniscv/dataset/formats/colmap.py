@@ -27,7 +27,7 @@ from omniscv.compose.files import whole_file
 from omniscv.dataset.cubemaps import faces
 from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import copy_lit, write_mask
+from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
 from omniscv.planning.viewpoints import unproject
 from omniscv.truth import Points
@@ -45,7 +45,7 @@ _FORWARD = 0.01
 
 def refuses(camera: Camera) -> str | None:
     """Return why COLMAP cannot carry a camera; None where it can."""
-    return colmap.refuses(camera)
+    return colmap.refuses(without_limit(camera))
 
 
 def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
@@ -57,8 +57,8 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     """Write the model and its images.
 
     Raises:
-        ArgumentError: a camera that COLMAP cannot carry, a frame without colours as PNG or JPEG, or without
-            depth where points are wanted, or a wrong option.
+        ArgumentError: a camera that COLMAP cannot carry, a frame without colours, or without depth where
+            points are wanted, or a wrong option.
     """
     given = fields("", options, _OPTIONS)
     views = _views(frames, out / "images", given.get("equirectangular") == "cubemap")
@@ -67,7 +67,7 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     camera_ids = {camera_name: i for i, camera_name in enumerate(cameras, start=1)}
     ordered = [frame for one in found for moment, _ in one.moments for frame in moment.values()]
     image_ids = {frame.key: i for i, frame in enumerate(ordered, start=1)}
-    model = colmap.write_colmap({str(i): cameras[each] for each, i in camera_ids.items()})
+    model = colmap.write_colmap({str(i): without_limit(cameras[each]) for each, i in camera_ids.items()})
 
     written = [frame.files["lit"] for frame in ordered]
     names = [path.relative_to(out / "images").as_posix() for path in written]

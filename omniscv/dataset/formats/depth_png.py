@@ -22,7 +22,7 @@ rounded to even.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -145,7 +145,7 @@ def encoded(
     """
     metres = depth.astype(np.float64)
     if preset.kind_of(camera) == "planar":
-        metres *= np.nan_to_num(camera.unproject().directions[..., 2])
+        metres *= _along_axis(camera)
     codes = np.rint(metres * preset.per_metre)
     fits = (codes >= 0) & (codes < 1 << preset.bits) & (codes != preset.none) & (depth > 0)
     codes = np.where(fits, codes, preset.none).astype(np.uint32)
@@ -155,3 +155,9 @@ def encoded(
     if preset.bits == 24:
         pixels = np.stack([codes >> shift & 255 for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
     return pixels, {why: int(np.count_nonzero(each)) for why, each in counts.items()}
+
+
+@lru_cache(maxsize=4)
+def _along_axis(camera: Camera) -> NDArray[np.float64]:
+    """(H, W) the cosine between rays and the camera's axis; 0 where not valid."""
+    return np.nan_to_num(camera.unproject().directions[..., 2])

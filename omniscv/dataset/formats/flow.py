@@ -1,6 +1,7 @@
 """Optical flow between consecutive frames of each camera: ``flow/STEM.flo`` and ``flow/STEM.exr``.
 
-Frames are in the order of their times, or of their keys where a frame has no time.
+Frames are in the order of their times, or of their keys where a frame has no time. Between frames of
+different scenes there is no flow, unless both have poses of objects, which then are what differs.
 
 ``.flo`` (Middlebury)
     float32, px; 1e10 where the flow is not known.
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import truth
-from omniscv.arguments import Reader, fields, flag, number, one_of, whole_number, within
+from omniscv.arguments import Reader, fields, flag, number, numbers, one_of, whole_number, within
 from omniscv.cameras import Camera, Rays
 from omniscv.compose.files import whole_file, write_json, write_picture
 from omniscv.dataset.frames import Frame
@@ -57,6 +58,10 @@ _DEFAULTS = {
 }  # fmt: skip
 _TOLERANCE = {"abs_m": 0.02, "rel": 0.01}
 
+_POSE: dict[str, Reader] = {
+    "position": partial(numbers, shape=(3,)),
+    "rotation": partial(numbers, shape=(3, 3)),
+}
 _FLOW = Modality("flow", ("float32",), 3, "nearest", "exr", ("flow.X", "flow.Y", "mask"), {"unit": "px"})
 _SCENE = Modality(
     "sceneflow", ("float32",), 3, "nearest", "exr", ("sceneflow.X", "sceneflow.Y", "sceneflow.Z"),
@@ -104,6 +109,8 @@ def _flows(frames: Sequence[Frame], given: Mapping[str, Any]) -> Iterator[tuple[
         return
     rays = unproject(frames[0].camera, frames[0].camera.pixels())
     for before, after in zip(frames, frames[gap:], strict=False):
+        if before.scene != after.scene and not (_object_poses(before) and _object_poses(after)):
+            continue
         yield before.key, after.key, between(before, after, rays, given)
         if given["backward"]:
             yield f"{after.key}.backward", before.key, between(after, before, rays, given)
@@ -137,8 +144,10 @@ def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
 
 
 def _object_poses(frame: Frame) -> dict[str, Pose]:
-    with within(f"{frame.key}: poses"):
-        return {each: Pose.from_dict(pose) for each, pose in frame.truth.get("poses", {}).items()}
+    given = frame.truth.get("poses", {})
+    with within(frame.key):
+        readers = dict.fromkeys(given, partial(fields, readers=_POSE, needed=_POSE))
+        return {each: Pose(**pose) for each, pose in fields("poses", given, readers).items()}
 
 
 def _write_one(folder: Path, stem: str, found: truth.Flow, given: Mapping[str, Any]) -> Iterator[Path]:

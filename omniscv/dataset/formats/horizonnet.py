@@ -16,7 +16,7 @@ from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import write_color
 from omniscv.truth.cor_id import cor_id, refused
-from omniscv.truth.room_layout import room_of
+from omniscv.truth.layout_record import room_of
 
 name = "horizonnet"
 needs = ("layout", "lit")

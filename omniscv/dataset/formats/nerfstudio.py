@@ -26,7 +26,7 @@ from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.formats import depth_png
 from omniscv.dataset.frames import Frame
-from omniscv.dataset.pictures import copy_lit, write_mask
+from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -65,8 +65,7 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     """Write the transforms, images, depth and masks.
 
     Raises:
-        ArgumentError: a camera that nerfstudio cannot carry, a frame without colours as PNG or JPEG, or an
-            option.
+        ArgumentError: a camera that nerfstudio cannot carry, a frame without colours, or an option.
     """
     fields("", options, {})
     cameras = by_camera(frames)
@@ -88,7 +87,7 @@ def intrinsics(camera: Camera) -> dict[str, Any]:
     if isinstance(camera, Equirectangular):
         place = {"fl_x": width / 2, "fl_y": height, "cx": width / 2, "cy": height / 2}
         return {"camera_model": "EQUIRECTANGULAR", **place, **size}
-    found = fit_format(camera, _MODELS, 0.0) if camera.central else None
+    found = fit_format(without_limit(camera), _MODELS, 0.0) if camera.central else None
     if found is None:
         raise ArgumentError(
             f"nerfstudio: expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular, got "

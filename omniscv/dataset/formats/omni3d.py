@@ -1,17 +1,19 @@
 """Omni3D: ``omni3d.json``, boxes in space in the frame of the camera, in the form of COCO.
 
 Coordinates are those of the camera: x right, y down, z forward, metres. ``dimensions`` are width, height and
-length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``.
+length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``. Of
+an upright box, y is down.
 The corners of ``bbox3D_cam`` are in the order of Omni3D: (-, -, -), (+, -, -), (+, +, -), (-, +, -), then the
 same with z positive. What is not known is -1.
 
-Cameras other than ``pinhole`` have no matrix ``K``; every image has its ``camera``, as omniscv writes it.
-A file that readers of Omni3D load as it is comes of pinhole cameras alone.
+Cameras that bend lines have no matrix ``K``; every image has its ``camera``, as omniscv writes it. A file
+that readers of Omni3D load as it is comes of pinhole cameras without distortion alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,6 @@ import numpy as np
 
 from omniscv.arguments import fields
 from omniscv.cameras import Camera
-from omniscv.cameras.pinhole import Pinhole
 from omniscv.dataset.coco_entries import (
     category_entries,
     class_of,
@@ -36,6 +37,10 @@ name = "omni3d"
 needs = ("labels", "truth")
 
 _UNKNOWN = -1
+_CHECKED = 7  # pixels each way in which a camera must be linear to have a matrix
+_LINEAR = 1e-9
+_R_B_O = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From Omni3D's frame of a box, whose y is down, to ours, whose z is up."""
 _NO_BOX = [-1.0, -1.0, -1.0, -1.0]
 
 
@@ -73,10 +78,27 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
 def _image(frame: Frame, number: int, out: Path) -> dict[str, Any]:
     found = image_entry(frame, number, out)
     found["file_path"] = found.pop("file_name")
-    if isinstance(camera := frame.camera, Pinhole):
-        (u, v), f = camera.center.tolist(), camera.focal
-        found["K"] = [[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]]
+    if (K := matrix_of(frame.camera)) is not None:
+        found["K"] = K.tolist()
     return found | {"dataset_id": 0, "src_90_rotate": 0, "src_flagged": False}
+
+
+@lru_cache(maxsize=16)
+def matrix_of(camera: Camera) -> Array | None:
+    """Return ``K`` (3, 3), read-only, of a camera that projects as ``K (x, y, z)``; None for any other."""
+    u, v = (np.linspace(0, edge, _CHECKED) for edge in (camera.width, camera.height))
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays = camera.unproject(pixels)
+    if not rays.valid.all() or rays.origins.any() or (rays.directions[:, 2] <= 0).any():
+        return None
+    xy = rays.directions[:, :2] / rays.directions[:, 2:]
+    homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
+    inverse = np.linalg.lstsq(homogeneous, xy, rcond=None)[0].T
+    if np.abs(homogeneous @ inverse.T - xy).max() > _LINEAR:
+        return None
+    K = np.round(np.linalg.inv(np.vstack([inverse, [0, 0, 1]])), 9).astype(np.float64) + 0.0
+    K.flags.writeable = False
+    return K
 
 
 def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
@@ -90,7 +112,8 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
         if found is None or of is None:
             continue
         size, center, R_c_b = (np.array(record[key]) for key in ("size", "center_camera", "R_camera_box"))
-        corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()  # here in the camera's frame
+        size, R_c_o = size[[0, 2, 1]], R_c_b @ _R_B_O
+        corners = ObjectBox(center, R_c_o, size, record["source"]).corners_w()  # here in the camera's frame
         projected = _projected(frame.camera, corners)
         yield {
             "category_id": found["category_id"],
@@ -104,7 +127,7 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
             "bbox3D_cam": corners.tolist(),
             "center_cam": record["center_camera"],
             "dimensions": [float(each) for each in size[[2, 1, 0]]],
-            "R_cam": record["R_camera_box"],
+            "R_cam": R_c_o.tolist(),
             "behind_camera": bool((corners[:, 2] <= 0).all()),
             "visibility": seen.get(record["instance_id"], _UNKNOWN),
             "truncation": record["truncated"],
@@ -120,11 +143,11 @@ def _corners(box: Sequence[float]) -> list[float]:
 
 
 def _projected(camera: Camera, corners_c: Array) -> list[float]:
-    """Around the projected corners, which may lie beyond the image of a pinhole camera; unknown where one has
-    no pixel, or where they lie around a seam."""
-    if isinstance(camera, Pinhole):
+    """Around the projected corners, which may lie beyond the image where the camera has a matrix; unknown
+    where one has no pixel, or where they lie around a seam."""
+    if (K := matrix_of(camera)) is not None:
         with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = camera.center + camera.focal * corners_c[:, :2] / corners_c[:, 2:]
+            pixels = (corners_c @ K.T)[:, :2] / corners_c[:, 2:]
         valid = corners_c[:, 2] > 0
     else:
         pixels, valid = camera.project(corners_c)

@@ -6,8 +6,9 @@ frames have them, ``float nx ny nz``, ``uchar red green blue``, ``ushort label``
 field of view, or unsure have no point. A point lies on its pixel's own ray.
 
 Options: ``voxel``, the edge in metres (default 0.02) of the cubes of which ``cloud.ply`` keeps one point, the
-one seen from nearest; ``frames`` and ``cloud``, whether to write the files of each frame (default) and of all
-(default).
+one seen from nearest; ``max_error``, metres, leaves out the points whose depth may be off by more, by the
+frames' layer ``depth_error``; ``frames`` and ``cloud``, whether to write the files of each frame (default)
+and of all (default).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +31,10 @@ from omniscv.truth import Points
 name = "ply"
 needs = ("depth",)
 
-_OPTIONS: dict[str, Reader] = {"voxel": partial(number, above=0), "frames": flag, "cloud": flag}
+_OPTIONS: dict[str, Reader] = {
+    **dict.fromkeys(("voxel", "max_error"), partial(number, above=0)),
+    **dict.fromkeys(("frames", "cloud"), flag),
+}
 _VOXEL_M = 0.02
 _COLUMNS = {
     "normals": (("nx", "ny", "nz"), "<f4", "float"),
@@ -68,7 +72,7 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
                 rays = {
                     frame.camera: unproject(frame.camera, frame.camera.pixels())
                 }  # one at a time: rays are large
-            cloud = points_of(frame, rays[frame.camera])
+            cloud = points_of(frame, rays[frame.camera], given.get("max_error"))
             if given["frames"]:
                 written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
             yield cloud
@@ -82,12 +86,24 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
     return written
 
 
-def points_of(frame: Frame, rays: Rays) -> Points:
-    """Return the points that a frame with depth sees, with all its layers; ``rays`` are its camera's."""
+def points_of(frame: Frame, rays: Rays, max_error_m: float | None = None) -> Points:
+    """Return the points that a frame sees, with all its layers.
+
+    Args:
+        frame: with depth.
+        rays: of its camera.
+        max_error_m: most metres that depth may be off; any if not given.
+
+    Raises:
+        ArgumentError: a layer that is needed is missing.
+    """
     layers = frame.has("normals", "lit", "labels", "classes")
     if "lit" in layers and layers["lit"].dtype.kind == "f":
         layers["lit"] = np.rint(255 * layers["lit"].clip(0, 1)).astype(np.uint8)
     unsure = frame.has("unsure").get("unsure")
+    if max_error_m is not None:
+        off = frame.layer("depth_error") > max_error_m
+        unsure = off if unsure is None else unsure | off
     return truth.points(frame.layer("depth"), rays, frame.pose, layers, unsure)
 
 

@@ -32,7 +32,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
 from omniscv.truth.cor_id import refused
-from omniscv.truth.room_layout import room_of
+from omniscv.truth.layout_record import room_of
 
 name = "structured3d"
 needs = ("layout",)

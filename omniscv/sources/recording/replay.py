@@ -1,5 +1,6 @@
 """Replay of a recording, and a source that records what it captures."""
 
+import logging
 import threading
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
@@ -11,7 +12,7 @@ import numpy as np
 
 from omniscv import modalities
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import (
@@ -31,6 +32,7 @@ from omniscv.sources.recording.store import Store
 
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
 _AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
+_log = logging.getLogger("omniscv")
 _RECORDED_AHEAD = 24  # requests in a row that the file holds, which are replayed before more are read
 
 
@@ -170,7 +172,7 @@ class Recording(SourceWrapper):
             if self._objects is None:
                 self._store.set_objects(self._source.objects())
                 if self._renewed is not None or not self._store.geometry():
-                    self._store.set_geometry(self._source.geometry())
+                    self._store.set_geometry(self._known_geometry())
                 self._objects = self._store.objects()
             return self._objects
 
@@ -178,6 +180,14 @@ class Recording(SourceWrapper):
         """What is known of shapes, as written to the file."""
         self.objects()
         return self._store.geometry()
+
+    def _known_geometry(self) -> SceneGeometry:
+        """What the source knows of shapes; a fault is no reason not to record captures."""
+        try:
+            return self._source.geometry()
+        except SourceError as fault:
+            _log.warning("%s: no boxes of objects are recorded: %s", self._store.path, fault)
+            return SceneGeometry()
 
     def close(self) -> None:
         try:

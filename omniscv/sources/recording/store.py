@@ -15,19 +15,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from omniscv.arguments import shown
-from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingNotWritableError
+from omniscv.errors import DamagedRecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import geometry_table, object_tables, schema
-from omniscv.sources.recording.logs import settle
-from omniscv.sources.recording.replacing import (
-    followed,
-    kind_of,
-    part_of,
-    place_of,
-    publish_new,
-    remove_leftovers,
-)
+from omniscv.sources.recording.opening import open_to_read, open_to_write
+from omniscv.sources.recording.replacing import followed, place_of
 from omniscv.sources.recording.rows import (
     Head,
     Row,
@@ -37,13 +30,11 @@ from omniscv.sources.recording.rows import (
     the_scene,
     write_head,
 )
-from omniscv.sources.recording.upgrade import COLUMNS_1, upgrade
+from omniscv.sources.recording.upgrade import COLUMNS_1
 
 ADVICE = "; run 'omniscv captures verify'"  # at the end of errors about damage
 
 _COLUMNS = {1: COLUMNS_1, **dict.fromkeys((2, 3), ", ".join(Row._fields))}
-# Errors of a file that needs the index of a log beside it, in a folder where none can be created:
-_NO_INDEX = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY_DIRECTORY)
 # Connections of the parent process, which a forked child must neither use nor close:
 _inherited: list[sqlite3.Connection] = []
 
@@ -71,7 +62,7 @@ class Store:
         self._connection = self._connect()
 
     def _connect(self) -> tuple[sqlite3.Connection, threading.RLock, int]:
-        opened = _open_to_write if self._write else _open_to_read
+        opened = open_to_write if self._write else open_to_read
         database = opened(self._place, self.path)
         try:
             with schema.errors_of(self.path, write=False):
@@ -341,38 +332,3 @@ def _described(identity: SceneIdentity) -> str:
     """A scene's identity in a few words."""
     parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
     return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
-
-
-def _open_to_write(place: Path, path: Path) -> sqlite3.Connection:
-    if kind_of(place) == "" or place.stat().st_size == 0:
-        with part_of(place) as part, schema.errors_of(path, write=True):
-            schema.create(part, Head.new()).close()
-            publish_new(part, place)
-    remove_leftovers(place)
-    upgrade(path)
-    with schema.errors_of(path, write=True):
-        database = schema.connect(place, "rw")
-        try:
-            schema.version_of(database, path)
-            database.execute("PRAGMA journal_mode = TRUNCATE")
-            # Flush each capture, so that it outlives a power cut; little time beside capturing it.
-            database.execute("PRAGMA synchronous = FULL")
-        except BaseException:
-            database.close()
-            raise
-        return database
-
-
-def _open_to_read(place: Path, path: Path) -> sqlite3.Connection:
-    """The database, with a log of its own; only a half-written change is undone."""
-    if kind_of(place) != "a file":
-        found = kind_of(place) or "nothing there; record one first"
-        raise NotARecordingError(f"{path}: expected a recording, got {found}")
-    with schema.errors_of(path, write=False):
-        settle(place)
-        try:
-            return schema.connect(place, "ro")
-        except sqlite3.OperationalError as refused:
-            if refused.sqlite_errorcode in _NO_INDEX and not Path(f"{place}-wal").exists():
-                return schema.connect(place, "ro&immutable=1")  # no log, and nobody can write one there
-            raise

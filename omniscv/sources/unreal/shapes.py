@@ -1,6 +1,7 @@
 """The boxes of objects, from their vertices or bounds, where the plugin has these commands."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -15,38 +16,54 @@ from omniscv.sources.unreal.client import Reply
 from omniscv.sources.unreal.connection import Connection
 
 _QUERIES = ("vertex_location", "bounds", "rotation")
-_MOST_VERTICES = 10_000_000
+_BATCH = 8  # objects that are asked for together
+MOST_VERTICES = 2_000_000
+"""Of all objects, about 80 MB; and of one, five times as many are read."""
 _MAX_CM = 1e9
 _TIGHTER = 0.99
 """Of the volume in the object's own frame: a box in another frame is worth it if it is below."""
 
 
-def boxes(connection: Connection, names: list[str]) -> dict[str, ObjectBox]:
+def boxes(
+    connection: Connection, names: Sequence[str], most_vertices: int = MOST_VERTICES
+) -> dict[str, ObjectBox]:
     """Return the boxes of objects by name; objects without a shape have none.
 
     The plugin is probed with the first object. Vertices give a box in the object's own frame, or an upright
-    one that is tighter; bounds give one along the world's axes.
+    one that is tighter; bounds give one along the world's axes. Once more than ``most_vertices`` have come,
+    bounds serve for the other objects: meshes may have millions.
 
     Raises:
         BadReplyError: a reply that is neither numbers nor an error.
     """
-    if not names:
-        return {}
-    found = {}
-    known = [what for what in _QUERIES if _knows(connection, names[0], what)]
+    known = [what for what in _QUERIES if names and _knows(connection, names[0], what)]
     if not {"vertex_location", "bounds"} & set(known):
         return {}
-    commands = [f"vget /object/{name}/{what}" for name in names for what in known]
-    answers = connection.read(commands, _numbers)
-    for i, name in enumerate(names):
-        of = dict(zip(known, answers[i * len(known) :], strict=False))
-        vertices, bounds, rotation = (of.get(what) for what in _QUERIES)
-        if vertices is not None:
-            found[name] = _around(vertices, np.zeros(3) if rotation is None else rotation)
-        elif bounds is not None and bounds.any():  # what has no shape has empty bounds
-            low, high = np.sort(_to_world(bounds), axis=0)
-            found[name] = ObjectBox((low + high) / 2, np.eye(3), high - low, "bounds")
+    found: dict[str, ObjectBox] = {}
+    vertices = 0
+    for start in range(0, len(names), _BATCH):
+        some = names[start : start + _BATCH]
+        if vertices > most_vertices and "bounds" in known:
+            known = ["bounds"]
+        replies = iter(
+            connection.read([f"vget /object/{n}/{what}" for n in some for what in known], _numbers)
+        )
+        for name in some:
+            told = {what: next(replies) for what in known}
+            points = told.get("vertex_location")
+            vertices += 0 if points is None else len(points)
+            if box := _box_of(points, told.get("bounds"), told.get("rotation")):
+                found[name] = box
     return found
+
+
+def _box_of(vertices: Array | None, bounds: Array | None, rotation: Array | None) -> ObjectBox | None:
+    if vertices is not None:
+        return _around(vertices, np.zeros(3) if rotation is None else rotation)
+    if bounds is None or not bounds.any():  # what has no shape has empty bounds
+        return None
+    low, high = np.sort(_to_world(bounds), axis=0)
+    return ObjectBox((low + high) / 2, np.eye(3), high - low, "bounds")
 
 
 def _knows(connection: Connection, name: str, what: str) -> bool:
@@ -67,7 +84,7 @@ def _numbers(command: str, reply: Reply) -> Array | None:
 
 
 def _vertices(command: str, reply: Reply) -> Array:
-    words = reply.split(maxsplit=3 * _MOST_VERTICES)
+    words = reply.split(maxsplit=15 * MOST_VERTICES)
     try:
         values = np.array(words, dtype=np.float64)
     except ValueError:

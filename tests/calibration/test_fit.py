@@ -1,0 +1,120 @@
+"""The nearest camera of another model: known pairs are found, and errors are what they are said to be."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from omniscv import calibration, cameras
+from omniscv.cli import run
+from omniscv.errors import ArgumentError
+
+SIZE = {"width": 160, "height": 120}
+MEI = cameras.create("unified", **SIZE, fx=75.0, fy=76.0, cx=81.0, cy=59.0, xi=0.9)
+DOUBLE = cameras.create("double-sphere", **SIZE, fx=45.0, fy=45.0, xi=-0.2, alpha=0.6)
+LENS = cameras.create("kannala-brandt", **SIZE, fx=50.0, fy=50.5, k=(0.02, -0.008, 0.002, -0.0004))
+
+
+def test_the_sphere_model_is_the_extended_one_with_beta_1() -> None:
+    found = calibration.fit(MEI, "extended-unified")
+    expected = {"fx": 75 / 1.9, "fy": 76 / 1.9, "cx": 81.0, "cy": 59.0, "alpha": 0.9 / 1.9, "beta": 1.0}
+    for name, value in expected.items():
+        assert found.camera.parameters()[name] == pytest.approx(value, abs=1e-7)
+    assert found.max_px < 1e-9
+    assert found.coverage == 1
+
+
+def test_the_extended_sphere_model_with_beta_1_is_meis() -> None:
+    ellipsoid = calibration.fit(MEI, "extended-unified").camera
+    found = calibration.fit(ellipsoid, "unified")
+    assert found.max_px < 1e-6
+    assert found.camera.parameters()["xi"] == pytest.approx(0.9, abs=1e-5)
+
+
+@pytest.mark.parametrize("model", ["kannala-brandt", "ftheta"])
+def test_an_equidistant_lens_is_a_polynomial_of_one_term(model: str) -> None:
+    found = calibration.fit(cameras.create("fisheye-equidistant", 120, 120, fov_deg=190), model)
+    assert found.max_px < 1e-6
+    assert found.coverage == 1
+
+
+@pytest.mark.parametrize("model", ["fisheye-equidistant", "fisheye-stereographic", "fisheye-orthographic"])
+def test_a_lens_is_nearest_to_itself(model: str) -> None:
+    lens = cameras.create(model, 120, 100, focal=50.0, center=(61, 48))
+    found = calibration.fit(lens, model)
+    assert found.camera.focal == pytest.approx(50.0, abs=1e-6)  # type: ignore[attr-defined]
+    assert found.max_px < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("source", "model", "most"),
+    [(DOUBLE, "kannala-brandt", 0.005), (LENS, "pinhole", 0.1), (LENS, "double-sphere", 0.5)],
+)
+def test_the_errors_are_those_of_projected_rays(source: cameras.Camera, model: str, most: float) -> None:
+    """Away from the border, where both see everything, by their public projections."""
+    found = calibration.fit(source, model)
+    assert found.max_px < most
+    pixels = source.pixels()[4:-4, 4:-4].reshape(-1, 2)
+    rays = source.unproject(pixels)
+    reach = np.cos(np.radians(80.0)) if model == "pinhole" else -1.0
+    near = rays.valid & (rays.directions[:, 2] > reach)
+    seen, valid = found.camera.project(rays.directions[near])
+    off = np.linalg.norm(seen - pixels[near], axis=-1)[valid]
+    assert off.max() <= found.max_px + 1e-9
+    assert 0.3 * found.rms_px < np.sqrt(np.mean(off**2)) < 1.5 * found.rms_px
+
+
+def test_a_stretched_lens_stays_stretched() -> None:
+    """A polynomial whose columns are 5 % wider than its rows: two focal lengths, though it has none."""
+    bent = cameras.create("scaramuzza", **SIZE, coefficients=[-60.0, 0.0, 0.004], affine=(1.05, 0, 0))
+    found = calibration.fit(bent, "kannala-brandt")
+    assert found.max_px < 0.01
+    assert found.camera.fx / found.camera.fy == pytest.approx(1.05, abs=1e-3)  # type: ignore[attr-defined]
+
+
+def test_no_other_camera_of_the_model_is_nearer() -> None:
+    """Every number a little off makes the sum of the squares larger: it is a minimum."""
+    found = calibration.fit(DOUBLE, "extended-unified")
+    pixels = DOUBLE.pixels()[8:-8:8, 8:-8:8].reshape(-1, 2)
+    rays = DOUBLE.unproject(pixels)
+
+    def rms(changes: dict[str, Any]) -> float:
+        other = cameras.from_dict(found.camera.to_dict() | changes)
+        seen, valid = other.project(rays.directions)
+        return float(np.sqrt(np.mean(np.sum((seen - pixels)[valid & rays.valid] ** 2, axis=-1))))
+
+    own = found.camera.parameters()
+    for name, step in (("fx", 0.3), ("cy", 0.3), ("alpha", 0.02), ("beta", 0.05)):
+        for sign in (-1, 1):
+            assert rms({name: own[name] + sign * step}) > rms({})
+
+
+def test_what_cannot_be_fitted_is_refused() -> None:
+    with pytest.raises(ArgumentError, match="camera: expected a central one"):
+        calibration.fit(cameras.model("noncentral-panorama").example(64), "pinhole")
+    with pytest.raises(ArgumentError, match=r"camera: expected one that sees along \+z"):
+        calibration.fit(cameras.model("catadioptric-planar").example(64), "pinhole")
+    with pytest.raises(ArgumentError, match="model: expected one of pinhole"):
+        calibration.fit(DOUBLE, "equirectangular")
+    with pytest.raises(ArgumentError, match=r"camera: expected a central one.*got 3"):
+        calibration.fit(3, "pinhole")  # type: ignore[arg-type]
+
+
+def test_the_command_reads_fits_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibration.save(tmp_path / "chain.yaml", {"cam0": DOUBLE, "cam1": LENS}, "kalibr")
+    words = ["cameras", "fit", str(tmp_path / "chain.yaml"), "extended-unified"]
+    assert run(words) == 2
+    assert "--name: expected one of cam0, cam1" in capsys.readouterr().err
+    out = tmp_path / "cameras.txt"
+    assert run([*words, "--name", "cam0", "--json", "--out", str(out)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    expected = calibration.fit(DOUBLE, "extended-unified")
+    assert printed["camera"] == expected.camera.to_dict()
+    assert printed["max_px"] == pytest.approx(expected.max_px)
+    assert calibration.load(out)["cam0"] == expected.camera
+    model = ["cameras", "fit", "fisheye-equidistant", "kannala-brandt", "--size", "64x64", "--fov", "170"]
+    assert run([*model, "--out", str(out), "--format", "colmap"]) == 0
+    assert "largest error" in capsys.readouterr().out
+    assert list(calibration.load(out)) == ["1"]

@@ -1,0 +1,213 @@
+"""Stereo panoramas and cameras that move while they look, judged by turning and moving a camera at rest."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from omniscv.cameras import RollingShutter, create
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+
+BASE = create("fisheye-equidistant", 48, 36, fov_deg=150)
+START = Pose.from_angles((1.0, 2.0, 1.5), yaw_deg=30, pitch_deg=10)
+END = Pose.from_angles((1.3, 1.9, 1.6), yaw_deg=52, pitch_deg=-3, roll_deg=9)
+SCANS = {
+    "top-to-bottom": lambda u, v: v / 36,
+    "bottom-to-top": lambda u, v: 1 - v / 36,
+    "left-to-right": lambda u, v: u / 48,
+    "right-to-left": lambda u, v: 1 - u / 48,
+}
+
+
+def pose_between(part):
+    """SciPy's slerp, and a straight line."""
+    turns = Slerp([0, 1], Rotation.from_matrix([START.R_w_c, END.R_w_c]))
+    return Pose((1 - part) * START.t_w_c + part * END.t_w_c, turns(part).as_matrix())
+
+
+# -- omnidirectional stereo -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("eye", "side"), [("left", -1), ("right", 1)])
+def test_an_eye_of_a_head_that_turns(eye, side):
+    """A column is what the eye sees straight ahead once the head has turned to it."""
+    camera = create("ods", 24, 12, interpupillary=0.3, eye=eye)
+    rays = camera.unproject()
+    ahead = create("equirectangular", 24, 12).unproject(np.stack([np.full(12, 12.0), np.arange(0.5, 12)], -1))
+    for column in range(24):
+        turn = Rotation.from_rotvec([0, (column + 0.5) / 24 * 2 * np.pi - np.pi, 0])
+        origins = np.tile(turn.apply([side * 0.15, 0, 0]), (12, 1))
+        np.testing.assert_allclose(rays.origins[:, column], origins, atol=1e-15)
+        np.testing.assert_allclose(rays.directions[:, column], turn.apply(ahead.directions), atol=1e-15)
+
+
+def test_what_two_eyes_see_gives_the_distance():
+    """Of a point rho from the axis the azimuths differ by 2 asin(b / (2 rho)): nearer, more."""
+    eyes = [create("ods", 720, 360, interpupillary=0.064, eye=eye) for eye in ("left", "right")]
+    rng = np.random.default_rng(1)
+    theta, rho, y = rng.uniform(-2.8, 2.8, 50), rng.uniform(0.2, 20, 50), rng.uniform(-3, 3, 50)
+    points = np.stack([rho * np.sin(theta), y, rho * np.cos(theta)], axis=-1)
+    (left, _), (right, _) = (eye.project(points) for eye in eyes)
+    apart = np.radians((left - right)[:, 0] / 2)
+    np.testing.assert_allclose(rho, 0.032 / np.sin(apart / 2), rtol=1e-9)
+    np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-9)
+
+
+def test_no_eye_sees_into_the_circle():
+    camera = create("ods", 36, 18, interpupillary=1.0)
+    _, seen = camera.project([[0.0, 0, 0], [0.3, 1, 0.39], [0.3, 1, 0.41]])
+    assert seen.tolist() == [False, False, True]
+
+
+def test_eyes_in_one_place_are_the_panorama():
+    expected = create("equirectangular", 32, 16).unproject().directions
+    rays = create("ods", 32, 16, interpupillary=0, eye="right").unproject()
+    np.testing.assert_array_equal(rays.directions, expected)
+    assert not rays.origins.any()
+    half = create("vr180", 16, 16, interpupillary=0).unproject()
+    ahead = create("cylindrical", 16, 16, fov_h_deg=180, fov_v_deg=180).unproject()
+    np.testing.assert_array_equal(half.directions, ahead.directions)
+
+
+def test_vr180_eyes_are_apart_by_the_distance():
+    left, right = (create("vr180", 16, 16, interpupillary=0.1, eye=eye) for eye in ("left", "right"))
+    np.testing.assert_array_equal(left.viewpoints().centers, [[-0.05, 0, 0]])
+    np.testing.assert_array_equal(right.viewpoints().centers, [[0.05, 0, 0]])
+    np.testing.assert_array_equal(left.unproject().directions, right.unproject().directions)
+    assert not left.project([0.0, 0, -1])[1]
+
+
+# -- rolling shutters -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_every_line_is_the_base_at_its_time(scan):
+    camera, pose = RollingShutter.between(BASE, 0.04, START, END, scan)
+    assert pose is START
+    rays, base = camera.unproject(), BASE.unproject()
+    np.testing.assert_array_equal(rays.valid, base.valid)
+    for v, u in np.argwhere(rays.valid)[::37]:
+        there = pose_between(SCANS[scan](u + 0.5, v + 0.5))
+        np.testing.assert_allclose(pose.to_world(rays.origins[v, u]), there.t_w_c, atol=1e-14)
+        expected = there.R_w_c @ base.directions[v, u]
+        np.testing.assert_allclose(pose.R_w_c @ rays.directions[v, u], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_points_are_seen_in_the_line_that_is_read_just_then(scan):
+    """Found by trying: where the base, as it is just then, sees the point in the line of that time."""
+    camera, pose = RollingShutter.between(BASE, 0.04, START, END, scan)
+    points_c = np.random.default_rng(2).uniform((-3, -2, -0.5), (3, 2, 4), (60, 3))
+    pixels, seen = camera.project(points_c)
+    parts = np.linspace(0, 1, 401)
+    late, at = np.full((2, len(parts), 60), np.nan)
+    for k, part in enumerate(parts):
+        tried, valid = BASE.project(pose_between(part).to_camera(pose.to_world(points_c)))
+        late[k] = np.where(valid, SCANS[scan](*tried.T) - part, np.nan)
+    meets = (late[:-1] >= 0) & (late[1:] <= 0)
+    assert 15 < meets.any(axis=0).sum() < 60
+    np.testing.assert_array_equal(seen[meets.any(axis=0)], True)
+    at = parts[meets.argmax(axis=0)]
+    off = np.abs(SCANS[scan](*pixels.T) - at)[meets.any(axis=0)]
+    assert off.max() <= 1 / 400
+    # Others are seen at the border at most, within the step in which they come into view or go.
+    known = np.isfinite(late).any(axis=0) & ~meets.any(axis=0)
+    assert (seen & ~meets.any(axis=0)).sum() <= 2, known.sum()
+
+
+def test_along_a_trajectory():
+    """From 0.02 s on for 0.04 s: from the middle of one piece of the way to a quarter of the next."""
+    times, poses = (0.0, 0.04, 0.12), (START, END, Pose.from_angles((2.0, 1.0, 1.5), yaw_deg=80))
+    camera, pose = RollingShutter.along(BASE, 0.04, times, poses, 0.02)
+    start, end = pose_between(0.5), Pose(END.t_w_c + (poses[2].t_w_c - END.t_w_c) / 4, np.eye(3))
+    np.testing.assert_allclose(pose.t_w_c, start.t_w_c, atol=1e-14)
+    np.testing.assert_allclose(pose.R_w_c, start.R_w_c, atol=1e-14)
+    np.testing.assert_allclose(pose.to_world(0.04 * camera.velocity), end.t_w_c, atol=1e-14)
+    for wrong in (-0.01, 0.1, np.nan):
+        with pytest.raises(ArgumentError, match=r"^time: expected a finite number >= 0 and <= 0.12, got"):
+            RollingShutter.along(BASE, 0.04, times, poses, wrong)
+    with pytest.raises(
+        ArgumentError, match=r"^times: expected at least two, increasing, got \[0.0, 0.0, 1.0\]"
+    ):
+        RollingShutter.along(BASE, 0.04, (0, 0, 1), poses, 0.5)
+
+
+@pytest.mark.parametrize("still", [{"readout": 0.0, "velocity": (1, 2, 3)}, {"readout": 0.1}])
+def test_no_readout_or_no_motion_is_the_base(still):
+    camera = create("rolling-shutter", 48, 36, base=BASE, **still)
+    rays, base = camera.unproject(), BASE.unproject()
+    np.testing.assert_array_equal(rays.directions, base.directions)
+    np.testing.assert_array_equal(rays.valid, base.valid)
+    points = np.random.default_rng(3).normal(size=(200, 3))
+    for mine, its in zip(camera.project(points), BASE.project(points), strict=True):
+        np.testing.assert_array_equal(mine, its)
+    np.testing.assert_array_equal(camera.viewpoints().index, BASE.viewpoints().index)
+    assert not camera.viewpoints().centers.any()
+
+
+def test_a_base_and_its_description_are_one():
+    described = {"model": "fisheye-equidistant", "focal": BASE.focal}
+    camera = create("rolling-shutter", 48, 36, base=BASE, readout=0.1)
+    assert camera == create("rolling-shutter", 48, 36, base=described, readout=0.1)
+    assert camera.to_dict()["base"] == described
+    aside = create("fisheye-equidistant", 48, 36, focal=20, center=(20, 10))
+    assert create("rolling-shutter", 48, 36, base=aside, readout=0).to_dict()["base"]["center"] == [20, 10]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"base": {"model": "ods", "interpupillary": 0.1}}, "base: expected a central camera, got ods"),
+        ({"base": {"model": "rolling-shutter"}}, "base: expected a central camera, got rolling-shutter"),
+        ({"base": create("pinhole", 64, 36)}, "base: expected an image of 48 x 36 px, got 64 x 36"),
+        ({"base": "pinhole"}, "base: expected a camera or a mapping with 'model' in it, got 'pinhole'"),
+        ({"base": {"model": "pinhole", "focal": -1}}, "base: focal: expected a finite number > 0, got -1"),
+        ({"base": {"model": ["pinhole"]}}, "base: camera: expected one of"),
+        ({"scan": "sideways"}, "scan: expected one of top-to-bottom"),
+        ({"velocity": (1, 2)}, "velocity: expected 3 finite numbers"),
+        (
+            {"angular_velocity_deg": (0, 1000, 0)},
+            "angular_velocity_deg: the turn in degrees .* <= 90, got 100",
+        ),
+    ],
+)
+def test_what_no_rolling_shutter_is(wrong, says):
+    with pytest.raises(ArgumentError, match=says):
+        create("rolling-shutter", 48, 36, **{"base": {"model": "pinhole"}, "readout": 0.1, **wrong})
+
+
+# -- parallel rays ----------------------------------------------------------------------------------
+
+
+def test_a_push_broom_is_a_row_of_pinholes():
+    camera = create("push-broom", 20, 30, travel=(2.0, 0.4, -0.2), fov_deg=80)
+    point = np.array([0.3, -0.5, 3.0])
+    pixel, seen = camera.project(point)
+    assert seen
+    place = (pixel[0] / 20 - 0.5) * np.array([2.0, 0.4, -0.2])
+    line = create("pinhole", 30, 30, fov_deg=80)
+    np.testing.assert_allclose(line.project(point - place)[0], (15, pixel[1]), atol=1e-12)
+    assert not camera.project([0.3, 0, -3])[1]
+    with pytest.raises(ArgumentError, match=r"travel: expected x > 0, to the right, got \[-1.0, 0.0, 0.0\]"):
+        create("push-broom", 20, 30, travel=(-1, 0, 0))
+
+
+def test_an_orthographic_image_is_a_plan():
+    camera = create("orthographic", 40, 20, width_m=4.0)
+    pixels, seen = camera.project([[0, 0, 1], [1.5, -0.5, 7], [0, 0, -1], [3, 0, 1]])
+    assert seen.tolist() == [True, True, False, False]
+    np.testing.assert_allclose(pixels[:2], [[20, 10], [35, 5]])
+
+
+@pytest.mark.parametrize("count", [None, 1, 7, 8, 200, 10_000])
+def test_orthographic_centres_are_the_middles_of_blocks(count):
+    camera = create("orthographic", 31, 20, width_m=3.1)
+    views, origins = camera.viewpoints(count), camera.unproject().origins
+    assert len(views.centers) <= (count or 620)
+    assert len(views.centers) >= min(count or 620, 620) / 2
+    for k in range(0, len(views.centers), 1 + len(views.centers) // 50):
+        own = origins[views.index == k]
+        np.testing.assert_allclose(views.centers[k], (own.min(axis=0) + own.max(axis=0)) / 2, atol=1e-12)
+    # Neighbours in the list are neighbours in the image.
+    steps = np.linalg.norm(np.diff(views.centers, axis=0), axis=1)
+    assert np.median(steps, axis=0) <= 1.5 * 3.1 / np.sqrt(len(views.centers)) if len(steps) else True

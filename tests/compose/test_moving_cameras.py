@@ -1,0 +1,80 @@
+"""Stereo, moving and orthographic cameras against exact tracing of every pixel's own ray.
+
+The non-central panorama is the yardstick: nothing here is less exact.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from support.exact import float_source
+
+import omniscv
+from mock_server import load_scene
+from omniscv.cameras import RollingShutter, create
+from omniscv.chart.truth import traced
+from omniscv.geometry import Pose
+
+POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
+LATER = Pose.from_angles((0.3, 0.0, 1.5), yaw_deg=35.0, pitch_deg=6.0, roll_deg=-2.0)
+DOWN = Pose.from_angles((0.1, -0.2, 1.5), yaw_deg=27.0, pitch_deg=-80.0)
+SOURCE = float_source(load_scene("four-wall"))
+MODES = ("lit", "object_mask", "depth")
+FISHEYE = create("fisheye-equidistant", 48, 48, fov_deg=170)
+YARDSTICK = create("noncentral-panorama", 48, 48, radius=0.5)
+CAMERAS = {
+    "ods": create("ods", 48, 48, interpupillary=0.1),
+    "vr180": create("vr180", 48, 48, interpupillary=0.1, eye="right"),
+    "rolling-shutter": RollingShutter.between(FISHEYE, 0.03, POSE, LATER)[0],
+    "rolling-columns": RollingShutter.between(FISHEYE, 0.03, POSE, LATER, "right-to-left")[0],
+    "push-broom": create("push-broom", 48, 48, travel=(1.5, 0.1, -0.1)),
+}
+
+
+@cache
+def errors(camera, strategy, pose=POSE):
+    """Of labels: the wrong part; of depth: median and 95 % of the relative error; of colours: RMS."""
+    image = omniscv.render(camera, pose, SOURCE, MODES, strategy=strategy, filter="bilinear", face_size=192)
+    truth, valid = traced(SOURCE.scene, camera, pose), image.valid
+    off = np.abs(image.depth - truth.distance)[valid] / truth.distance[valid]
+    colour = np.sqrt(((image.lit - truth.color)[valid] ** 2).mean())
+    return (image.labels != truth.label)[valid].mean(), np.median(off), np.quantile(off, 0.95), colour
+
+
+@pytest.mark.parametrize(
+    ("name", "strategy"),
+    [*((name, "strips") for name in CAMERAS), ("rolling-shutter", "adaptive"), ("push-broom", "adaptive")],
+)
+def test_as_exact_as_the_noncentral_panorama(name, strategy):
+    found, yardstick = errors(CAMERAS[name], strategy), errors(YARDSTICK, "adaptive")
+    assert found[0] <= yardstick[0] + 0.01
+    assert found[1] <= 1e-6
+    assert found[2] <= yardstick[2] + 1e-3
+    assert found[3] <= 1.1 * yardstick[3] + 0.01
+
+
+def test_a_plan_of_the_room():
+    """Few captures for four thousand centres: what is wrong lies at edges, and is marked."""
+    camera = create("orthographic", 48, 48, width_m=2.0)
+    image = omniscv.render(camera, DOWN, SOURCE, MODES, face_size=256)
+    truth = traced(SOURCE.scene, camera, DOWN)
+    wrong = image.labels != truth.label
+    assert wrong.mean() <= 0.02
+    assert not (wrong & ~image.label_edge & ~image.unsure).any()
+    off = np.abs(image.depth - truth.distance)
+    assert np.median(off) <= 1e-5
+    assert (off > image.depth_error).mean() <= 0.001
+    np.testing.assert_allclose(
+        image.camera.project(DOWN.to_camera(image.points()))[0][:, 0] % 1, 0.5, atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("strategy", ["auto", "cube", "strips", "adaptive"])
+def test_no_readout_is_the_base_to_the_bit(strategy):
+    camera = create("rolling-shutter", 48, 48, base=FISHEYE, readout=0.0, velocity=(1, 2, 3))
+    mine, its = (
+        omniscv.render(each, POSE, SOURCE, MODES, strategy=strategy, face_size=64)
+        for each in (camera, FISHEYE)
+    )
+    for layer in ("lit", "labels", "depth", "depth_error", "label_edge", "unsure", "valid"):
+        np.testing.assert_array_equal(getattr(mine, layer), getattr(its, layer))

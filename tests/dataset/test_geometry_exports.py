@@ -1,0 +1,89 @@
+"""A job's dataset in all formats of geometry at once: poses, cameras, depth, points, flow."""
+
+import json
+
+import numpy as np
+import pycolmap
+import pytest
+from evo.tools import file_interface
+from plyfile import PlyData
+from support.datasets import job_file, made
+
+from omniscv import dataset, jobs
+from omniscv.errors import ArgumentError
+
+EXPORTS = """
+truth: {poses: true, flow: {backward: true}, tolerance: {abs_m: 0.03}}
+export:
+  - {format: ply, voxel: 0.1, max_error: 0.002}
+  - {format: depth-png, scale: stanford2d3d}
+  - normals_png
+  - poses
+  - {format: colmap, points: 0.2}
+  - nerfstudio
+"""
+
+
+@pytest.fixture(scope="module")
+def exports(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("job"), more=EXPORTS) / "exports"
+
+
+def test_made_again_they_are_the_same_bytes(exports):
+    assert dataset.check(exports.parent, deep=True) == []
+
+
+def test_times_and_poses_of_the_job_arrive(exports):
+    for name in ("pano", "lens"):
+        read = file_interface.read_tum_trajectory_file(exports / f"poses/{name}.tum")
+        assert read.timestamps.tolist() == [0, 0.5, 1]
+        np.testing.assert_allclose(
+            read.positions_xyz, [[0, 0, 1.5], [0.5, 0.2, 1.5], [-1.2, 0.5, 1.2]], atol=1e-12
+        )
+
+
+def test_cameras_of_a_job_are_a_rig(exports):
+    read = pycolmap.Reconstruction(exports / "colmap/sparse/0")
+    assert (len(read.rigs), len(read.frames), len(read.images), len(read.cameras)) == (1, 3, 6, 2)
+    assert {camera.model.name for camera in read.cameras.values()} == {"EQUIRECTANGULAR", "OPENCV_FISHEYE"}
+    assert len(read.points3D) > 100
+
+
+def test_the_cloud_has_classes_and_their_names(exports):
+    read = PlyData.read(exports / "ply/cloud.ply")
+    vertex = read["vertex"].data
+    label_of = {each.split()[2]: int(each.split()[1]) for each in read.comments if each.startswith("label")}
+    floor = vertex[vertex["label"] == label_of["Layout_Floor"]]
+    assert len(floor) > 50
+    np.testing.assert_allclose(floor["z"], 0, atol=0.002)
+    np.testing.assert_allclose(floor["nz"], 1, atol=1e-3)
+    (floor_class,) = np.unique(floor["class"])
+    assert f"class {floor_class} floor" in read.comments
+
+
+def test_flow_takes_the_tolerance_of_the_truths(exports):
+    given = json.loads((exports / "flow/flow/flow.json").read_text())
+    assert given["tolerance"] == {"abs_m": 0.03, "rel": 0.01}
+    assert given["to"]["pano-0"] == "pano-1"
+    assert given["to"]["pano-1.backward"] == "pano-0"
+    assert json.loads((exports / "depth_png/depth/depth.json").read_text())["kind"] == {
+        "lens": "ray",
+        "pano": "ray",
+    }
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("export: [kalibr]", "kalibr: cannot carry camera 'pano'"),
+        ("export: [{format: depth_png, scale: kitti}]", "scale: expected a preset of depth along the ray"),
+        ("export: [{format: flow, gap: 0}]", "gap: expected a whole number"),
+        ("truth: {flow: {wrap: around}}", "wrap: expected one of shortest, classic"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_before_a_capture(more, says, tmp_path):
+    """The source is one that nothing can be captured of: it is never opened."""
+    job = jobs.load(job_file(tmp_path, source="unreal://localhost:1", more=more))
+    with pytest.raises(ArgumentError, match=says):
+        jobs.make(job)
+    assert not job.out.exists()
