@@ -206,3 +206,39 @@ def test_a_writer_keeps_what_it_is_given(tmp_path):
     assert dataset.check(tmp_path / "d", deep=True) == []
     with pytest.raises(ArgumentError, match=re.escape("c.truth.json: expected finite, plain values")):
         dataset.Writer(tmp_path / "d", resume=True).add("c", shown, truth={"note": float("nan")})
+
+
+def test_the_keys_of_a_job(tmp_path):
+    """Flow is an export; what truths and formats share reaches those that take it."""
+    job = jobs.load(
+        job_file(
+            tmp_path,
+            more="truth: {boxes: true, bfov: false, amodal: off, layout: {source: scene},\n"
+            "  flow: {gap: 2}, tolerance: {abs_m: 0.05}}\n"
+            "export: [coco, {format: depth-png, out: metres, cameras: [pano]}]\n"
+            "shards: {format: webdataset, max_count: 2}\nseam: split\nmedia: {xmp: true}\n",
+        )
+    )
+    recipe = job.recipe
+    assert recipe.truth == {"layout": {"source": "scene", "tolerance": {"abs_m": 0.05}}, "boxes": {}}
+    assert [each.to_dict() for each in recipe.exports] == [
+        {"format": "coco", "out": "coco", "options": {"seam": "split"}, "cameras": []},
+        {"format": "depth_png", "out": "metres", "options": {}, "cameras": ["pano"]},
+        {"format": "flow", "out": "flow", "options": {"tolerance": {"abs_m": 0.05}, "gap": 2}, "cameras": []},
+        {"format": "webdataset", "out": "webdataset", "options": {"max_count": 2}, "cameras": []},
+    ]
+    assert recipe.media == {"xmp": True}
+    assert recipe.kinds(job.modes) >= {"layout", "truth", "classes", "labels", "depth_error", "image"}
+
+
+def test_truths_that_capture_make_the_same_bytes_beside_other_images(tmp_path):
+    """They hide objects of the source that images are captured from; records of all kinds pass the check."""
+    more = "truth: {boxes: true, boxes3d: true, bfov: true, amodal: masks, layout: true}\n"
+    job = jobs.load(job_file(tmp_path, more=more))
+    for workers in (1, 3):
+        jobs.make(replace(job, out=tmp_path / f"{workers}"), workers=workers)
+    assert tree(tmp_path / "1") == tree(tmp_path / "3")
+    assert dataset.check(tmp_path / "1", deep=True) == []
+    frame = dataset.open(tmp_path / "1")[-1]
+    assert set(frame.truth) == {"boxes", "boxes3d", "bfov", "amodal"}
+    assert frame.layout["source"] == "scene"

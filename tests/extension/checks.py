@@ -182,7 +182,7 @@ def test_a_truth_and_a_format_through_a_dataset(tmp_path):
             "model: noncentral-panorama, radius: 1",
             "table: cannot carry camera 'broom': its pixels",
         ),
-        ("truth: {brightness", "media: {}\nlayout: {brightness", "table: expected frames with truth"),
+        ("{brightness: {scale: 0.5}}", "{brightness: false}", "table: expected frames with truth"),
         (
             "modes: [lit, object_mask, depth]",
             "modes: [lit, depth]",
