@@ -52,7 +52,7 @@ class FitOptions(options.Options):
 
     source: str = Argument(help="A calibration file, or a model, with --size and --param.")
     model: str = Argument(help="The model that is wanted.")
-    name: str | None = Option(None, help="The camera of a file that holds several; the name in --out.")
+    name: str | None = Option(None, help="The camera of a file that holds several.")
     size: str = Option("1024x1024", help="Width x height of the image of a model, px.")
     fov: float | None = Option(None, help="Full field of view of a model, degrees.")
     param: list[str] = Option([], help="A parameter of a model such as alpha=0.6; repeatable.")
@@ -75,7 +75,7 @@ def fit(given: FitOptions) -> None:
 
     found = fit(_source(given), given.model)
     if given.out is not None:
-        name = given.name or ("1" if given.format == "colmap" else "cam0")
+        name = "1" if given.format == "colmap" else given.name or "cam0"
         save(given.out, {name: found.camera}, given.format)
     if given.as_json:
         console.document(json.dumps(_as_json(found), indent=2))

@@ -66,30 +66,43 @@ def _groups(tasks: Sequence[Task]) -> list[list[int]]:
 def _cheapest(tasks: list[Task], modes: Sequence[str]) -> tuple[list[Task], list[Wanted]]:
     """Tasks at one centre, as they are or with the faces of one cube map, whichever takes less; what each
     of them needs."""
+    shared = tasks
+    if tasks[0].rays.camera.central:
+        # As if captures were new: else what a recording lacks would decide, and not as when it was made.
+        shared = _with_one_cube(tasks, _sharing([replace(task, recorded=None) for task in tasks], modes))
+    wanted = [_requests(task, modes) for task in shared]
+    if shared is not tasks and not all(map(_available, shared, wanted)):
+        return tasks, [_requests(task, modes) for task in tasks]
+    return shared, wanted
+
+
+def _sharing(tasks: Sequence[Task], modes: Sequence[str]) -> list[bool]:
+    """Which of the tasks at one centre share a cube map."""
     own = [_requests(task, modes) for task in tasks]
-    if not tasks[0].rays.camera.central:
-        return tasks, own
     # A narrow camera that one view holds may need finer faces than all others.
     wide = [len({request.view for request in each}) > 1 for each in own]
-    best, least = (tasks, own), _work(own)
+    best, least = [False] * len(tasks), _work(own)
     for sharing in ([True] * len(tasks), wide):
-        if sum(sharing) < 2:
-            continue
-        shared = _with_one_cube(tasks, sharing)
-        wanted = [_requests(new, modes) if new is not old else old_requests
-                  for new, old, old_requests in zip(shared, tasks, own, strict=True)]  # fmt: skip
-        if (work := _work(wanted)) < least:
-            best, least = (shared, wanted), work
+        if sum(sharing) > 1:
+            work = _work([_requests(task, modes) for task in _with_one_cube(tasks, sharing)])
+            if work < least:
+                best, least = sharing, work
     return best
 
 
+def _available(task: Task, wanted: Wanted) -> bool:
+    return task.available([request.view for request in wanted])
+
+
 def _with_one_cube(tasks: Sequence[Task], sharing: Sequence[bool]) -> list[Task]:
-    edge = max(task.edge for task, shares in zip(tasks, sharing, strict=True) if shares)
-    found = []
-    for task, shares in zip(tasks, sharing, strict=True):
-        strategy = "faces" if task.options.strategy == "auto" else task.options.strategy
-        options = replace(task.options, strategy=strategy, face_size=edge)
-        found.append(replace(task, options=options) if shares and options != task.options else task)
+    """The tasks, with options by which some of them take the faces of one cube map."""
+    edge = max((task.edge for task, shares in zip(tasks, sharing, strict=True) if shares), default=0)
+    found = list(tasks)
+    for i, task in enumerate(tasks):
+        if sharing[i]:
+            strategy = "faces" if task.options.strategy == "auto" else task.options.strategy
+            options = replace(task.options, strategy=strategy, face_size=edge)
+            found[i] = replace(task, options=options)
     return found
 
 

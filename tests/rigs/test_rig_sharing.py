@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,9 +80,7 @@ def test_the_finest_camera_decides_on_the_faces_that_all_share(source: Counting)
 def test_narrow_cameras_keep_views_of_their_own(source: Counting) -> None:
     """Two of a wide rig look through long lenses: one cube map as fine as these would be hundreds of times
     larger than a view of each."""
-    narrow = cameras.create("pinhole", width=64, height=48, fov_deg=2)
-    rig = Rig({**ROUND.cameras, "a": RigCamera(narrow), "b": RigCamera.turned(narrow, yaw_deg=90)})
-    omniscv.render_rig(rig, Pose.from_angles((0, 0, 1.5)), source)
+    omniscv.render_rig(RIGS["both"], Pose.from_angles((0, 0, 1.5)), source)
     assert set(source.counts.values()) == {1}
     assert len(source.counts) == 6 + 2
 
@@ -107,3 +106,25 @@ def test_what_is_no_rig_is_refused(source: Counting) -> None:
         omniscv.render_rig({"a": SPHERE}, Pose.from_angles((0, 0, 1.5)), source)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="options: expected some of"):
         omniscv.render_rig(ROUND, Pose.from_angles((0, 0, 1.5)), source, size=3)  # type: ignore[call-arg]
+
+
+NARROW = cameras.create("pinhole", width=64, height=48, fov_deg=2)
+RIGS = {
+    "wide": ROUND,
+    "both": Rig({**ROUND.cameras, "a": RigCamera(NARROW), "b": RigCamera.turned(NARROW, yaw_deg=90)}),
+    "narrow": Rig({"a": RigCamera(NARROW), "b": RigCamera.turned(NARROW, yaw_deg=90)}),
+}
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_recording_of_a_rig_replays_to_the_same_images(name: str, tmp_path: Path) -> None:
+    """What is shared is decided again, by what the recording holds, and comes out the same."""
+    pose, path = Pose.from_angles((0.3, 0.2, 1.5), yaw_deg=20), tmp_path / "room.sqlite"
+    with omniscv.open_source("scene://four-wall") as scene, omniscv.record(scene, path) as recording:
+        live = omniscv.render_rig(RIGS[name], pose, recording, ("lit", "depth"))
+    with omniscv.open_source(path) as recorded, Counting(recorded) as replay:
+        again = omniscv.render_rig(RIGS[name], pose, replay, ("lit", "depth"))
+        assert len(replay.counts) == 2 * len(recorded.recorded_views() or ())
+    for camera, image in live.items():
+        np.testing.assert_array_equal(image.lit, again[camera].lit)
+        np.testing.assert_array_equal(image.depth, again[camera].depth)
