@@ -79,9 +79,9 @@ class Distortion:
 
         if np.isfinite(end) and within(end):
             return end
-        low, high = 0.0, end if np.isfinite(end) else beyond
-        while within(high) and high < 1e100:
-            low, high = high, 2 * high
+        low, high = 0.0, min(end, beyond)
+        while within(high) and high < min(end, 1e100):
+            low, high = high, min(2 * high, end)
         for _ in range(100):
             if self._radial(np.array(low)) >= 0.9 * beyond:
                 break

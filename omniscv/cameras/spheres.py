@@ -9,8 +9,10 @@ from omniscv.arguments import number, numbers
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.lens import FocalLens
-from omniscv.cameras.radial import BEFORE_TURN, Meridian
+from omniscv.cameras.radial import BEFORE_TURN, ROUNDING, Meridian
 from omniscv.cameras.registry import register
+
+_NO_DIRECTION = 1e-300  # of the way from the second sphere's centre, which is on the first one for xi = 1
 
 
 @register
@@ -44,10 +46,12 @@ class DoubleSphere(FocalLens):
     ) -> None:
         super().__init__(width, height)
         self.xi, self.alpha = number("xi", xi, above=-1, most=1), number("alpha", alpha, least=0, most=1)
-        w, s, self._fold = _second_limit(self.alpha)
-        t = _to_first_sphere(np.array(np.sqrt(s)), np.array(-w), self.xi)
-        self._theta_end = float(np.arctan2(t * np.sqrt(s), -t * w - self.xi))
+        self._w, s, self._fold = _second_limit(self.alpha)
+        t = _to_first_sphere(np.array(np.sqrt(s)), np.array(-self._w), self.xi)
+        self._theta_end = float(np.arctan2(t * np.sqrt(s), -t * self._w - self.xi))
         self._r_end = self._fold or np.inf
+        if self.xi == 1 and self.alpha > 0:  # seen from its own surface, the first sphere fills a half space
+            self._r_end = float(np.nextafter(1 / self.alpha, 0))
         self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
@@ -61,7 +65,10 @@ class DoubleSphere(FocalLens):
 
     def _radius(self, across: Array, along: Array) -> Array:
         k = _sum(self.xi, across, along)
-        return _over(across, self.alpha * np.hypot(across, k) + (1 - self.alpha) * k)
+        d = np.hypot(across, k)
+        # The angle alone does not tell the end from straight back where xi is next to 1.
+        r = _over(across, self.alpha * d + (1 - self.alpha) * k)
+        return np.where((k >= -(self._w + ROUNDING) * d) & (d > _NO_DIRECTION), r, np.nan)
 
 
 @register
@@ -95,8 +102,8 @@ class ExtendedUnified(FocalLens):
         super().__init__(width, height)
         self.alpha, self.beta = number("alpha", alpha, least=0, most=1), number("beta", beta, above=0)
         self._stretch = float(np.sqrt(self.beta))
-        w, s, self._fold = _second_limit(self.alpha)
-        self._theta_end = float(np.arctan2(np.sqrt(s), -w * self._stretch))
+        self._w, s, self._fold = _second_limit(self.alpha)
+        self._theta_end = float(np.arctan2(np.sqrt(s), -self._w * self._stretch))
         self._r_end = self._fold / self._stretch if self._fold else np.inf
         self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
 
@@ -111,7 +118,9 @@ class ExtendedUnified(FocalLens):
 
     def _radius(self, across: Array, along: Array) -> Array:
         d = np.hypot(self._stretch * across, along)
-        return _over(across, self.alpha * d + (1 - self.alpha) * along)
+        # The angle alone does not tell the end from straight back where beta is huge.
+        r = _over(across, self.alpha * d + (1 - self.alpha) * along)
+        return np.where(along >= -(self._w + ROUNDING) * d, r, np.nan)
 
 
 @register
@@ -235,11 +244,13 @@ def _second_limit(alpha: float) -> tuple[float, float, float]:
 
 def _height(r: Array, alpha: float, fold: float) -> Array:
     """z over n of the ray at radius r."""
-    if fold:
+    if not fold:
+        root = np.sqrt(1 + (1 - 2 * alpha) * r * r)
+    else:
         part = np.minimum(r / fold, 1.0)
         root = np.sqrt((1 - part) * (1 + part))
-    else:
-        root = np.sqrt(1 + (1 - 2 * alpha) * r * r)
+    if alpha > 0.75:  # the same as below, without a difference of like numbers where alpha is near 1
+        return np.asarray((alpha * root - (1 - alpha)) / (2 * alpha - 1))
     return np.asarray((1 - alpha * r) * (1 + alpha * r) / (alpha * root + 1 - alpha))
 
 

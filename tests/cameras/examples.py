@@ -99,7 +99,7 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**LONG, "fx": 20.0, "fy": 21.0, "xi": 0.9, "alpha": 0.65, "skew": -0.01},
         {**LONG, "fx": 8.0, "fy": 8.0, "xi": -0.9, "alpha": 0.5},
         {**ROUND, "fx": 12.0, "fy": 12.0, "xi": 1.0, "alpha": 0.0},
-        {**ROUND, "fx": 28.0, "fy": 28.0, "xi": 0.3, "alpha": 1.0},
+        {**ROUND, "fx": 25.0, "fy": 25.0, "xi": 1.0, "alpha": 0.9},
     ],
     "extended-unified": [
         {**LONG, "fx": 20.0, "fy": 21.0, "alpha": 0.3, "beta": 3.0, "skew": 0.01},
