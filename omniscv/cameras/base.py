@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial, wraps
 from typing import Any, ClassVar, Self
@@ -43,7 +43,7 @@ from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Parameter = float | str | Sequence[float] | Array | None
+Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """What a constructor argument of a model may be."""
 
 _FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
