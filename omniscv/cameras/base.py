@@ -107,9 +107,7 @@ class Camera(ABC):
     name: ClassVar[str]
     central: ClassVar[bool] = True
     typical: ClassVar[dict[str, Any]] = {}
-    typical_pitch_deg: ClassVar[float] = (
-        0.0  # 90: mirrors hang above the camera; -90: plans are seen from above
-    )
+    typical_pitch_deg: ClassVar[float] = 0.0  # 90: mirrors hang above cameras; -90: plans
     _farthest_off: ClassVar[float] = 1.0  # between unit vectors: a point and the ray of its pixel
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
