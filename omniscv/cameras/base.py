@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial, wraps
 from typing import Any, ClassVar, Self
@@ -44,7 +44,7 @@ from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Parameter = float | str | Sequence[float] | Array | None
+Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """What a constructor argument of a model may be."""
 
 _FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
@@ -110,9 +110,7 @@ class Camera(ABC):
     name: ClassVar[str]
     central: ClassVar[bool] = True
     typical: ClassVar[dict[str, Any]] = {}
-    typical_pitch_deg: ClassVar[float] = (
-        0.0  # 90: mirrors hang above the camera; -90: plans are seen from above
-    )
+    typical_pitch_deg: ClassVar[float] = 0.0  # 90: mirrors hang above cameras; -90: plans
     _farthest_off: ClassVar[float] = 1.0  # between unit vectors: a point and the ray of its pixel
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:

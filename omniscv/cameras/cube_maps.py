@@ -7,11 +7,9 @@ right, back and left stand upright; the lower edge of ``up`` and the upper edge 
 from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from numba import njit
 
 from omniscv.arguments import one_of, whole_number
 from omniscv.cameras.base import Array, CentralCamera, Mask
-from omniscv.cameras.radial import ROUNDING
 from omniscv.cameras.registry import register
 
 Layout = Literal["strip", "3x2", "cross", "dice"]
@@ -36,11 +34,8 @@ _AXES = np.array([
     [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
     [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
 ], dtype=np.float64)  # fmt: skip
-_TURN = np.array(
-    [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-)  # a quarter turn clockwise in the image
-_INSIDE = 2e-15
-"""What keeps a ray off a face's edge, that it be seen in the slot of its own pixel; of the face's half."""
+# A quarter turn clockwise in the image.
+_TURN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class CubeLayout(CentralCamera):
@@ -70,10 +65,12 @@ class CubeLayout(CentralCamera):
         return cls(width, max(1, 3 * width // 4), layout="dice")
 
     def _directions(self, pixels: Array) -> tuple[Array, Mask]:
+        from omniscv.cameras.cube_kernel import cast  # slow to load
+
         flat = pixels.reshape(-1, 2)
         rays, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
         grid = self._grid, self._slot_px, self.padding_px, self._equiangular
-        _cast(flat, *grid, self._face, self._slot_axes, rays, valid)
+        cast(flat, *grid, self._face, self._slot_axes, rays, valid)
         return rays.reshape(*pixels.shape[:-1], 3), valid.reshape(pixels.shape[:-1])
 
     def _project(self, points: Array) -> tuple[Array, bool]:
@@ -135,30 +132,3 @@ class EquiangularCube(CubeLayout):
 
     def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
         super().__init__(width, height, layout, padding_px)
-
-
-@njit(cache=True, nogil=True)
-def _cast(
-    pixels: Any, grid: Any, slot_px: Any, padding: int, equiangular: bool,
-    face: Any, axes: Any, rays: Any, valid: Any,
-) -> None:  # fmt: skip
-    """Write the unit rays (N, 3) of pixels (N, 2), and which lie in a slot with a face."""
-    row_px, edge = slot_px[1] + 2 * padding, 1 - _INSIDE
-    a = np.empty(2)
-    for i in range(pixels.shape[0]):
-        row = min(max(np.floor(pixels[i, 1] / row_px), 0), grid[1] - 1)
-        a[0], a[1] = pixels[i, 0] - padding, pixels[i, 1] - row * row_px - padding
-        column = min(max(np.floor(a[0] / slot_px[0]), 0), grid[0] - 1)
-        a[0] -= column * slot_px[0]
-        for k in range(2):
-            a[k] = 2 * a[k] / slot_px[k] - 1
-            # Beyond a face's edges, in the padding, its plane goes on.
-            if not (padding > 0 and abs(a[k]) > 1 + ROUNDING):
-                a[k] = min(max(a[k], -edge), edge)
-            if equiangular:
-                a[k] = np.tan(np.pi / 4 * a[k])
-        z = 1 / np.sqrt(1 + a[0] * a[0] + a[1] * a[1])
-        slot = int(row * grid[0] + column)
-        valid[i] = face[slot] >= 0
-        for k in range(3):
-            rays[i, k] = z * (axes[slot, k, 0] * a[0] + axes[slot, k, 1] * a[1] + axes[slot, k, 2])

@@ -20,7 +20,8 @@ def error_px(image):
     shown = 2 * image.lit.astype(np.float64) - 1
     wanted = rays.directions @ image.pose.R_w_c.T
     apart = np.linalg.norm(shown / np.linalg.norm(shown, axis=-1, keepdims=True) - wanted, axis=-1)
-    return (apart / densities.steps(rays.directions))[valid & np.isfinite(densities.steps(rays.directions))]
+    steps = densities.steps(rays.directions, rays.origins)
+    return (apart / steps)[valid & np.isfinite(steps)]
 
 
 @pytest.fixture(scope="module")

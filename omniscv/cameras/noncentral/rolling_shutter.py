@@ -73,7 +73,8 @@ class RollingShutter(Camera):
             "angular_velocity_deg: the turn in degrees while the image is read", turn_deg, most=_MOST_TURN_DEG
         )
         self._turn = np.radians(turn_deg)
-        self._turn_axis = self.angular_velocity_deg * (self.readout / turn_deg if turn_deg else 0.0)
+        x, y, z = self.angular_velocity_deg * (self.readout / turn_deg if turn_deg else 0.0)
+        self._cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # the axis, crossed with
         self._axis = 1 if self.scan in ("top-to-bottom", "bottom-to-top") else 0
         self._backward = self.scan in ("bottom-to-top", "right-to-left")
         self._lines = self.height if self._axis == 1 else self.width
@@ -152,9 +153,12 @@ class RollingShutter(Camera):
         """Vectors (..., 3) of the moving camera in the frame of the first line (Rodrigues' formula)."""
         if not self._turn:
             return vectors
-        angle, axis = (part * self._turn)[..., None], self._turn_axis
-        along = (vectors @ axis)[..., None] * axis
-        turned: Array = along + np.cos(angle) * (vectors - along) + np.sin(angle) * np.cross(axis, vectors)
+        angle = (part * self._turn)[..., None]
+        across = vectors @ self._cross.T
+        turned: Array = across @ self._cross.T
+        turned *= 2 * np.sin(angle / 2) ** 2
+        turned += vectors
+        turned += np.sin(angle) * across
         return turned
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
