@@ -16,11 +16,15 @@ from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
     from omniscv.geometry import Pose
+from omniscv.geometry.motion import rotation_vector
+from omniscv.geometry.trajectory import Trajectory
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 _MOST_TURN_DEG = 90.0
 _INTERVALS = 16
 """Of the read-out, in each of which a point is looked for once."""
+_FINER = 16
+_NEAR = 4.0  # intervals: what a line may go on and turn back within one
 _MOST_STEPS = 60
 _CONVERGED = 1e-14
 """Of the image: how far a point's line may be from the line that is read, to end the search."""
@@ -94,8 +98,6 @@ class RollingShutter(Camera):
             start, end: of the base, world frame.
             scan: where the first line is.
         """
-        from omniscv.geometry.motion import rotation_vector  # loads scipy, which nothing else here needs
-
         readout = number("readout", readout, above=0)
         velocity = start.R_w_c.T @ (end.t_w_c - start.t_w_c) / readout
         angular_velocity_deg = np.degrees(rotation_vector(start, end)) / readout
@@ -125,8 +127,6 @@ class RollingShutter(Camera):
         Raises:
             ArgumentError: the trajectory does not last from the first line to the last.
         """
-        from omniscv.geometry.trajectory import Trajectory
-
         known = numbers("times", times, (len(poses),))
         trajectory = Trajectory(tuple(poses), tuple(known.tolist()))
         start, end = (trajectory.at(time) for time in (at, at + readout))
@@ -193,11 +193,23 @@ class RollingShutter(Camera):
 
     def _part_seeing(self, points: Array) -> Array:
         """(N,) the first part of the read-out whose line sees points (N, 3); NaN if none is found."""
+        found, near = self._searched(points, _INTERVALS)
+        # A line that comes up to a point and turns back sees it twice, perhaps within one interval.
+        twice = np.flatnonzero(near & np.isnan(found))
+        if len(twice):
+            found[twice], _ = self._searched(points[twice], _FINER * _INTERVALS)
+        return found
+
+    def _searched(self, points: Array, intervals: int) -> tuple[Array, Mask]:
+        """(N,) the first part whose line sees points, looked for in so many intervals of the read-out; NaN if
+        none is found; and whether a line was at some time within a few intervals of the point."""
         found = np.full(len(points), np.nan)
         before = self._late(points, np.zeros(len(points)))
-        for k in range(_INTERVALS):
-            low, high = k / _INTERVALS, (k + 1) / _INTERVALS
+        near = np.abs(before) <= _NEAR / intervals
+        for k in range(intervals):
+            low, high = k / intervals, (k + 1) / intervals
             after = self._late(points, np.full(len(points), high))
+            near |= np.abs(after) <= _NEAR / intervals
             # Where the base sees the point at one end only, it may be seen up to the border in between.
             meets = (before >= -_CONVERGED) & (after <= _CONVERGED) | (before <= 0) & (after >= 0)
             meets |= np.isnan(before) & (after <= _CONVERGED) | np.isnan(after) & (before >= -_CONVERGED)
@@ -208,7 +220,7 @@ class RollingShutter(Camera):
                 seen = valid & (np.abs(self._part(pixels) - root) <= _MEETS)
                 found[rows] = np.where(seen, root, np.nan)
             before = after
-        return found
+        return found, near
 
     def _root(self, points: Array, ends: tuple[float, float], late: tuple[Array, Array]) -> Array:
         """(N,) where points' lines are met between two parts of the read-out.
