@@ -1,7 +1,8 @@
 """Perspective views of a scene: the ray of every pixel, traced."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,18 +17,23 @@ class ViewHits:
     """A perspective view in every mode.
 
     Attributes:
-        color: (H, W, 3) uint8, ``round(255 c)``.
         label: (H, W) uint16.
         depth: (H, W) float64, planar metres, +inf for the sky.
         distance: (H, W) float64, metres along the ray.
         normal: (H, W, 3) float64, world frame, 0 for the sky.
+        paint: computes the colours, (H, W, 3) 0..1.
     """
 
-    color: NDArray[np.uint8]
     label: NDArray[np.uint16]
     depth: Array
     distance: Array
     normal: Array
+    paint: Callable[[], Array]
+
+    @cached_property
+    def color(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8, ``round(255 c)``; computed when first used."""
+        return np.round(255 * np.clip(self.paint(), 0, 1)).astype(np.uint8)
 
 
 def pinhole_rays(
@@ -70,5 +76,4 @@ def render_view(
     """
     directions, length = pinhole_rays(np.asarray(R_w_c, dtype=np.float64), fov_deg, width, height)
     hits = scene.trace(t_w_c, directions, hidden)
-    color = np.round(255 * np.clip(hits.color, 0, 1)).astype(np.uint8)
-    return ViewHits(color, hits.label, hits.distance / length, hits.distance, hits.normal)
+    return ViewHits(hits.label, hits.distance / length, hits.distance, hits.normal, hits.paint)

@@ -8,9 +8,10 @@ from __future__ import annotations
 import copy
 import hashlib
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -44,16 +45,21 @@ class Hits:
     """The first surfaces that rays hit.
 
     Attributes:
-        color: (..., 3) float64, 0..1; the sky's where nothing is hit.
         label: (...) uint16, 1 + rank of the object's name in sorted order; 0 for the sky.
         distance: (...) float64, metres along the unit direction; +inf for the sky.
         normal: (..., 3) float64, unit, towards the ray's side of the surface; 0 for the sky.
+        paint: computes ``color``.
     """
 
-    color: Array
     label: NDArray[np.uint16]
     distance: Array
     normal: Array
+    paint: Callable[[], Array] = field(repr=False)
+
+    @cached_property
+    def color(self) -> Array:
+        """(..., 3) float64, 0..1; the sky's where nothing is hit. Computed when first used."""
+        return self.paint()
 
 
 class Scene:
@@ -192,29 +198,37 @@ class Scene:
         o, d = (np.array(np.broadcast_to(each, shape), order="C").reshape(-1, 3) for each in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
         solids, count = np.ascontiguousarray(self.solids[kept]), len(d)
-        color, normal = np.empty((count, 3)), np.zeros((count, 3))
-        distance, label = np.full(count, np.inf), np.zeros(count, dtype=np.uint16)
+        distance, normal, row = np.full(count, np.inf), np.zeros((count, 3)), np.full(count, -1, np.int64)
 
-        def chunk(start: int) -> None:
-            part = slice(start, start + _CHUNK)
-            row = np.full(len(d[part]), -1, dtype=np.int64)
-            nearest_hits(o[part], d[part], solids, distance[part], row, normal[part])
-            row = np.where(row < 0, -1, kept[row] if kept.size else -1)
-            label[part] = self._labels[row + 1]
-            color[part] = self._color(o[part], d[part], distance[part], row, normal[part])
+        def chunk(part: slice) -> None:
+            nearest_hits(o[part], d[part], solids, distance[part], row[part], normal[part])
 
-        # Threads of this call alone: a pool kept between calls would hang in a forked process.
-        starts = range(0, count, _CHUNK)
-        if len(starts) > 1:
-            with ThreadPoolExecutor(_THREADS) as pool:
-                list(pool.map(chunk, starts))
-        else:
-            for start in starts:
-                chunk(start)
+        _by_chunks(chunk, count)
+        if kept.size:
+            row = np.where(row < 0, -1, kept[row])
         outer = shape[:-1]
+        given = np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3)
+        paint = partial(self._painted, given, d, distance, row, normal, shape)
         return Hits(
-            color.reshape(shape), label.reshape(outer), distance.reshape(outer), normal.reshape(shape)
+            self._labels[row + 1].reshape(outer), distance.reshape(outer), normal.reshape(shape), paint
         )
+
+    def _painted(
+        self,
+        o: Array,
+        d: Array,
+        distance: Array,
+        row: NDArray[np.int64],
+        normal: Array,
+        shape: tuple[int, ...],
+    ) -> Array:
+        color = np.empty((len(d), 3))
+
+        def chunk(part: slice) -> None:
+            color[part] = self._color(o[part], d[part], distance[part], row[part], normal[part])
+
+        _by_chunks(chunk, len(d))
+        return color.reshape(shape)
 
     def _color(self, o: Array, d: Array, distance: Array, row: NDArray[np.int64], normal: Array) -> Array:
         color = np.empty_like(d)
@@ -226,6 +240,17 @@ class Scene:
             points = o[mine] + distance[mine, None] * d[mine]
             color[mine] = textures.paint(self._textures[index], points, normal[mine])
         return color
+
+
+def _by_chunks(work: Callable[[slice], None], count: int) -> None:
+    """Call a function with the parts of a range, on several cores."""
+    parts = [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
+    if len(parts) == 1:
+        work(parts[0])
+        return
+    # Threads of this call alone: a pool kept between calls would hang in a forked process.
+    with ThreadPoolExecutor(_THREADS) as pool:
+        list(pool.map(work, parts))
 
 
 def load_scene(name_or_path: str | Path) -> Scene:

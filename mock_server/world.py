@@ -26,6 +26,7 @@ Pose = tuple[Triple, Triple]
 
 _MIDDLE_GREY = 0.5
 _KEPT_VIEWS = 8
+_KEPT_PIXELS = 1 << 23  # of 80 bytes
 _MOST_PIXELS = 1 << 24
 _STEEPEST_DEG = 89.9
 """The largest pitch and roll that the engine's controller accepts, degrees."""
@@ -190,7 +191,7 @@ class World:
         view = self._traced(camera, frozenset(hidden))
         if self._missing is not None:
             rest = self._traced(camera, frozenset({*hidden, self._missing}))
-            view = dataclasses.replace(rest, color=view.color, normal=view.normal)
+            view = dataclasses.replace(rest, paint=view.paint, normal=view.normal)
         if self._dome_radius < math.inf and not self._dome.hidden:
             view = _domed(view, camera, self._dome_radius, len(self._actors) + 1)
         return view
@@ -248,7 +249,7 @@ class World:
             self._views[key] = render_view(self.placed(), *pose, camera.fov_h_deg(), *camera.size, hidden)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
-            len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _MOST_PIXELS
+            len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _KEPT_PIXELS
         ):
             self._views.popitem(last=False)
         return self._views[key]

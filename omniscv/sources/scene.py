@@ -26,7 +26,7 @@ from omniscv.sources.base import (
 from omniscv.sources.registry import split_address
 
 if TYPE_CHECKING:
-    from mock_server import Scene
+    from mock_server import Hits, Scene
 
 Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
@@ -99,7 +99,9 @@ class SceneSource(Source):
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
             pixels, where = self._traced(request.view)
-            image = pixels[request.mode]
+            image = (
+                pixels[request.mode] if request.mode in pixels else self._lit_of(self._hits(request.view)[0])
+            )
             if where is not None:
                 image = _spread(image, where, self._beyond[request.mode])
             yield Capture(request, request.view, image, provenance)
@@ -127,23 +129,33 @@ class SceneSource(Source):
 
     def _trace(self, view: View) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_] | None]:
         """By mode, the pixels (H, W, ...) of a view; where objects are hidden, only those (N, ...) that may
-        show another, and which these are."""
-        from mock_server.render import pinhole_rays
-
-        where = None if not self._hidden or self.scene.sky is None else self._reached(view)
-        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
-        hits = self.scene.trace(view.pose.position, rays, self._hidden)
+        show another, without colours, which are hardly ever wanted then, and which these are."""
+        hits, lengths, where = self._hits(view)
         self.made += 1
-        lit = hits.color if self._lit == "float32" else np.round(255 * np.clip(hits.color, 0, 1))
         pixels: dict[str, NDArray[Any]] = {
-            "lit": lit.astype(self._lit),
             "object_mask": self._shown[hits.label],
             "depth": (hits.distance / lengths).astype(np.float32),
             "normals": hits.normal.astype(np.float32),
         }
+        if not self._hidden:
+            pixels["lit"] = self._lit_of(hits)
         for array in pixels.values():
             array.flags.writeable = False
         return pixels, where
+
+    def _hits(self, view: View) -> tuple[Hits, NDArray[np.float64], NDArray[np.bool_] | None]:
+        """What the pixels' rays hit, the rays' lengths per metre of depth, and (H, W) which pixels these are;
+        None: all."""
+        from mock_server.render import pinhole_rays
+
+        where = None if not self._hidden or self.scene.sky is None else self._reached(view)
+        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
+        return self.scene.trace(view.pose.position, rays, self._hidden), lengths, where
+
+    def _lit_of(self, hits: Hits) -> NDArray[Any]:
+        """Colours as captures have them."""
+        lit = hits.color if self._lit == "float32" else np.round(255 * np.clip(hits.color, 0, 1))
+        return lit.astype(self._lit)
 
     @cached_property
     def _beyond(self) -> dict[str, Any]:
