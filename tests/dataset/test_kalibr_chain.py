@@ -41,7 +41,7 @@ def w2c(pose):
 
 
 def kalibr_pixel(entry, points):
-    """Where Kalibr's pinhole, with equidistant distortion or none, sees points; pixel 0 has its centre at 0."""
+    """Where Kalibr's pinhole, with equidistant distortion or none, sees points; pixel 0 is centred at 0."""
     x, y, z = points.T
     fu, fv, pu, pv = entry["intrinsics"]
     r = np.hypot(x, y)
