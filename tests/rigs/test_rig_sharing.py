@@ -94,7 +94,7 @@ def test_cameras_apart_share_nothing(source: Counting) -> None:
 
 def test_noncentral_cameras_at_one_place_share_what_they_both_need(source: Counting) -> None:
     """Two that differ in nothing but their name need the same narrow views."""
-    panorama = cameras.create("noncentral-panorama", width=32, height=16, radius=0.3)
+    panorama = cameras.create("noncentral-panorama", width=12, height=6, radius=0.3)
     rig = Rig({"one": RigCamera(panorama), "other": RigCamera(panorama)})
     images = omniscv.render_rig(rig, Pose.from_angles((0, 0, 1.5)), source)
     assert set(source.counts.values()) == {1}
