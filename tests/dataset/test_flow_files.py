@@ -200,7 +200,7 @@ def test_a_dataset_of_a_world_in_which_an_object_moves(tmp_path):
             with float_source(world) as source:
                 image = render(camera, pose, source, modes=("depth", "object_mask"))
             writer.add(f"pano-{i}", image, time=float(i), truth={"poses": {"Chair_1": chair[i].to_dict()}})
-    dataset.export(tmp_path / "out", to="flow", into=tmp_path / "to", scene=True)
+    dataset.export(tmp_path / "out", to="flow", out=tmp_path / "to", scene=True)
 
     directions_w = camera.unproject().directions @ POSES[0].rotation.T
     hits = SCENE.trace(POSES[0].position, directions_w)
