@@ -140,4 +140,6 @@ class CameraRays:
 def unproject(camera: Camera, pixels: Array) -> Rays:
     """The rays of (H, W, 2) pixels, computed in blocks of rows on all cores."""
     parts = blocks(lambda rows: camera.unproject(pixels[rows]), len(pixels), pixels[..., 0].size)
-    return Rays(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("origins", "directions", "valid")))
+    whole = (np.concatenate([getattr(p, f) for p in parts]) for f in ("origins", "directions", "valid"))
+    # Row-major, whatever the parts were: they are looked up by flat indices again and again.
+    return Rays(*map(np.ascontiguousarray, whole))

@@ -39,7 +39,7 @@ WRONG = [
     ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
     ("poses", POSE.format("true"), "poses[0].yaw_deg: expected a finite number, got True"),
     ("poses", "[{position: [0, 0, 1e300]}]", "position: expected numbers within 1e+09 of the origin"),
-    ("poses", "[{place: [0, 0, 1]}]", "poses[0]: expected fields among position"),
+    ("poses", "[{placed: [0, 0, 1]}]", "poses[0]: expected fields among position"),
     ("poses", "[" * 100_000, "at most 32 levels of nesting"),
     ("poses", "[" + "{position: [0, 0, 1]}, " * 30_000 + "]", "at most 100000 values"),
     ("modes", "[[lit]]", "modes[0]: expected a text"),

@@ -52,10 +52,10 @@ class RecordedSource(Source):
         self._along: dict[tuple[Any, ...], list[View]] = defaultdict(list)
         for view in self._modes:
             self._along[_axis_key(view)].append(view)
-        # Planned as on the server that was recorded: no job that it holds has a view with a shorter side.
-        shortest = min((min(view.width, view.height) for view in self._modes), default=1)
+        # Planned as on the server that was recorded: it may have made no view higher than wide.
+        tall = any(view.height > view.width for view in self._modes)
         self._capabilities = Capabilities(
-            modes=frozenset().union(*modes.values()), min_size=shortest, dialect="recording"
+            modes=frozenset().union(*modes.values()), can_set_tall=tall, dialect="recording"
         )
 
     @property
