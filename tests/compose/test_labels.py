@@ -16,7 +16,7 @@ from omniscv.sources.base import ObjectTable
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 SOURCE = float_source(load_scene("four-wall"))
 SMALL = cameras_at(64)
-# Of images below 200 px adaptive depth at few centres is too coarse for parallel rays: docs/moving-cameras.md.
+# Below 200 px few centres are captured for parallel rays, and edges are blurred: docs/moving-cameras.md.
 LARGER = {**cameras_at(128), "orthographic": cameras_at(256)["orthographic"]}
 
 
