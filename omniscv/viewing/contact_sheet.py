@@ -37,7 +37,7 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     farthest = _farthest(images.values())
     heights = [max(image.camera.height / image.camera.width for _, image in row) for row in rows]
     cell_in = _WIDTH_IN / _MODELS_PER_ROW / 3
-    height_in = sum(heights) * cell_in + 0.42 * len(rows) + 2.1
+    height_in = sum(heights) * cell_in + 0.42 * len(rows) + 2.3
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, facecolor=_PAPER)
     figure.text(0.012, 1 - 0.42 / (height_in), title, size=19, weight="bold", color=_INK, va="center")
     grid = figure.add_gridspec(
@@ -47,7 +47,7 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
         height_ratios=[h * cell_in + 0.42 for h in heights],
         left=0.008,
         right=0.992,
-        top=1 - 0.75 / (height_in),
+        top=1 - 0.95 / (height_in),
         bottom=1.3 / (height_in),
         wspace=0.02,
         hspace=0.0,
