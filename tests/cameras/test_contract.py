@@ -7,9 +7,9 @@ import re
 
 import numpy as np
 import pytest
-from examples import changed, example_cameras, takes_center
 from support.camera_contract import CHECKS, check_docstring, check_points, check_round_trip
 
+from examples import changed, example_cameras, takes_center
 from omniscv import cameras
 from omniscv.cameras.radial import CircleCamera
 from omniscv.errors import ArgumentError

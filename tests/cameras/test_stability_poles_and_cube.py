@@ -12,10 +12,10 @@ import itertools
 
 import numpy as np
 import pytest
-from examples import example_cameras
 from hypothesis import given
 from hypothesis import strategies as st
 
+from examples import example_cameras
 from omniscv import cameras
 from omniscv.geometry import cube_rotations
 
