@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.exact import cameras_at, distance_to_surfaces, float_source
+from support.exact import by_rays, cameras_at, distance_to_surfaces, float_source
 
 import omniscv
 from mock_server import load_scene
@@ -21,7 +21,9 @@ IN_BOTH_ROOMS = ("equirectangular", "fisheye-equidistant", "catadioptric-hyperbo
 
 
 @pytest.mark.parametrize(
-    ("room", "name"), [("four-wall", n) for n in CENTRAL] + [("six-wall", n) for n in IN_BOTH_ROOMS]
+    ("room", "name"),
+    [pytest.param("four-wall", *each.values, marks=each.marks) for each in by_rays(CENTRAL)]
+    + [("six-wall", n) for n in IN_BOTH_ROOMS],
 )
 def test_depth_of_every_central_model(room, name):
     """Faces of 1024 px, images of 256, float32 depth. Of ten thousand points and more none is in the air."""

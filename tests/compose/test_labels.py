@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.exact import cameras_at, float_source
+from support.exact import by_rays, cameras_at, float_source
 
 import omniscv
 from mock_server import load_scene
@@ -21,7 +21,7 @@ LARGER = {**cameras_at(128), "orthographic": cameras_at(256)["orthographic"]}
 
 
 @pytest.mark.parametrize("filter", ["bilinear", "bicubic", "area"])
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize("name", by_rays(SMALL))
 def test_every_output_colour_is_an_input_colour_and_has_its_label(name, filter):
     camera = SMALL[name]
     image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), filter=filter, face_size=96)
@@ -35,7 +35,7 @@ def test_every_output_colour_is_an_input_colour_and_has_its_label(name, filter):
     assert image.unknown_colors == {}
 
 
-@pytest.mark.parametrize("name", LARGER)
+@pytest.mark.parametrize("name", by_rays(LARGER))
 def test_labels_are_those_of_the_pixels_own_rays(name):
     """The rest are pixels at edges, where the nearest face pixel's centre lies on the other side."""
     camera = LARGER[name]

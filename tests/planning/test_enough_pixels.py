@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.drawn import drawn_camera, drawn_pose
-from support.exact import cameras_at, distance_to_surfaces
+from support.exact import by_rays, cameras_at, distance_to_surfaces
 
 import omniscv
 from mock_server import load_scene
@@ -31,7 +31,7 @@ def check_drawn(name, draw, room):
     assert off <= OFF_SURFACE_M, (camera, pose)
 
 
-@pytest.mark.parametrize("name", [name for name, camera in cameras_at(200).items() if camera.central])
+@pytest.mark.parametrize("name", by_rays(name for name, camera in cameras_at(200).items() if camera.central))
 def test_labels_and_points_of_a_drawn_camera(name):
     """Of another room for every other model; the ball below is a non-central one."""
     check_drawn(name, 0, [*ROOMS][names().index(name) % 2])

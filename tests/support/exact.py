@@ -1,6 +1,7 @@
 """What the tests of composition share: traced sources, a room's surfaces, an example of every model."""
 
 import numpy as np
+import pytest
 
 from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
 from omniscv import cameras
@@ -8,6 +9,29 @@ from omniscv.sources import Capabilities
 from omniscv.sources.scene import SceneSource
 
 FIXED = Capabilities(can_set_size=False, can_set_fov=False, image_size=(512, 512), fov_deg=90.0)
+
+
+_ALIKE = {
+    "fisheye-stereographic",
+    "fisheye-orthographic",
+    "fisheye-equisolid",
+    "catadioptric-parabolic",
+    "catadioptric-planar",
+    "kannala-brandt",
+    "fisheye624",
+    "ftheta",
+    "double-sphere",
+    "extended-unified",
+    "division",
+    "equiangular-cube",
+    "vr180",
+}
+"""To composition, which knows nothing of models but their rays, others stand for these."""
+
+
+def by_rays(names):
+    """Parameters of a test for every model: those whose rays are like another one's only with ``--soak``."""
+    return [pytest.param(name, marks=[pytest.mark.soak] * (name in _ALIKE)) for name in names]
 
 
 def float_source(scene, capabilities=None):
