@@ -23,13 +23,15 @@ def processes():
 
 def seen(out):
     """How many frames are complete; every file that can be seen is whole."""
-    for path in out.glob("*.json"):
+    # A file is written under a hidden name, which a kill may leave, until it is whole.
+    records = [path for path in out.glob("*.json") if not path.name.startswith(".")]
+    for path in records:
         json.loads(path.read_bytes())
-    entries = [manifest.read_entry(path) for path in out.glob("*.json") if path.name != manifest.DATASET]
+    entries = [manifest.read_entry(path) for path in records if path.name != manifest.DATASET]
     assert [file.fault(out) for entry in entries for file in entry.files.values()] == [None] * sum(
         len(entry.files) for entry in entries
     )
-    for path in out.glob("*.png"):
+    for path in out.glob("[!.]*.png"):
         assert path.read_bytes().endswith(b"IEND\xaeB`\x82")
     return len(entries)
 
