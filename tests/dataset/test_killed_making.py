@@ -45,7 +45,7 @@ def test_killed_and_resumed_is_as_if_it_had_not_been_killed(kills, processes, tm
     wanted = tree(tmp_path / "whole")
     assert tree(tmp_path / "second") == wanted
     complete = []
-    for number, moment_s in enumerate(moments(kills, max(durations))):
+    for number, moment_s in enumerate(moments(kills, max(durations), complete)):
         job = job_file(tmp_path, out=f"killed-{number}", more=EXPORT)
         out = tmp_path / f"killed-{number}"
         processes.run("make", job, kill_after_s=moment_s)

@@ -67,7 +67,7 @@ def test_killed_while_it_records(kills, server, whole, processes, tmp_path):
     wanted, objects = contents(whole)
     duration_s = max(processes.run("record", server.uri, tmp_path / f"{i}.sqlite") for i in "ab")
     held = []
-    for number, moment_s in enumerate(moments(kills, duration_s)):
+    for number, moment_s in enumerate(moments(kills, duration_s, held)):
         path = tmp_path / str(number) / "room.sqlite"
         processes.run("record", server.uri, path, kill_after_s=moment_s)
         before = {}

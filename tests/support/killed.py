@@ -29,7 +29,14 @@ class Processes:
         self._parent.communicate(timeout=60)
 
 
-def moments(kills, longest_s):
-    """When to kill, seconds after the start: at any moment, with all parts of the time alike."""
+def moments(kills, longest_s, reached=(True,)):
+    """When to kill, seconds after the start: at any moment, with all parts of the time alike.
+
+    Later and later then, on a machine that has become slower, until a kill has ``reached`` some work.
+    """
     draw = random.Random(kills)
-    return [(i + draw.random()) / kills * longest_s for i in range(kills)]
+    yield from ((i + draw.random()) / kills * longest_s for i in range(kills))
+    for doubling in range(1, 6):
+        if any(reached):
+            return
+        yield 2**doubling * longest_s
