@@ -5,9 +5,11 @@ waits for work that nobody has started, and calls may be nested, in any thread a
 """
 
 import os
+import sys
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import TypeVar
 
@@ -69,5 +71,18 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores(), thread_name_prefix="omniscv")
 
 
+def _renew_locks() -> None:
+    """Free the locks of cached properties in a forked child: until Python 3.12 each class has one, which a
+    thread that does not survive may have held."""
+    modules = [each for name, each in list(sys.modules.items()) if name.partition(".")[0] in _OURS]
+    classes = {each for module in modules for each in vars(module).values() if isinstance(each, type)}
+    for attribute in [each for one in classes for each in vars(one).values()]:
+        if isinstance(attribute, cached_property) and hasattr(attribute, "lock"):
+            attribute.lock = threading.RLock()
+
+
+_OURS = ("omniscv", "mock_server")
+
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
+    os.register_at_fork(after_in_child=_renew_locks)
