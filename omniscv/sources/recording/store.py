@@ -9,6 +9,7 @@ import os
 import secrets
 import sqlite3
 import threading
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -39,6 +40,26 @@ _COLUMNS = {1: COLUMNS_1, **dict.fromkeys((2, 3), ", ".join(Row._fields))}
 _inherited: list[sqlite3.Connection] = []
 
 
+_open: "weakref.WeakSet[Store]" = weakref.WeakSet()
+_held: "list[threading.RLock]" = []
+_LONGEST_WAIT_S = 30.0
+
+
+def _hold() -> None:
+    """Let no other thread be within SQLite while this one forks: its locks would stay taken in the child."""
+    locks = [store._connection[1] for store in list(_open)]
+    _held.extend(lock for lock in locks if lock.acquire(timeout=_LONGEST_WAIT_S))
+
+
+def _let_go() -> None:
+    while _held:
+        _held.pop().release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_hold, after_in_parent=_let_go, after_in_child=_let_go)
+
+
 class Store:
     """An open recording; safe to use from several threads, and in forked children.
 
@@ -60,6 +81,7 @@ class Store:
         self._id: str | None = None
         self._place = place_of(path) if write else followed(path)
         self._connection = self._connect()
+        _open.add(self)
 
     def _connect(self) -> tuple[sqlite3.Connection, threading.RLock, int]:
         opened = open_to_write if self._write else open_to_read
