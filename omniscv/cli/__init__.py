@@ -17,7 +17,19 @@ import omniscv
 from omniscv.cli import console, signals
 from omniscv.errors import ArgumentError, OmniscvError
 
-COMMANDS = ("demo", "render", "record", "plan", "serve", "cameras", "captures", "dataset", "chart", "doctor")
+COMMANDS = (
+    "demo",
+    "render",
+    "record",
+    "plan",
+    "serve",
+    "cameras",
+    "captures",
+    "dataset",
+    "chart",
+    "evaluate",
+    "doctor",
+)
 """Each is a module of this package with an ``app``."""
 
 

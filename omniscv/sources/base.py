@@ -15,7 +15,9 @@ from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.sources.world import World
 
 _POSE_DECIMALS = 7
 """Of metres, degrees and matrix entries: views that agree to these decimals are equal. 1e-7 rad is a
@@ -84,7 +86,12 @@ class View:
 
 @dataclass(frozen=True)
 class Request:
-    """A view in a mode, a modality that sources deliver; of an alias, the modality's name is kept.
+    """A view in a mode, of the world in a state.
+
+    Attributes:
+        view: what is captured.
+        mode: a modality that sources deliver; of an alias, the modality's name is kept.
+        state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
 
     Raises:
         ArgumentError: no such modality.
@@ -92,6 +99,7 @@ class Request:
 
     view: View
     mode: str
+    state: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", *modalities.chosen((self.mode,)))
@@ -267,6 +275,43 @@ class Source(ABC):
         """
         raise ArgumentError(f"source: expected one that can hide objects, got {type(self).__name__}")
 
+    @property
+    def state(self) -> str:
+        """The state of the world that captures show; empty while nothing was changed in it."""
+        return ""
+
+    def at(self, instant: Instant) -> Source:
+        """Return a source of the same world at an instant.
+
+        A live source sets the world so, a recording replays what was captured then. The caller closes what
+        is returned before this source is used again; closing it puts the world back.
+
+        Raises:
+            ArgumentError: this source cannot move objects, or has no object of a name.
+            RecordingError: a recording holds nothing of that state.
+        """
+        if instant.state == "":
+            return SourceView(self)
+        raise ArgumentError(f"source: expected one whose objects can be moved, got {type(self).__name__}")
+
+    def command(self, text: str) -> str:
+        """Send a command of the server's own language, and return its reply.
+
+        Raises:
+            ArgumentError: this source is no live server.
+            SourceError: no reply within the deadlines.
+        """
+        raise ArgumentError(
+            f"source: expected a live server to send {shown(text)} to, got {type(self).__name__}"
+        )
+
+    @property
+    def world(self) -> World:
+        """The running world behind a live source; ArgumentError for other sources."""
+        raise ArgumentError(
+            f"source: expected a live server, whose world can be changed, got {type(self).__name__}"
+        )
+
     def close(self) -> None:  # noqa: B027 - most sources hold nothing
         """Release connections, files and memory."""
 
@@ -306,11 +351,32 @@ class SourceWrapper(Source):
         return self._source.without(objects)
 
     @property
+    def state(self) -> str:
+        return self._source.state
+
+    def at(self, instant: Instant) -> Source:
+        return self._source.at(instant)
+
+    def command(self, text: str) -> str:
+        return self._source.command(text)
+
+    @property
+    def world(self) -> World:
+        return self._source.world
+
+    @property
     def scene_identity(self) -> SceneIdentity:
         return self._source.scene_identity
 
     def close(self) -> None:
         self._source.close()
+
+
+class SourceView(SourceWrapper):
+    """A source that stays open when this is closed."""
+
+    def close(self) -> None:
+        pass
 
 
 def closed_error(what: str) -> SourceError:

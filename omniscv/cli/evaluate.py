@@ -1,0 +1,38 @@
+"""``omniscv evaluate``: repeat an evaluation of the paper, and print it beside the paper's figures."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from typer import Argument, Option, Typer
+
+from omniscv.cli import console
+
+app = Typer(add_completion=False)
+
+_Name = Literal["layout", "calibration", "lines", "odometry"]
+
+
+@app.command(epilog="Example: omniscv evaluate lines --quick --out evaluations")
+def evaluate(
+    name: Annotated[_Name, Argument(help="What is evaluated.")],
+    out: Annotated[Path, Option(help="Folder for NAME.json, NAME.csv and the chart.")] = Path("evaluations"),
+    quick: Annotated[bool, Option("--quick", help="Few small images: within a minute.")] = False,
+    source: Annotated[str | None, Option(help="A source in place of the mock's scenes.")] = None,
+    predictions: Annotated[
+        Path | None, Option(help="layout: a folder of predictions, CFL maps or HorizonNet's txt or json.")
+    ] = None,
+) -> None:
+    """Feed an algorithm with images whose truth is known, and score it."""
+    from omniscv.evaluate.registry import Settings, run
+
+    out.mkdir(parents=True, exist_ok=True)
+    options = {} if predictions is None else {"predictions": predictions}
+    with console.progress_bar(name) as progress:
+        report = run(name, Settings(out, quick, source, options, progress))
+    rows = [
+        (each.name, f"{each.value:.4g} {each.unit}", "" if each.paper is None else f"{each.paper:g}", each.n)
+        for each in report.figures
+    ]
+    console.table((name, "ours", "paper", "n"), rows)
+    for path in report.write(name, out):
+        console.line(path)
