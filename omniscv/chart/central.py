@@ -1,178 +1,203 @@
-"""Speed against accuracy of central cameras: filters x face sizes x models, and finer ground truth."""
+"""Speed against accuracy of one panorama: filters and face sizes, and what others make of the same faces."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
-from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, create
-from omniscv.chart import pareto
-from omniscv.chart.pareto import Chart, Panel
-from omniscv.chart.truth import traced, traced_mean
+from omniscv.chart import drawing
+from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
+from omniscv.chart.files import write_rows
+from omniscv.chart.peers import PAPER, Image, Peer, peers, remap_limit
+from omniscv.chart.truth import traced_mean
 from omniscv.compose.renderer import Renderer
-from omniscv.geometry import Array, Pose
-from omniscv.planning import CameraRays, Filter, RenderOptions, densities
-from omniscv.planning.cost import cost
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.planning import Filter, RenderOptions
+from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
 from omniscv.sources.scene import SceneSource, open_scene
 
-if TYPE_CHECKING:
-    from mock_server import Hits
-
 FILTERS: tuple[Filter, ...] = ("nearest", "bilinear", "bicubic", "area")
-SCALES = (0.5, 1.0, 2.0, 4.0)
-"""Face sizes, as multiples of the one that ``auto`` takes."""
-TRUTH_SCALES = (2, 4)
-"""How much finer masks and depth are captured, beside the default."""
+SCALES = (0.5, 1.0, 2.0)
+"""Face sizes, as multiples of a quarter of the image's width: of the same pixels per degree."""
+DEFAULT: tuple[Filter, float] = ("bilinear", 1.0)
 
-DEFAULT: tuple[float, Filter, int] = (1.0, "bilinear", 1)
-WAYS = (
-    *((scale, filter, 1) for scale, filter in product(SCALES, FILTERS)),
-    *((*DEFAULT[:2], finer) for finer in TRUTH_SCALES),
-)
-"""Multiple of the automatic face size, filter, and ``truth_scale``."""
+TITLE = "One panorama from six faces: time against error"
 
-_POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
-_ROUNDS = 5
-_MODES = ("lit", "object_mask", "depth")
-_SEAM_PX = 2.0
-_LEAST = 1e-8  # an error of 0 is drawn here
+_POSITION = (0.1, -0.2, 1.45)
+_LEVEL = Pose.from_angles(_POSITION)
+_ROUNDS = 9
+_WHITE = 255.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """One way to compose one model's image.
+    """One way to compose the panorama.
 
     Attributes:
-        truth_scale: how many times finer mask and depth are captured than lit.
-        ms: composing lit, mask and depth with a new orientation, captures decoded: the best of five.
-        megapixels: captured, over all three modes.
-        psnr_db, flip: lit against the mean colour of each pixel, by exact tracing.
-        wrong_labels: part of the valid pixels.
-        depth_median, depth_q99: relative error against each pixel's own ray.
-        seam: rms error of lit within two face pixels of the cube's edges, over that elsewhere.
+        name: of the filter, or of the peer.
+        face_size: px.
+        map: ``kept`` from image to image, ``new`` for an orientation not seen before, ``none`` kept.
+        ours: whether it is omniscv.
+        default: whether it is what ``filter="auto"`` and ``face_size="auto"`` come nearest to.
+        ms: to compose one image in colour from decoded faces: the best of nine, all ways in turns.
+        rms: error of the colours, grey levels of 255, against each pixel's mean by exact tracing; NaN for
+            the limit, which composes no image.
     """
 
-    model: str
-    filter: str
+    name: str
     face_size: int
-    scale: float
+    map: str
+    ours: bool
     default: bool
-    truth_scale: int
     ms: float
-    megapixels: float
-    psnr_db: float
-    flip: float
-    wrong_labels: float
-    depth_median: float
-    depth_q99: float
-    seam: float
-
-    @property
-    def way(self) -> str:
-        """The filter, and how much finer ground truth is."""
-        return self.filter if self.truth_scale == 1 else f"{self.filter}, truth x {self.truth_scale}"
+    rms: float
 
 
-def models(width: int) -> dict[str, Camera]:
-    """The cameras that are charted, at a width."""
-    square = {"width": width, "height": width}
-    return {
-        "equirectangular": create("equirectangular", width=width, height=width // 2),
-        "fisheye-equidistant": create("fisheye-equidistant", **square, fov_deg=185),
-        "catadioptric-hyperbolic": create(
-            "catadioptric-hyperbolic", **square, distance=1.0, semi_latus_rectum=0.4
-        ),
-    }
+class _Faces(SourceWrapper):
+    """Captures that are there already: each is made once."""
+
+    def __init__(self, source: Source) -> None:
+        super().__init__(source)
+        self._held: dict[Request, Capture] = {}
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for request in requests:
+            if request not in self._held:
+                (self._held[request],) = self._source.capture([request])
+            yield self._held[request]
 
 
-def measure(
-    width: int = 512,
-    progress: Callable[[int, int], None] | None = None,
-    smallest_face: int = densities.SMALLEST,
-) -> list[Row]:
-    """Measures every way in the four-wall room.
+def measure(width: int = 2048, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+    """Measure every way in the four-wall room.
 
     Args:
-        width: of the images, px.
-        progress: called with (images done, images in all).
-        smallest_face: px of the smallest face that ``auto`` takes.
+        width: of the panorama, px.
+        progress: called with (rounds done, rounds in all).
     """
-    scene, cameras = open_scene("scene://four-wall").scene, models(width)
-    rows: list[Row] = []
-    for name, camera in cameras.items():
-        hits, mean = traced(scene, camera, _POSE), traced_mean(scene, camera, _POSE)
-        source, auto = SceneSource(scene), densities.face_size(CameraRays(camera).steps, smallest_face)
-        for scale, filter, finer in WAYS:
-            edge, default = round(auto * scale), (scale, filter, finer) == DEFAULT
-            options = RenderOptions(filter=filter, face_size=edge, truth_scale=finer)
-            measured = _measured(camera, Renderer(source), options, hits, mean)
-            rows.append(Row(name, filter, edge, scale, default, finer, **measured))
-            if progress:
-                progress(len(rows), len(cameras) * len(WAYS))
-    return rows
-
-
-def _measured(
-    camera: Camera, renderer: Renderer, options: RenderOptions, hits: Hits, mean: Array
-) -> dict[str, float]:
-    times, edge = [], renderer.task(camera, _POSE, options).edge
-    asked = cost("auto", [[renderer.task(camera, _POSE, options)]], _MODES, 0.0)
-    for turn in range(1, _ROUNDS + 2):
-        pose = Pose.from_angles(_POSE.t_w_c, yaw_deg=27.0 + turn, pitch_deg=8.0, roll_deg=-5.0)
-        started = time.perf_counter()
-        renderer.render(camera, pose, _MODES, options)
-        times.append(time.perf_counter() - started)
-    image = renderer.render(camera, _POSE, _MODES, options)
-    lit = image["lit"].astype(np.float64) / 255
-    inside = image.valid & np.isfinite(mean).all(axis=-1)
-    square = ((lit - mean) ** 2).mean(axis=-1)
-    off = np.abs(image["depth"] - hits.distance)[inside] / hits.distance[inside]
-    near = inside & _near_edges(camera, edge)
-    return {
-        "ms": 1e3 * min(times[1:]),
-        "megapixels": asked.pixels / 1e6,
-        "psnr_db": float(-10 * np.log10(square[inside].mean())),
-        "flip": _flip(np.where(inside[..., None], mean, 0), np.where(inside[..., None], lit, 0), inside),
-        "wrong_labels": float((image["labels"] != hits.label)[inside].mean()),
-        "depth_median": float(np.median(off)),
-        "depth_q99": float(np.quantile(off, 0.99)),
-        "seam": float(np.sqrt(square[near].mean() / square[inside & ~near].mean())),
+    camera = create("equirectangular", width=width, height=width // 2)
+    scene = open_scene("scene://four-wall").scene
+    ways: dict[tuple[str, int, str], Callable[[int], Image]] = {}
+    for edge in (round(width / 4 * scale) for scale in SCALES):
+        fixed = Capabilities(can_set_size=False, can_set_fov=False, image_size=(edge, edge), fov_deg=90.0)
+        source = _Faces(SceneSource(scene, fixed, cached_views=1))
+        for filter in FILTERS:
+            options = RenderOptions("cube", face_size=edge, filter=filter)
+            ways[filter, edge, "kept"] = _ours(Renderer(source), camera, options, new=False)
+            if filter == DEFAULT[0]:
+                ways[filter, edge, "new"] = _ours(Renderer(source), camera, options, new=True)
+    edge = round(width / 4)
+    faces = {
+        name: next(iter(source.capture([_face(rotation, edge)]))).pixels
+        for source in [SceneSource(scene)]
+        for name, rotation in cube_rotations()
     }
-
-
-def _near_edges(camera: Camera, edge: int) -> NDArray[np.bool_]:
-    """Pixels whose rays are within two face pixels of an edge of the cube."""
-    axes = np.sort(np.abs(camera.unproject().directions @ _POSE.R_w_c.T), axis=-1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((1 - axes[..., 1] / axes[..., 2]) * edge / 2 < _SEAM_PX)
-
-
-def _flip(reference: Array, test: Array, inside: NDArray[np.bool_]) -> float:
-    """Mean of FLIP, the difference that people see when they flip between two images (Andersson, 2020)."""
-    import OpenImageIO
-
-    first, second = (
-        OpenImageIO.ImageBuf(np.ascontiguousarray(each, np.float32)) for each in (reference, test)
-    )
-    difference = OpenImageIO.ImageBufAlgo.FLIP_diff(first, second, hdr=0)
-    return float(np.asarray(difference.get_pixels(OpenImageIO.FLOAT))[..., 0][inside].mean())
-
-
-def write(rows: list[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them: ``chart-central.json`` and ``chart-central.png``."""
-    title = "Speed against accuracy: filters and face sizes (px at the dots); ringed: the default"
-    cost = "ms an image in lit, mask and depth, new orientation", attrgetter("ms")
-    panels = [
-        Panel("lit: rms error, parts of white", *cost, lambda row: float(10 ** (-row.psnr_db / 20))),
-        Panel("labels: part that is wrong", *cost, lambda row: max(row.wrong_labels, _LEAST)),
-        Panel("depth: 99th percentile of relative error", *cost, lambda row: max(row.depth_q99, _LEAST)),
+    for name, peer in peers(faces, camera).items():
+        ways[name, edge, "none" if name == PAPER else "kept"] = _always(peer)
+    limit = "cv2.remap, map ready", edge, "kept"
+    ways[limit] = _always(remap_limit(camera, list(faces.values())))
+    times = _best_ms(ways, progress)
+    mean = traced_mean(scene, camera, _LEVEL)
+    return [
+        Row(
+            name,
+            size,
+            kept,
+            ours := name in FILTERS,
+            ours and (name, size) == (DEFAULT[0], round(width / 4 * DEFAULT[1])),
+            times[name, size, kept],
+            np.nan if (name, size, kept) == limit else _rms(way(0), mean),
+        )
+        for (name, size, kept), way in ways.items()
     ]
-    return pareto.write(rows, out, Chart("central", title, "model", "way", attrgetter("face_size"), panels))
+
+
+def _face(rotation: np.ndarray, edge: int) -> Request:
+    return Request(View(Pose(_LEVEL.position, rotation), 90.0, edge, edge), "lit")
+
+
+def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bool) -> Callable[[int], Image]:
+    """A function of a round: the image is level in round 0, with ``new`` turned ever farther then."""
+
+    def compose(turn: int) -> Image:
+        pose = Pose.from_angles(_POSITION, yaw_deg=0.7 * turn) if new else _LEVEL
+        return np.asarray(renderer.render(camera, pose, ("lit",), options)["lit"])
+
+    return compose
+
+
+def _always(peer: Peer) -> Callable[[int], Image]:
+    return lambda turn: peer()
+
+
+def _best_ms(
+    ways: dict[tuple[str, int, str], Callable[[int], Image]], progress: Callable[[int, int], None] | None
+) -> dict[tuple[str, int, str], float]:
+    times: dict[tuple[str, int, str], list[float]] = {key: [] for key in ways}
+    for turn in range(_ROUNDS + 2):
+        for key, way in ways.items():
+            started = time.perf_counter()
+            way(turn)
+            times[key].append(time.perf_counter() - started)
+        if progress:
+            progress(turn + 1, _ROUNDS + 2)
+    return {key: 1e3 * min(each[2:]) for key, each in times.items()}
+
+
+def _rms(image: Image, mean: np.ndarray) -> float:
+    return float(_WHITE * np.sqrt(((image / _WHITE - mean) ** 2).mean()))
+
+
+def further(
+    progress: Callable[[int, int], None] | None = None, width: int = 1024
+) -> dict[str, Sequence[object]]:
+    """Return what the page has beside the picture's rows: every filter and face size, in all modalities."""
+    from omniscv.chart import filters
+
+    heading = "Three models in all modalities; ms with a new orientation"
+    return {heading: filters.measure(width // 2, progress)}
+
+
+def write(rows: Sequence[Row], out: Path) -> list[Path]:
+    """Write the measurements and draw them: ``chart-central`` as JSON, SVG and PNG."""
+    made, (axes,) = drawing.figure(1, 4.6, finding(rows))
+    ways = [_dot(row) for row in rows if np.isfinite(row.rms)]
+    looks: dict[str, Look] = {str(name): Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(FILTERS)}
+    looks |= {dot.series: Look(INK, "P", "") for dot in ways if dot.series not in looks}
+    drawing.dots(axes, ways, looks)
+    for row in rows:
+        if not np.isfinite(row.rms):
+            axes.axvline(row.ms, color=MUTED, lw=1, ls="--", zorder=1)
+            axes.annotate(
+                f"limit: {row.name}",
+                (row.ms, 0.02),
+                (3, 0),
+                xycoords=("data", "axes fraction"),
+                textcoords="offset points",
+                size=8,
+                color=MUTED,
+                rotation=90,
+                va="bottom",
+            )
+    axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
+    axes.set_ylabel("rms error, grey levels of 255", size=9)
+    return [write_rows(rows, out, "chart-central"), *drawing.save(made, out, "chart-central")]
+
+
+def _dot(row: Row) -> Dot:
+    hollow = row.map != "kept"
+    text = f"{row.name} {row.face_size}" if row.ours and not hollow else "" if row.ours else row.name
+    return Dot(row.name if row.ours else "others", text, row.ms, row.rms, row.default and not hollow, hollow)
+
+
+def finding(rows: Sequence[Row]) -> str:
+    """The title: what the measurement shows."""
+    ours = next(row for row in rows if row.default and row.map == "kept")
+    others = [row for row in rows if not row.ours and np.isfinite(row.rms)]
+    beaten = [f"{row.ms / ours.ms:.1f} times as fast as {row.name}" for row in others if row.ms > ours.ms]
+    truer = all(row.rms >= 0.99 * ours.rms for row in others)
+    return f"A panorama in {ours.ms:.1f} ms: {', '.join(beaten)}{', and none is nearer to the truth' * truer}"

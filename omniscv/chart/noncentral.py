@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from omniscv.cameras import Camera, create
-from omniscv.chart import pareto
-from omniscv.chart.pareto import Chart, Panel
+from omniscv.chart import drawing
+from omniscv.chart.drawing import COLORS, INK, MARKERS, Dot, Look
+from omniscv.chart.files import write_rows
 from omniscv.chart.truth import traced, traced_mean
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import render
@@ -25,16 +25,18 @@ from omniscv.sources.scene import SceneSource, open_scene
 if TYPE_CHECKING:
     from mock_server import Hits
 
+PAPER = "cube"
 WAYS: tuple[tuple[str, int | None], ...] = (
-    ("cube", None),
+    (PAPER, None),
     *(("faces", count) for count in (4, 16, 64, None)),
-    ("strips", None),
+    *(("strips", count) for count in (4, 16, 64, None)),
     *(("reproject", count) for count in (2, 4, 8, 16)),
     *(("adaptive", count) for count in (2, 4, 8)),
 )
-"""Strategies and their optical centres; None: one per column or ring."""
+"""Strategies and their optical centres; None: one per column or ring. The paper captures whole cube maps."""
 
-LATENCIES_MS = (0, 5, 30)
+TITLE = "Non-central cameras: what is captured against what is wrong"
+LATENCIES_MS = (5, 30)
 DEFAULT = ("strips", None)
 
 _POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
@@ -153,25 +155,50 @@ def _accuracy(image: OmniImage, hits: Hits, mean: Array) -> dict[str, float]:
     }
 
 
-def write(rows: list[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them: ``chart-noncentral.json`` and ``chart-noncentral.png``."""
-    title = "Work against accuracy: strategies and optical centres (at the dots); ringed: the default"
-    wrong = "wrong label or depth, part"
-    panels = [
-        Panel(wrong, "requests", attrgetter("requests"), _wrong),
-        Panel("lit: rms error", "requests", attrgetter("requests"), lambda row: 10 ** (-row.psnr_db / 20)),
-        *(Panel(wrong, f"seconds at {ms} ms a request", _seconds(ms), _wrong) for ms in LATENCIES_MS),
-    ]
-    return pareto.write(
-        rows,
-        out,
-        Chart("noncentral", title, "camera", "strategy", lambda row: row.viewpoints or "all", panels),
-    )
+def further(
+    progress: Callable[[int, int], None] | None = None, width: int = 384
+) -> dict[str, Sequence[object]]:
+    """Return what the page has beside the picture's rows: nothing."""
+    return {}
 
 
-def _wrong(row: Row) -> float:
-    return max(row.wrong, _LEAST)
+def write(rows: Sequence[Row], out: Path) -> list[Path]:
+    """Write the measurements and draw them, a panel a camera: ``chart-noncentral`` as JSON, SVG and PNG."""
+    names = list(dict.fromkeys(row.camera for row in rows))
+    made, panels = drawing.figure(len(names), 4.4, finding(rows))
+    series = list(dict.fromkeys(row.strategy for row in rows if row.strategy != PAPER))
+    looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
+    looks[PAPER] = Look(INK, "P", "")
+    for name, axes in zip(names, panels, strict=True):
+        mine = [row for row in rows if row.camera == name]
+        drawing.dots(axes, [_dot(row, mine) for row in mine], looks)
+        axes.xaxis.set_major_formatter(_with_seconds)
+        axes.set_title(name, size=10)
+    panels[0].set_ylabel("pixels with a wrong label or depth, %", size=9)
+    panels[0].set_xlabel("requests, and seconds at 5 and at 30 ms a request", size=9)
+    return [write_rows(rows, out, "chart-noncentral"), *drawing.save(made, out, "chart-noncentral")]
 
 
-def _seconds(latency_ms: int) -> Callable[[Row], float]:
-    return lambda row: row.seconds[latency_ms]
+def _dot(row: Row, all_rows: Sequence[Row]) -> Dot:
+    """A dot; the last one of a curve has the strategy's name, and the others their optical centres."""
+    count = "all" if row.viewpoints is None else str(row.viewpoints)
+    last = [each for each in all_rows if each.strategy == row.strategy][-1] is row
+    text = "the paper" if row.strategy == PAPER else f"{row.strategy} {count}" if last else count
+    return Dot(row.strategy, text, row.requests, 100 * max(row.wrong, _LEAST), row.default)
+
+
+def _with_seconds(requests: float, position: float = 0.0) -> str:
+    """A tick of the axis: requests, and the seconds they take."""
+    return "\n".join([drawing.number(requests), *(f"{requests * ms / 1e3:.3g} s" for ms in LATENCIES_MS)])
+
+
+def finding(rows: Sequence[Row]) -> str:
+    """The title: what the measurement shows."""
+    ratios = []
+    for camera in dict.fromkeys(row.camera for row in rows):
+        mine = [row for row in rows if row.camera == camera]
+        paper = next(row for row in mine if row.strategy == PAPER)
+        as_true = [row for row in mine if row.wrong <= paper.wrong and row is not paper]
+        ratios.append(paper.requests / min((row.requests for row in as_true), default=paper.requests))
+    low, high = min(ratios), max(ratios)
+    return f"As true as the paper's full capture with {low:.0f} to {high:.0f} times fewer requests"

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Argument, Option, Typer
 
@@ -14,13 +14,21 @@ app = Typer(add_completion=False)
 @app.command(epilog="Example: omniscv chart central --width 128 --out charts")
 def chart(
     kind: Annotated[Literal["central", "noncentral"], Argument(help="Of cameras.")],
-    out: Annotated[Path, Option(help="Folder for the JSON and the picture.")] = Path("charts"),
-    width: Annotated[int | None, Option(min=16, help="Of the images, px; else 512 or 384.")] = None,
+    out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
+    width: Annotated[int | None, Option(min=16, help="Of the images, px; else 2048 or 384.")] = None,
+    page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
 ) -> None:
-    """Compare filters and face sizes, or strategies, with exact tracing. Takes minutes."""
+    """Compare filters and face sizes with other programs, or strategies, by exact tracing. Takes minutes."""
     module = import_module(f"omniscv.chart.{kind}")
-    given = {} if width is None else {"width": width}
+    given: dict[str, Any] = {} if width is None else {"width": width}
     with console.progress_bar("measuring") as progress:
         rows = module.measure(**given, progress=progress)
-    for path in module.write(rows, out):
+        tables = {module.TITLE: rows, **(module.further(progress, **given) if page else {})}
+    written = module.write(rows, out)
+    if page:
+        from omniscv.chart.page import write
+
+        pictures = [path for path in written if path.suffix == ".svg"]
+        written.append(write(module.TITLE, tables, pictures, out / f"chart-{kind}.html"))
+    for path in written:
         console.line(path)

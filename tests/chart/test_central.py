@@ -1,70 +1,58 @@
-"""The chart of central cameras: what it measures is there, and what it draws is a picture."""
+"""The chart of one panorama: ways and peers are measured on the same faces, and drawn."""
 
 import json
-from dataclasses import asdict, replace
+import re
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from omniscv.chart import central, pareto
+from omniscv.chart import central, page
 
 
 @pytest.fixture(scope="module")
 def rows():
-    return central.measure(width=48, smallest_face=8)
+    return central.measure(width=64)
 
 
-def test_every_way_is_measured(rows):
-    assert {(r.model, r.scale, r.filter, r.truth_scale) for r in rows} == {
-        (model, *way) for model in central.models(48) for way in central.WAYS
-    }
-    assert [r.model for r in rows if r.default] == list(central.models(48))
-    for row in rows:
-        assert 20 < row.psnr_db < 45  # means of pixels, at twice or four times the face size
-        assert 0.01 < row.flip < 0.15
-        assert 0.5 < row.seam < 1.6
-        assert row.depth_median < 1e-6 < row.depth_q99
+def test_ours_and_the_peers_are_measured(rows):
+    ours = {(row.name, row.face_size) for row in rows if row.ours and row.map == "kept"}
+    assert ours == {(filter, size) for filter in central.FILTERS for size in (8, 16, 32)}
+    peers = {row.name for row in rows if not row.ours}
+    assert peers == {"paper's algorithm", "py360convert", "ffmpeg v360", "cv2.remap, map ready"}
+    assert [row.face_size for row in rows if row.default] == [16, 16]  # its map kept, and new
 
 
-def test_filters_differ_in_colour_alone(rows):
-    """Averaging is best where the image is coarser than the faces; labels are never blended."""
-    for model in central.models(48):
-        for scale in central.SCALES:
-            mine = {r.way: r for r in rows if (r.model, r.scale, r.truth_scale) == (model, scale, 1)}
-            assert mine["nearest"].psnr_db < mine["bilinear"].psnr_db < mine["area"].psnr_db
-            assert mine["area"].flip <= mine["bilinear"].flip < mine["nearest"].flip
-            assert len({(r.face_size, r.wrong_labels) for r in mine.values()}) == 1
+def test_the_papers_algorithm_is_our_nearest_filter(rows):
+    """The same faces and rays, computed apart: the same error."""
+    (paper,) = (row for row in rows if row.name == "paper's algorithm")
+    (nearest,) = (row for row in rows if (row.name, row.face_size) == ("nearest", 16))
+    assert nearest.rms == pytest.approx(paper.rms, rel=1e-3)  # rays on the border between two pixels
 
 
-def test_finer_faces_are_more_accurate_where_nothing_is_averaged(rows):
-    """Labels and depth of the finest faces are better than those of the coarsest, for every model."""
-    for model in central.models(48):
-        mine = [r for r in rows if r.model == model and r.way == "bilinear"]
-        assert mine[-1].wrong_labels < mine[0].wrong_labels
-        assert mine[-1].depth_q99 < mine[0].depth_q99
+def test_ffmpeg_gets_the_faces_the_right_way_up(rows):
+    """Its bilinear image differs from ours by its fixed-point weights."""
+    (ffmpeg,) = (row for row in rows if row.name == "ffmpeg v360")
+    (bilinear, _) = (row for row in rows if (row.name, row.face_size) == ("bilinear", 16))
+    assert ffmpeg.rms == pytest.approx(bilinear.rms, rel=0.05)
 
 
-def test_finer_truth_is_more_accurate_and_colours_stay(rows):
-    for model in central.models(48):
-        mine = {r.truth_scale: r for r in rows if (r.model, r.scale, r.filter) == (model, 1.0, "bilinear")}
-        assert mine[4].wrong_labels < mine[2].wrong_labels < mine[1].wrong_labels
-        assert mine[4].psnr_db == mine[2].psnr_db == mine[1].psnr_db
-        assert mine[2].megapixels == pytest.approx((1 + 4 + 4) / 3 * mine[1].megapixels)
+def test_it_is_written_and_drawn(rows, tmp_path):
+    data, drawn, picture = central.write(rows, tmp_path / "new")
+    found = json.loads(data.read_text())
+    assert [row["ms"] for row in found] == [row.ms for row in rows]
+    assert [row["rms"] for row in found] == [None if np.isnan(row.rms) else row.rms for row in rows]
+    with Image.open(picture) as opened:
+        assert opened.width == 1600
+    assert "py360convert" in drawn.read_text()
 
 
-def test_it_writes_json_and_a_picture_of_a_line_a_model(rows, tmp_path):
-    names = list(central.models(48))
-    two, one = ([r for r in rows if r.model in names[:count]] for count in (2, 1))
-    data, picture = central.write(two, tmp_path / "new")
-    assert json.loads(data.read_text()) == [asdict(row) for row in two]
-    _, shorter = central.write(one, tmp_path / "shorter")
-    _, moved = central.write([*one[:-1], replace(one[-1], psnr_db=20.0)], tmp_path / "moved")
-    both, first, other = (np.array(Image.open(path)) for path in (picture, shorter, moved))
-    assert first.shape[0] == pytest.approx(both.shape[0] / 2, abs=2)
-    assert np.any(first != other)
-
-
-def test_the_front_holds_what_nothing_beats():
-    points = [(1, 9), (2, 5), (2, 7), (3, 6), (4, 1), (5, 1)]
-    assert pareto.front(points, lambda p: p[0], lambda p: p[1]) == [(1, 9), (2, 5), (4, 1)]
+def test_the_page_has_every_row(rows, tmp_path):
+    _, drawn, _ = central.write(rows, tmp_path)
+    text = page.write(central.TITLE, {"all": rows}, [drawn], tmp_path / "page.html").read_text()
+    assert len(re.findall("<tr", text)) == 1 + len(rows)
+    assert len(re.findall("<tr class=default>", text)) == 2
+    assert "http" not in re.sub(
+        r'xmlns[:a-z]*="[^"]*"|<!DOCTYPE[^>]*>|<metadata>.*?</metadata>', "", text, flags=re.S
+    )
+    assert all(f"<td>{row.ms:.4g}</td>" in text for row in rows)

@@ -1,0 +1,191 @@
+"""What the charts share: dots with labels that do not overlap, plain numbers, what other ways beat.
+
+Pictures are 800 px wide on a page: SVG, and PNG with twice as many pixels. Colours are those of Okabe and
+Ito, which colour-blind readers tell apart; shapes differ as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
+
+INK, MUTED, SHADE, RING = "#1c2330", "#6b7280", "#e9ebef", "#d55e00"
+COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
+MARKERS = ("o", "s", "^", "D", "v")
+
+_WIDTH_IN, _DPI = 8.0, 100
+_TITLE_CHARACTERS = 95
+_REACH = (7, 14, 24)  # points from a dot to its label
+_SIDES = ((1, 0.5), (1, 1), (1, 0), (0, 0.5), (0, 1), (0, 0), (0.5, 1), (0.5, 0))
+
+Row = TypeVar("Row")
+
+
+@dataclass(frozen=True)
+class Dot:
+    """A way to make an image.
+
+    Attributes:
+        series: dots of one are joined; of the first kinds in the order of :data:`COLORS`.
+        label: beside the dot; empty for none.
+        x, y: cost and error, both > 0.
+        default: whether it is ringed.
+        hollow: whether the dot is drawn as a ring of its colour.
+    """
+
+    series: str
+    label: str
+    x: float
+    y: float
+    default: bool = False
+    hollow: bool = False
+
+
+class Look(NamedTuple):
+    """How a series is drawn."""
+
+    color: str
+    marker: str
+    line: Literal["-", ""]
+
+
+def front(rows: Sequence[Row], cost: Callable[[Row], float], error: Callable[[Row], float]) -> list[Row]:
+    """Return the rows that no other is both cheaper and more accurate than, from cheap to accurate."""
+    best: list[Row] = []
+    for row in sorted(rows, key=lambda row: (cost(row), error(row))):
+        if not best or error(row) < error(best[-1]):
+            best.append(row)
+    return best
+
+
+def figure(columns: int, height_in: float, title: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure of 800 px on a page, and its panels side by side."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(made)
+    made.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
+    return made, list(made.subplots(1, columns, squeeze=False)[0])
+
+
+def save(made: Figure, out: Path, name: str) -> list[Path]:
+    """Write a figure as ``NAME.svg`` and ``NAME.png``."""
+    import matplotlib as mpl
+
+    paths = [out / f"{name}.svg", out / f"{name}.png"]
+    with mpl.rc_context({"svg.hashsalt": name}):  # the same bytes every time
+        made.savefig(paths[0], metadata={"Date": None})
+    made.savefig(paths[1], dpi=2 * _DPI)
+    return paths
+
+
+def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
+    """Draw ways on logarithmic axes, shade what others beat, and label the dots."""
+    axes.set(xscale="log", yscale="log")
+    for series, look in looks.items():
+        mine = [dot for dot in ways if dot.series == series]
+        for hollow in (False, True):
+            part = [dot for dot in mine if dot.hollow == hollow]
+            x, y = [dot.x for dot in part], [dot.y for dot in part]
+            face = "white" if hollow else look.color
+            line = look.line or "none"
+            axes.plot(x, y, ls=line, marker=look.marker, color=look.color, lw=1.2, ms=6, mfc=face, zorder=3)
+    for dot in ways:
+        if dot.default:
+            axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
+    axes.margins(0.12)
+    for axis in (axes.xaxis, axes.yaxis):
+        plain(axis)
+    axes.grid(True, which="major", color="#d5d9e0", lw=0.5, zorder=0)
+    axes.tick_params(labelsize=8, colors=INK)
+    _shade(axes, ways)
+    label(axes, [dot for dot in ways if dot.label], ways, looks)
+
+
+def plain(axis: Axis) -> None:
+    """Write the ticks of a logarithmic axis as plain numbers: 1, 2, 5, 10, and so on."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def number(value: float) -> str:
+    """Return a number as people write it: no powers of ten, commas from a thousand."""
+    return f"{value:,.0f}" if value >= 1 else f"{value:.6f}".rstrip("0")
+
+
+def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
+    """Shade where another way is both cheaper and more accurate."""
+    best = front(ways, lambda dot: dot.x, lambda dot: dot.y)
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    edge = [(best[0].x, y1)]
+    for before, after in pairwise(best):
+        edge += [(before.x, before.y), (after.x, before.y)]
+    edge += [(best[-1].x, best[-1].y), (x1, best[-1].y), (x1, y1)]
+    axes.fill(*zip(*edge, strict=True), color=SHADE, zorder=0, lw=0)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1))
+
+
+def label(axes: Axes, labelled: Sequence[Dot], ways: Sequence[Dot], looks: dict[str, Look]) -> None:
+    """Write each dot's label at the side of it where it covers the least of dots, labels and borders."""
+    axes.figure.canvas.draw()  # limits and text sizes are known from here on
+    to_px = axes.transData.transform
+    taken = [_around(x, y, 4, 4) for x, y in to_px([(dot.x, dot.y) for dot in ways])]
+    for dot in labelled:
+        x, y = to_px((dot.x, dot.y))
+        look = looks[dot.series]
+        text = axes.annotate(
+            dot.label, (dot.x, dot.y), (0, 0), textcoords="offset pixels", size=8, color=_dark(look.color)
+        )
+        size = text.get_window_extent()
+        tried = [
+            (_placed(x, y, size, side, reach), reach)
+            for reach, side in product((0.01 * _DPI * r for r in _REACH), _SIDES)
+        ]
+        box = min(tried, key=lambda each: _cost(each[0], taken, axes.bbox) + each[1])[0]
+        text.set_position((box.x0 - x, box.y0 - y))
+        taken.append(box)
+
+
+def _placed(x: float, y: float, size: Bbox, side: tuple[float, float], reach: float) -> Bbox:
+    """The box of a label beside a dot, px; ``side`` is 1 right or above, 0 left or below, 0.5 centred."""
+    left = x + {1: reach, 0: -reach - size.width, 0.5: -size.width / 2}[side[0]]
+    low = y + {1: reach / 2, 0: -reach / 2 - size.height, 0.5: -size.height / 2}[side[1]]
+    return _around(left + size.width / 2, low + size.height / 2, size.width / 2, size.height / 2)
+
+
+def _around(x: float, y: float, half_width: float, half_height: float) -> Bbox:
+    from matplotlib.transforms import Bbox
+
+    return Bbox([(x - half_width, y - half_height), (x + half_width, y + half_height)])
+
+
+def _cost(box: Bbox, taken: Sequence[Bbox], inside: Bbox) -> float:
+    """How much of a box covers others, or lies outside, square px."""
+    out = box.width * box.height - _common(box, inside)
+    return 4 * out + sum(_common(box, other) for other in taken)
+
+
+def _common(a: Bbox, b: Bbox) -> float:
+    width, height = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+    return float(max(0.0, width) * max(0.0, height))
+
+
+def _dark(color: str) -> Any:
+    """A colour, dark enough for text."""
+    from matplotlib.colors import to_rgb
+
+    return tuple(0.72 * part for part in to_rgb(color))
