@@ -134,7 +134,7 @@ def joined(name, *objects):
 # -- the room ------------------------------------------------------------------------------------------
 
 
-def shell(plaster, accent, paint, glass):
+def shell(plaster, accent, paint):
     """Floor of planks, ceiling, walls with a window, skirting."""
     x, y = LENGTH / 2, WIDTH / 2
     oak = [
@@ -152,6 +152,7 @@ def shell(plaster, accent, paint, glass):
             planks.append(box("plank", here, size, _random.choice(oak), 0.001))
             left += 1.8
         start += width
+    planks.append(box("ground", (0, 0, -0.06), (LENGTH + 2 * WALL, WIDTH + 2 * WALL, 0.08), oak[0]))
     joined("Floor", *planks)
     box("Ceiling", (0, 0, HEIGHT + WALL / 2), (LENGTH + 2 * WALL, WIDTH + 2 * WALL, WALL), paint)
     box("Wall_Back", (-x - WALL / 2, 0, HEIGHT / 2), (WALL, WIDTH + 2 * WALL, HEIGHT), plaster)
@@ -356,7 +357,7 @@ def main(path):
     walnut = material("walnut", (0.2, 0.11, 0.06), 0.4, second=(0.12, 0.06, 0.03), scale=4, stretch=(2, 16, 16))
     metal = material("metal", (0.15, 0.15, 0.16), 0.35, 0.9)
     glazed = material("glazed", (0.75, 0.77, 0.72), 0.15)
-    shell(plaster, accent, paint, None)
+    shell(plaster, accent, paint)
     sofa(material("cloth", (0.32, 0.34, 0.38), 0.95, bump=0.0015, scale=150), walnut)
     table(walnut, glazed, paint)
     bookshelf(walnut)

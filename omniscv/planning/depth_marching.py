@@ -182,7 +182,8 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Met:
 
 
 def distances(shell: DepthShell, directions_w: Array) -> Array:
-    """Return (N,) captured distance in directions (N, 3) of any length, nearest pixel; 0 outside views."""
+    """Return (N,) captured distance in directions (N, 3) of any length, nearest pixel; 0 outside views, and
+    for a direction of length 0."""
     out = np.zeros(len(directions_w))
     _distances(shell, directions_w, out)
     return out
@@ -192,8 +193,10 @@ def distances(shell: DepthShell, directions_w: Array) -> Array:
 def _distances(shell: Any, directions: Any, out: Any) -> None:
     for i in range(directions.shape[0]):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        k, u, v, along = _lookup(shell, x, y, z)
-        out[i] = _nearest(shell.depth[k], u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > 0:
+            k, u, v, along = _lookup(shell, x, y, z)
+            out[i] = _nearest(shell.depth[k], u, v) / along * length if k >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)

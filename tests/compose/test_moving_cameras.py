@@ -78,3 +78,14 @@ def test_no_readout_is_the_base_to_the_bit(strategy):
     )
     for layer in ("lit", "labels", "depth", "depth_error", "label_edge", "unsure", "valid"):
         np.testing.assert_array_equal(getattr(mine, layer), getattr(its, layer))
+
+
+def test_a_pixel_whose_own_centre_is_the_cameras():
+    """The middle pixel of an orthographic image of odd size starts where the camera is: nothing is between."""
+    camera = create("orthographic", width=33, height=17, width_m=1.0)
+    rays = camera.unproject()
+    assert (rays.origins[8, 16] == 0).all()
+    source = float_source(load_scene("four-wall"))
+    image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth",))
+    assert image.valid.all()
+    assert not image.occluded[8, 16]
