@@ -27,7 +27,9 @@ _random = random.Random(7)
 # -- materials -----------------------------------------------------------------------------------------
 
 
-def material(name, color, roughness=0.6, metallic=0.0, *, second=None, scale=8.0, stretch=(1, 1, 1), bump=0.0):
+def material(
+    name, color, roughness=0.6, metallic=0.0, *, second=None, scale=8.0, stretch=(1, 1, 1), bump=0.0
+):
     """A surface of one colour, or of two that noise mixes; ``bump`` is how far noise roughens it."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
@@ -99,20 +101,29 @@ def box(name, center, size, surface, rounded=0.0, turn_deg=0.0):
 
 def turned(name, center, profile, surface, sides=40):
     """A body of revolution about the vertical; ``profile`` is (radius, height) from bottom to top, metres."""
-    points = [
-        (r * math.cos(2 * math.pi * i / sides), r * math.sin(2 * math.pi * i / sides), z)
-        for r, z in profile
-        for i in range(sides)
-    ]
-    faces = [
-        (row * sides + i, row * sides + (i + 1) % sides, (row + 1) * sides + (i + 1) % sides, (row + 1) * sides + i)
-        for row in range(len(profile) - 1)
-        for i in range(sides)
-    ]
-    faces += [tuple(reversed(range(sides))), tuple(range((len(profile) - 1) * sides, len(profile) * sides))]
+    around = [(math.cos(2 * math.pi * i / sides), math.sin(2 * math.pi * i / sides)) for i in range(sides)]
+    points = [(r * x, r * y, z) for r, z in profile for x, y in around]
+    faces = []
+    for low in range(0, (len(profile) - 1) * sides, sides):
+        for i in range(sides):
+            j = (i + 1) % sides
+            faces.append((low + i, low + j, low + sides + j, low + sides + i))
+    faces += [tuple(reversed(range(sides))), tuple(range(len(points) - sides, len(points)))]
     made = add(name, points, faces, surface, smooth=True)
     made.location = center
     return made
+
+
+def ball(radius, height=0.0, steps=24):
+    """The profile of a sphere that stands at a height."""
+    turns = [math.pi * k / steps for k in range(steps + 1)]
+    return [(radius * math.sin(t) + 1e-4, height + radius * (1 - math.cos(t))) for t in turns]
+
+
+def four(name, center, apart, size, surface):
+    """Four boxes, such as legs, ``apart`` from the centre along X and Y."""
+    (x, y, z), (a, b) = center, apart
+    return [box(name, (x + s * a, y + t * b, z), size, surface, 0.006) for s in (-1, 1) for t in (-1, 1)]
 
 
 def joined(name, *objects):
@@ -123,9 +134,8 @@ def joined(name, *objects):
         mesh.transform(each.matrix_world)
         each.modifiers.clear()
         each.data, each.location, each.rotation_euler = mesh, (0, 0, 0), (0, 0, 0)
-    with bpy.context.temp_override(
-        active_object=objects[0], object=objects[0], selected_objects=objects, selected_editable_objects=objects
-    ):
+    first = {"active_object": objects[0], "object": objects[0]}
+    with bpy.context.temp_override(**first, selected_objects=objects, selected_editable_objects=objects):
         bpy.ops.object.join()
     objects[0].name = objects[0].data.name = name
     return objects[0]
@@ -137,11 +147,11 @@ def joined(name, *objects):
 def shell(plaster, accent, paint):
     """Floor of planks, ceiling, walls with a window, skirting."""
     x, y = LENGTH / 2, WIDTH / 2
-    oak = [
-        material(f"oak {i}", (0.42 + d, 0.26 + d, 0.13 + d), 0.35, second=(0.3 + d, 0.17 + d, 0.08 + d), scale=3.0,
-                 stretch=(1, 14, 1), bump=0.0008)
-        for i, d in enumerate((-0.03, 0.0, 0.04))
-    ]  # fmt: skip
+    oak = []
+    for d in (-0.03, 0.0, 0.04):
+        light_one, dark_one = (0.42 + d, 0.26 + d, 0.13 + d), (0.3 + d, 0.17 + d, 0.08 + d)
+        grain = {"second": dark_one, "scale": 3.0, "stretch": (1, 14, 1), "bump": 0.0008}
+        oak.append(material("oak", light_one, 0.35, **grain))
     planks, width, start = [], 0.14, -y
     while start < y - 1e-6:
         left = -x - _random.uniform(0, 1.6)
@@ -169,11 +179,12 @@ def shell(plaster, accent, paint):
     joined("Wall_Front", *parts)
     bars = [((y0 + y1) / 2, z, y1 - y0, 0.06) for z in (z0 + 0.03, z1 - 0.03)]
     bars += [(yc, (z0 + z1) / 2, 0.06, z1 - z0) for yc in (y0 + 0.03, (y0 + y1) / 2, y1 - 0.03)]
-    joined("Window_Frame", *(box("bar", (x + 0.1, yc, zc), (0.06, w, h), paint, 0.008) for yc, zc, w, h in bars))
+    frame = [box("bar", (x + 0.1, yc, zc), (0.06, w, h), paint, 0.008) for yc, zc, w, h in bars]
+    joined("Window_Frame", *frame)
     box("Window_Sill", (x - 0.06, (y0 + y1) / 2, z0 - 0.02), (0.24, y1 - y0 + 0.16, 0.04), paint, 0.008)
-    skirting = [
-        ((0, s * (y - 0.008), 0.045), (LENGTH, 0.016, 0.09)) for s in (-1, 1)
-    ] + [((s * (x - 0.008), 0, 0.045), (0.016, WIDTH, 0.09)) for s in (-1, 1)]
+    skirting = [((0, s * (y - 0.008), 0.045), (LENGTH, 0.016, 0.09)) for s in (-1, 1)] + [
+        ((s * (x - 0.008), 0, 0.045), (0.016, WIDTH, 0.09)) for s in (-1, 1)
+    ]
     joined("Skirting", *(box("strip", at, size, paint, 0.003) for at, size in skirting))
 
 
@@ -183,9 +194,9 @@ def sofa(cloth, wood):
     parts = [box("seat", (cx, cy, 0.25), (2.1, 0.9, 0.26), cloth, 0.04)]
     parts += [box("arm", (cx + s * 1.0, cy, 0.36), (0.18, 0.9, 0.5), cloth, 0.06) for s in (-1, 1)]
     parts += [box("back", (cx, cy + 0.36, 0.5), (2.1, 0.2, 0.6), cloth, 0.07)]
-    parts += [box("cushion", (cx + s * 0.46, cy - 0.06, 0.44), (0.9, 0.76, 0.16), cloth, 0.06) for s in (-1, 1)]
-    parts += [box("foot", (cx + a * 0.95, cy + b * 0.38, 0.06), (0.06, 0.06, 0.12), wood) for a in (-1, 1) for b in (-1, 1)]
-    joined("Sofa", *parts)
+    seats = (0.9, 0.76, 0.16)
+    parts += [box("cushion", (cx + s * 0.46, cy - 0.06, 0.44), seats, cloth, 0.06) for s in (-1, 1)]
+    joined("Sofa", *parts, *four("foot", (cx, cy, 0.06), (0.95, 0.38), (0.06, 0.06, 0.12), wood))
     for i, (shift, color, turn) in enumerate(((-0.72, (0.75, 0.38, 0.08), 12), (0.7, (0.1, 0.28, 0.3), -14))):
         fabric = material(f"pillow {i}", color, 0.9, bump=0.002, scale=60)
         pillow = box(f"Pillow_{i}", (cx + shift, cy + 0.16, 0.68), (0.42, 0.14, 0.4), fabric, 0.065, turn)
@@ -195,30 +206,31 @@ def sofa(cloth, wood):
 def table(wood, ceramic, paper):
     """A low table before the sofa, with a bowl, books and a cup."""
     cx, cy = -0.5, 0.55
-    parts = [box("top", (cx, cy, 0.4), (1.1, 0.6, 0.04), wood, 0.012)]
-    parts += [box("leg", (cx + a * 0.48, cy + b * 0.24, 0.19), (0.05, 0.05, 0.38), wood, 0.006) for a in (-1, 1) for b in (-1, 1)]
-    joined("Table", *parts)
-    bowl = [(0.05, 0), (0.1, 0.02), (0.15, 0.07), (0.165, 0.1), (0.155, 0.1), (0.14, 0.07), (0.09, 0.03), (0.02, 0.02)]
-    turned("Bowl", (cx + 0.25, cy + 0.05, 0.42), bowl, ceramic)
-    for i, (a, b, r) in enumerate(((0.03, 0.02, 0.042), (-0.05, 0.03, 0.04), (0.0, -0.05, 0.041))):
-        fruit = material(f"fruit {i}", ((0.75, 0.2, 0.03), (0.8, 0.42, 0.03), (0.45, 0.5, 0.05))[i], 0.35)
-        ball = [(r * math.sin(math.pi * k / 12) + 1e-4, r * (1 - math.cos(math.pi * k / 12))) for k in range(13)]
-        turned(f"Fruit_{i}", (cx + 0.25 + a, cy + 0.05 + b, 0.455), ball, fruit, 24)
-    for i, (w, color) in enumerate(((0.3, (0.1, 0.14, 0.3)), (0.26, (0.5, 0.08, 0.06)))):
-        cover = material(f"cover {i}", color, 0.5)
-        box(f"Magazine_{i}", (cx - 0.28, cy - 0.06, 0.432 + 0.024 * i), (w, 0.2, 0.022), cover, 0.003, 20 - 32 * i)
-    turned("Cup", (cx - 0.02, cy - 0.16, 0.42), [(0.03, 0), (0.036, 0.02), (0.04, 0.09), (0.035, 0.09), (0.03, 0.01)], paper)
+    top = box("top", (cx, cy, 0.4), (1.1, 0.6, 0.04), wood, 0.012)
+    joined("Table", top, *four("leg", (cx, cy, 0.19), (0.48, 0.24), (0.05, 0.05, 0.38), wood))
+    bowl = [(0.05, 0), (0.1, 0.02), (0.15, 0.07), (0.165, 0.1)]
+    turned("Bowl", (cx + 0.25, cy + 0.05, 0.42), [*bowl, (0.155, 0.1), (0.14, 0.07), (0.02, 0.02)], ceramic)
+    colors = (0.75, 0.2, 0.03), (0.8, 0.42, 0.03), (0.45, 0.5, 0.05)
+    for i, (a, b) in enumerate(((0.03, 0.02), (-0.05, 0.03), (0.0, -0.05))):
+        fruit = material(f"fruit {i}", colors[i], 0.35)
+        turned(f"Fruit_{i}", (cx + 0.25 + a, cy + 0.05 + b, 0.455), ball(0.04), fruit)
+    for i, (width, color) in enumerate(((0.3, (0.1, 0.14, 0.3)), (0.26, (0.5, 0.08, 0.06)))):
+        cover, at = material(f"cover {i}", color, 0.5), (cx - 0.28, cy - 0.06, 0.432 + 0.024 * i)
+        box(f"Magazine_{i}", at, (width, 0.2, 0.022), cover, 0.003, 20 - 32 * i)
+    cup = [(0.03, 0), (0.036, 0.02), (0.04, 0.09), (0.035, 0.09), (0.03, 0.01)]
+    turned("Cup", (cx - 0.02, cy - 0.16, 0.42), cup, paper)
 
 
 def bookshelf(wood):
     """Along the back wall, filled."""
     bx, by, width, height, depth = -LENGTH / 2 + 0.17, -0.9, 1.3, 2.0, 0.3
-    parts = [box("side", (bx, by + s * width / 2, height / 2), (depth, 0.03, height), wood, 0.004) for s in (-1, 1)]
+    side = (depth, 0.03, height)
+    parts = [box("side", (bx, by + s * width / 2, height / 2), side, wood, 0.004) for s in (-1, 1)]
     parts += [box("back", (bx - depth / 2 + 0.008, by, height / 2), (0.016, width, height), wood)]
     levels = [0.04, 0.44, 0.83, 1.22, 1.61, height - 0.015]
     parts += [box("board", (bx, by, z), (depth, width, 0.03), wood, 0.004) for z in levels]
     joined("Bookshelf", *parts)
-    colors = [(0.35, 0.05, 0.05), (0.05, 0.12, 0.3), (0.55, 0.42, 0.2), (0.08, 0.22, 0.12), (0.6, 0.57, 0.5), (0.1, 0.1, 0.12)]
+    colors = [(0.35, 0.05, 0.05), (0.05, 0.12, 0.3), (0.55, 0.42, 0.2), (0.08, 0.22, 0.12), (0.6, 0.57, 0.5)]
     covers = [material(f"book {i}", color, 0.55) for i, color in enumerate(colors)]
     for row, z in enumerate(levels[:-1]):
         books, at = [], by - width / 2 + 0.03
@@ -232,17 +244,16 @@ def bookshelf(wood):
     clay = material("clay", (0.6, 0.27, 0.15), 0.7)
     vase = [(0.05, 0), (0.08, 0.06), (0.085, 0.12), (0.05, 0.19), (0.035, 0.22), (0.045, 0.25), (0.03, 0.25)]
     turned("Vase", (bx + 0.02, by + width / 2 - 0.2, levels[1] + 0.016), vase, clay)
-    globe = [(0.09 * math.sin(math.pi * k / 20) + 1e-4, 0.12 - 0.09 * math.cos(math.pi * k / 20)) for k in range(21)]
+    globe = [(0.06, 0), (0.05, 0.015), (0.01, 0.03), *ball(0.09, 0.03)]
     sea = material("sea", (0.04, 0.16, 0.35), 0.25, second=(0.22, 0.35, 0.1), scale=6)
-    turned("Globe", (bx + 0.02, by + width / 2 - 0.2, levels[3] + 0.016), [(0.06, 0), (0.05, 0.015), (0.01, 0.03), *globe], sea)
+    turned("Globe", (bx + 0.02, by + width / 2 - 0.2, levels[3] + 0.016), globe, sea)
 
 
 def desk(wood, metal):
     """At the right wall, with a chair and a screen."""
     cx, cy = 1.2, -WIDTH / 2 + 0.36
-    parts = [box("top", (cx, cy, 0.73), (1.5, 0.65, 0.03), wood, 0.006)]
-    parts += [box("leg", (cx + a * 0.68, cy + b * 0.26, 0.357), (0.05, 0.05, 0.715), metal) for a in (-1, 1) for b in (-1, 1)]
-    joined("Desk", *parts)
+    top = box("top", (cx, cy, 0.73), (1.5, 0.65, 0.03), wood, 0.006)
+    joined("Desk", top, *four("leg", (cx, cy, 0.357), (0.68, 0.26), (0.05, 0.05, 0.715), metal))
     dark = material("screen", (0.01, 0.012, 0.015), 0.08)
     joined(
         "Screen",
@@ -301,23 +312,29 @@ def lamps(metal):
     warm = light("bulb", (1.0, 0.72, 0.42), 60)
     turned("Lamp_Bulb", (lx, ly, 1.47), [(0.01, 0), (0.04, 0.04), (0.045, 0.08), (0.01, 0.12)], warm)
     hung = light("globe lamp", (1.0, 0.86, 0.68), 6)
-    ball = [(0.15 * math.sin(math.pi * k / 24) + 1e-4, -0.15 * math.cos(math.pi * k / 24)) for k in range(25)]
-    turned("Ceiling_Lamp", (0.3, -0.2, HEIGHT - 0.35), ball, hung, 48)
+    turned("Ceiling_Lamp", (0.3, -0.2, HEIGHT - 0.5), ball(0.15), hung)
     turned("Ceiling_Cord", (0.3, -0.2, HEIGHT - 0.2), [(0.008, 0), (0.008, 0.2)], metal, 12)
 
 
 def pictures(wood):
     """On the left wall, over the sofa: frames around fields of colour."""
-    fields = (((0.85, 0.5, 0.2), (0.2, 0.25, 0.4), 2.0), ((0.75, 0.72, 0.66), (0.1, 0.3, 0.3), 3.5), ((0.5, 0.1, 0.1), (0.9, 0.8, 0.6), 1.4))
+    fields = (
+        ((0.85, 0.5, 0.2), (0.2, 0.25, 0.4), 2.0),
+        ((0.75, 0.72, 0.66), (0.1, 0.3, 0.3), 3.5),
+        ((0.5, 0.1, 0.1), (0.9, 0.8, 0.6), 1.4),
+    )
     for i, (first, second, scale) in enumerate(fields):
         canvas = material(f"canvas {i}", first, 0.8, second=second, scale=scale)
         at = (-1.4 + 0.8 * i, WIDTH / 2 - 0.015, 1.65)
-        joined(
-            f"Picture_{i}",
-            box("canvas", (at[0], at[1] - 0.008, at[2]), (0.5, 0.016, 0.66), canvas),
-            *(box("bar", (at[0] + s * 0.27, at[1] - 0.012, at[2]), (0.04, 0.034, 0.74), wood, 0.004) for s in (-1, 1)),
-            *(box("bar", (at[0], at[1] - 0.012, at[2] + s * 0.35), (0.58, 0.034, 0.04), wood, 0.004) for s in (-1, 1)),
-        )
+        parts = [box("canvas", (at[0], at[1] - 0.008, at[2]), (0.5, 0.016, 0.66), canvas)]
+        for s in (-1, 1):
+            parts.append(
+                box("bar", (at[0] + s * 0.27, at[1] - 0.012, at[2]), (0.04, 0.034, 0.74), wood, 0.004)
+            )
+            parts.append(
+                box("bar", (at[0], at[1] - 0.012, at[2] + s * 0.35), (0.58, 0.034, 0.04), wood, 0.004)
+            )
+        joined(f"Picture_{i}", *parts)
 
 
 def rug():
@@ -354,7 +371,8 @@ def main(path):
     plaster = material("plaster", (0.78, 0.75, 0.7), 0.9, bump=0.001, scale=40)
     accent = material("accent", (0.2, 0.3, 0.3), 0.9, bump=0.001, scale=40)
     paint = material("white paint", (0.85, 0.85, 0.83), 0.5)
-    walnut = material("walnut", (0.2, 0.11, 0.06), 0.4, second=(0.12, 0.06, 0.03), scale=4, stretch=(2, 16, 16))
+    grain = {"second": (0.12, 0.06, 0.03), "scale": 4, "stretch": (2, 16, 16)}
+    walnut = material("walnut", (0.2, 0.11, 0.06), 0.4, **grain)
     metal = material("metal", (0.15, 0.15, 0.16), 0.35, 0.9)
     glazed = material("glazed", (0.75, 0.77, 0.72), 0.15)
     shell(plaster, accent, paint)

@@ -81,7 +81,7 @@ def test_no_readout_is_the_base_to_the_bit(strategy):
 
 
 def test_a_pixel_whose_own_centre_is_the_cameras():
-    """The middle pixel of an orthographic image of odd size starts where the camera is: nothing is between."""
+    """The middle ray of an orthographic image of odd size starts where the camera is: nothing is between."""
     camera = create("orthographic", width=33, height=17, width_m=1.0)
     rays = camera.unproject()
     assert (rays.origins[8, 16] == 0).all()
