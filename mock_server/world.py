@@ -104,7 +104,7 @@ class World:
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
         self.viewmode = "lit"
-        self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.step_s, 1.0
+        self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
         self.things = Objects(scene)
         self._moments = deque([self.things.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
