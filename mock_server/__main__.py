@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mock_server.catalog import scene_names
 from mock_server.faults import KINDS
-from mock_server.scene import scene_names
 from mock_server.server import serve
 from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS
 from mock_server.stop_signal import stop_signal
