@@ -135,8 +135,9 @@ def joined(name, *objects):
         each.modifiers.clear()
         each.data, each.location, each.rotation_euler = mesh, (0, 0, 0), (0, 0, 0)
     first = {"active_object": objects[0], "object": objects[0]}
-    with bpy.context.temp_override(**first, selected_objects=objects, selected_editable_objects=objects):
-        bpy.ops.object.join()
+    if len(objects) > 1:
+        with bpy.context.temp_override(**first, selected_objects=objects, selected_editable_objects=objects):
+            bpy.ops.object.join()
     objects[0].name = objects[0].data.name = name
     return objects[0]
 
