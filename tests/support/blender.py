@@ -38,18 +38,18 @@ def run_inside(script, *arguments):
 
 
 @cache
-def rebuilt(name):
-    """The path of a scene of the mock server, rebuilt in Blender; made once."""
+def rebuilt(name, sides=64):
+    """The path of a scene of the mock server, rebuilt in Blender once; what is round has so many sides."""
     folder = Path(tempfile.mkdtemp(prefix="omniscv-rooms-"))
     path = folder / f"{name}.blend"
     (folder / "room.json").write_text(json.dumps(_solids(name)))
-    run_inside(HERE / "blender_room.py", folder / "room.json", path)
+    run_inside(HERE / "blender_room.py", folder / "room.json", path, sides)
     return path
 
 
-def address(name, query="samples=1"):
+def address(name, query="samples=1", sides=64):
     """The address of a scene of the mock server, rebuilt in Blender."""
-    return f"blender://{rebuilt(name)}?{query}"
+    return f"blender://{rebuilt(name, sides)}?{query}"
 
 
 def _solids(name):
@@ -69,7 +69,7 @@ def _color(label):
     return [(37 * label % 101) / 101, (53 * label % 89) / 89, (71 * label % 97) / 97]
 
 
-def fake(folder, version="5.0.1", **faults):
+def fake(folder, version="5.0.1", content="BLENDER", **faults):
     """An address of a scene in ``folder``, opened by a program that speaks as Blender does.
 
     ``faults`` are those of :mod:`support.fake_blender`.
@@ -77,7 +77,8 @@ def fake(folder, version="5.0.1", **faults):
     program = folder / "blender"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I "{HERE / "fake_blender.py"}" {version} "$@"\n')
     program.chmod(0o755)
-    (folder / "room.blend").write_text(json.dumps(faults))
+    (folder / "room.blend").write_text(content)
+    (folder / "room.blend.json").write_text(json.dumps(faults))
     return f"blender://{folder / 'room.blend'}?blender={program}"
 
 

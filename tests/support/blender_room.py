@@ -1,6 +1,7 @@
 """Runs inside Blender: builds a .blend file of boxes, spheres, cylinders and rectangles, from JSON.
 
-``PYTHON blender_room.py ROOM.json OUT.blend``. Every object shows one colour, without light or noise.
+``PYTHON blender_room.py ROOM.json OUT.blend SIDES``: so many sides has what is round. Every object shows one
+colour, without light or noise.
 """
 
 import json
@@ -10,7 +11,7 @@ import sys
 import bpy
 import numpy as np
 
-AROUND = 2048  # sides of what is round: a radius of 0.25 m is 0.3 um off
+SIDES = int(sys.argv[-1])
 
 
 def rectangle(half):
@@ -27,14 +28,14 @@ def circle(count):
 
 
 def cylinder(half):
-    n, (radius, _, height) = AROUND, half
+    n, (radius, _, height) = SIDES, half
     corners = [(radius * x, radius * y, z) for z in (-height, height) for x, y in circle(n)]
     sides = [(i, (i + 1) % n, n + (i + 1) % n, n + i) for i in range(n)]
     return corners, [*sides, tuple(range(n - 1, -1, -1)), tuple(range(n, 2 * n))]
 
 
 def sphere(half):
-    n, m, radius = AROUND // 4, AROUND // 8, half[0]
+    n, m, radius = SIDES // 2, SIDES // 4, half[0]
     rings = [(math.sin(math.pi * k / m), math.cos(math.pi * k / m)) for k in range(1, m)]
     corners = [(radius * s * x, radius * s * y, radius * c) for s, c in rings for x, y in circle(n)]
     faces = [
@@ -73,7 +74,7 @@ def add(name, solids, color):
 
 
 def main():
-    source, out = sys.argv[-2:]
+    source, out, _ = sys.argv[-3:]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with open(source, encoding="utf-8") as file:
         room = json.load(file)

@@ -1,8 +1,9 @@
-"""Speaks as ``inside.py`` does, and shows a floor under the sky. It can misbehave.
+"""Speaks as ``inside/main.py`` does, and shows a floor under the sky. It can misbehave.
 
-The first argument is its version, the others are Blender's. The scene's file is JSON: ``world``: whether there is one; ``kill``: numbers of the
-renders, over all processes, in which it kills itself; ``hang``, ``garbage``, ``refuse``, ``small``,
-``no_picture``: numbers of the renders that fail so; ``refuse_scene``: why it does not open the scene.
+The first argument is its version, the others are Blender's. A file NAME.blend.json has ``world``: whether
+there is one; ``kill``: numbers of the renders, over all processes, in which it kills itself; ``hang``,
+``garbage``, ``refuse``, ``small``, ``no_picture``: numbers of the renders that fail so; ``refuse_scene``: why
+it does not open the scene.
 Every render is a line in a log beside the file.
 """
 
@@ -13,16 +14,13 @@ import struct
 import sys
 import time
 
-import numpy as np
-import OpenImageIO as oiio
-
 MARK = b"\n--omniscv-blender-1--\n"
 OBJECTS = {"Floor": 1, "Roof": 2}
 
 
 def main():
     assert sys.argv[2] == "--background", sys.argv
-    assert sys.argv[-1].endswith("inside.py"), sys.argv
+    assert sys.argv[-1].endswith("main.py"), sys.argv
     path, faults = "", {}
     say(b"Blender 5.0.1 (fake)\nRead prefs\n" + MARK)
     reply({"version": [int(part) for part in sys.argv[1].split(".")]})
@@ -33,7 +31,7 @@ def main():
         asked = json.loads(sys.stdin.buffer.read(struct.unpack(">I", head)[0]))
         if asked["do"] == "open":
             path = asked["path"]
-            with open(path) as file:
+            with open(f"{path}.json") as file:
                 faults = json.load(file)
         reply(answer(asked, path, faults))
 
@@ -45,7 +43,7 @@ def answer(asked, path, faults):
         about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "lights": 0, "metres": 1.0}
         return {**about, "world": faults.get("world", True), "libraries": [], "missing": []}
     if asked["do"] == "boxes":
-        return {"boxes": {"Floor": [[0, 0, 0], np.eye(3).tolist(), [10, 10, 0]]}}
+        return {"boxes": {"Floor": [[0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 10, 0]]}}
     number = logged(path, asked["kind"])
     if number in faults.get("kill", ()):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -69,6 +67,8 @@ def logged(path, kind):
 
 
 def render(asked, less):
+    import numpy as np  # here, so that it starts fast
+
     (width, height), tangent = asked["size"], asked["tan_half_fov"]
     width -= less
     x = (np.arange(width) + 0.5 - width / 2) / (width / 2) * tangent
@@ -92,15 +92,20 @@ def render(asked, less):
 
 def write(file, passes):
     """A PNG of 8 bits, or an EXR of one part for each pass, as Blender's."""
+    import numpy as np
+    import OpenImageIO
+
     specs = []
     for name, letters, pixels in passes:
         height, width = pixels.shape[:2]
-        spec = oiio.ImageSpec(width, height, len(letters), "float" if file.endswith("exr") else "uint8")
+        spec = OpenImageIO.ImageSpec(
+            width, height, len(letters), "float" if file.endswith("exr") else "uint8"
+        )
         if name:
             spec.channelnames = [f"ViewLayer.{name}.{letter}" for letter in letters]
             spec.attribute("name", f"ViewLayer.{name}")
         specs.append(spec)
-    out = oiio.ImageOutput.create(file)
+    out = OpenImageIO.ImageOutput.create(file)
     opened = out.open(file, tuple(specs)) if len(specs) > 1 else out.open(file, specs[0])
     assert opened, out.geterror()
     for number, (_, _, pixels) in enumerate(passes):

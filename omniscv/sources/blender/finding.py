@@ -9,7 +9,7 @@ from pathlib import Path
 from omniscv.errors import ArgumentError, SourceError
 
 VARIABLE = "OMNISCV_BLENDER"
-INSIDE = Path(__file__).with_name("inside.py")
+INSIDE = Path(__file__).parent / "inside" / "main.py"
 _NONE = (
     "Blender: expected the module bpy or the program blender, found neither; install Blender 5.0 or later "
     f"(pip install bpy), or name it: {VARIABLE}=PATH, or ?blender=PATH in the address"
@@ -17,7 +17,7 @@ _NONE = (
 
 
 def blender_command(named: str | None = None) -> list[str]:
-    """Return the command that runs ``inside.py`` inside Blender.
+    """Return the command that runs ``inside/main.py`` inside Blender.
 
     Args:
         named: a Blender executable, or a Python that has ``bpy``, whose name begins with ``python``. If not

@@ -57,12 +57,12 @@ def read_data(path: Path, view: View, metres: float) -> Pixels:
 
 def _passes(path: Path) -> Pixels:
     """Passes by name and channels: ``Depth.Z`` (H, W), ``Normal.XYZ`` and ``Combined.RGB`` (H, W, 3)."""
-    import OpenImageIO as oiio
+    import OpenImageIO
 
     found: Pixels = {}
-    file = oiio.ImageInput.open(str(path))
+    file = OpenImageIO.ImageInput.open(str(path))
     if file is None:
-        raise BadReplyError(f"expected an EXR file of Blender, got: {oiio.geterror()}")
+        raise BadReplyError(f"expected an EXR file of Blender, got: {OpenImageIO.geterror()}")
     try:
         part = 0
         while file.seek_subimage(part, 0):

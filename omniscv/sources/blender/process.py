@@ -1,4 +1,4 @@
-"""A process that speaks as ``inside.py`` does: requests and replies over its standard input and output."""
+"""A process that speaks as ``inside/main.py`` does, over its standard input and output."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, DeadlineError, ServerConnectionError, ServerRefusedError
 
 MARK = b"\n--omniscv-blender-1--\n"
-"""What comes before the first reply; as in ``inside.py``, which cannot import this."""
+"""What comes before the first reply; as in ``inside/main.py``, which cannot import this."""
 _MOST_NOISE = 1 << 20  # bytes before the mark
 _MOST_REPLY = 1 << 27  # bytes: boxes of as many objects as there can be take a tenth
 _LAST_OUTPUT = 10_000  # bytes
@@ -96,7 +96,12 @@ class Process:
     def _exchange(self, what: str) -> Iterator[None]:
         """Bound an exchange in time; whatever interrupts it ends the process, which would be out of step."""
         late = threading.Event()
-        timer = threading.Timer(self._timeout_s, lambda: (late.set(), self._kill()))
+
+        def give_up() -> None:
+            late.set()
+            self._kill()
+
+        timer = threading.Timer(self._timeout_s, give_up)
         timer.daemon = True
         timer.start()
         try:

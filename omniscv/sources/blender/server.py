@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,7 +17,6 @@ OLDEST = (5, 0)
 """Passes of EXR files and the settings of pictures have other names before Blender 5.0."""
 
 _RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
-_PAUSE_S = 0.1
 
 
 class Blender:
@@ -33,7 +31,7 @@ class Blender:
     Attributes:
         name: of the scene's file, for messages.
         version: of Blender, such as ``5.0.1``.
-        scene: what ``inside.py`` describes.
+        scene: what ``inside/main.py`` describes.
         digest: of the scene's file and of the files that it links.
 
     Raises:
@@ -47,14 +45,15 @@ class Blender:
         self._timeout_s, self._retries = timeout_s, retries
         self.name = Path(settings.path).name
         self._process: Process | None = None
-        self.version, self.scene = "", {}
+        self.version = ""
+        self.scene: dict[str, Any] = {}
         self._start()
         self.digest = self._digest()
 
     def ask(self, what: str, message: Mapping[str, Any], reader: Callable[[dict[str, Any], Path], T]) -> T:
         """Send a request, and return what ``reader(reply, folder)`` makes of the reply.
 
-        After a fault Blender is started again, with pauses that double, and the request sent again.
+        After a fault Blender is started again, and the request sent again.
 
         Args:
             what: Blender is to do, for messages.
@@ -64,7 +63,7 @@ class Blender:
         Raises:
             SourceError: Blender reports an error, or too many faults came in a row.
         """
-        for failures in range(self._retries + 1):
+        for _ in range(self._retries + 1):
             try:
                 process = self._process or self._start_again()
                 reply = process.ask(what, {**message, "folder": str(process.folder)})
@@ -72,8 +71,6 @@ class Blender:
             except _RETRIED as cause:
                 fault = cause
                 self.close()
-                if failures < self._retries:
-                    time.sleep(_PAUSE_S * 2**failures)
         raise type(fault)(f"{fault}; gave up after {self._retries + 1} attempts") from fault
 
     def close(self) -> None:

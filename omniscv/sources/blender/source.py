@@ -99,7 +99,10 @@ class BlenderSource(Source):
         with self._lock:
             self._check_open()
             boxes = self._blender.ask("measure its objects", {"do": "boxes"}, lambda reply, _: reply["boxes"])
-        found = {name: ObjectBox.of(*map(np.array, box), "vertices") for name, box in sorted(boxes.items())}
+        found = {
+            name: ObjectBox.of(np.array(center), np.array(axes), np.array(size), "vertices")
+            for name, (center, axes, size) in sorted(boxes.items())
+        }
         return SceneGeometry(MappingProxyType(found))
 
     def without(self, objects: Iterable[str]) -> Source:

@@ -1,11 +1,12 @@
 """Renders a scene inside Blender, as requests on the standard input say.
 
-Blender's licence is the GNU GPL. This program runs inside Blender's process; omniscv starts it and talks to it
-over pipes, and imports neither this file nor anything of Blender. It needs Blender 5.0, of the module ``bpy``
-or the executable, and the NumPy that comes with them.
+Blender's licence is the GNU GPL. This program runs inside Blender's process; omniscv starts it and talks to
+it over pipes, and imports neither this folder nor anything of Blender. It needs Blender 5.0, the module
+``bpy`` or the executable, and the NumPy that comes with them.
 
-Frames each way: 4 bytes, the length, big endian, then so much JSON. ``MARK`` comes before the first one, since
-Blender may have written to the standard output by then. Pictures go to files in the folder that requests name.
+Frames each way: 4 bytes, the length, big endian, then so much JSON. ``MARK`` comes before the first one,
+since Blender may have written to the standard output by then. Pictures go to files in the folder that
+requests name.
 """
 
 import json
@@ -14,18 +15,20 @@ import queue
 import shutil
 import sys
 import threading
+from typing import IO, Any
 
 import bpy  # type: ignore[import-not-found]
 import numpy as np
 from mathutils import Matrix  # type: ignore[import-not-found]
+from numpy.typing import NDArray
+
+sys.path.append(os.path.dirname(os.path.abspath(__file__)))
+import loading  # type: ignore[import-not-found]  # the file beside this one
 
 MARK = b"\n--omniscv-blender-1--\n"
-SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME")
-"""Types of objects that pictures show."""
-MESHES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
-"""Those of them that have vertices."""
 MOST_OBJECTS = 32_767  # what a pass index can be
 CAMERA = "omniscv.camera"
+Requests = queue.SimpleQueue[dict[str, Any]]
 
 
 class World:
@@ -37,19 +40,19 @@ class World:
         metres: of a unit of the scene.
     """
 
-    def __init__(self, asked):
+    def __init__(self, asked: dict[str, Any]) -> None:
         self.asked = asked
         bpy.ops.wm.read_factory_settings(use_empty=True)
         bpy.ops.wm.open_mainfile(filepath=asked["path"], load_ui=False, use_scripts=False)
-        self.scene = chosen_scene(asked["scene"])
+        self.scene = loading.chosen_scene(asked["scene"])
         bpy.context.window.scene = self.scene
         self.layer = next((each for each in self.scene.view_layers if each.use), self.scene.view_layers[0])
         bpy.context.window.view_layer = self.layer
         self.scene.frame_set(self.scene.frame_current if asked["frame"] is None else asked["frame"])
         self.metres = self.scene.unit_settings.scale_length
-        show_as_rendered(self.scene, self.layer)
-        make_instances_real(self.scene)
-        self.named = named_objects(self.layer)
+        loading.show_as_rendered(self.layer)
+        loading.make_instances_real(self.scene)
+        self.named = loading.named_objects(self.layer)
         if len(self.named) > MOST_OBJECTS:
             raise RuntimeError(f"expected at most {MOST_OBJECTS} objects, got {len(self.named)}")
         self.ids = {name: 1 + i for i, name in enumerate(sorted(self.named))}
@@ -57,13 +60,13 @@ class World:
             each.pass_index = 0
         for name, index in self.ids.items():
             self.named[name].pass_index = index
-        self.hidden = set()
+        self.hidden: set[str] = set()
         self.camera = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
         self.scene.collection.objects.link(self.camera)
         self.scene.camera = self.camera
         self.prepare()
 
-    def description(self):
+    def description(self) -> dict[str, Any]:
         """Return what is known of the scene before anything is rendered."""
         paths = [bpy.path.abspath(each.filepath) for each in bpy.data.libraries]
         textures = [
@@ -83,7 +86,7 @@ class World:
             "missing": sorted({each for each in (*paths, *textures) if not os.path.isfile(each)}),
         }
 
-    def prepare(self):
+    def prepare(self) -> None:
         """Set what all renders have in common: pictures as they are, without anything drawn over them."""
         render, cycles = self.scene.render, self.scene.cycles
         render.engine = "CYCLES"
@@ -102,9 +105,11 @@ class World:
         use_device(self.scene, self.asked["device"])
         if self.asked["threads"]:
             render.threads_mode, render.threads = "FIXED", self.asked["threads"]
-        self.look = {name: getattr(cycles, name) for name in ("pixel_filter_type", "filter_width", "max_bounces")}
+        self.look = {
+            name: getattr(cycles, name) for name in ("pixel_filter_type", "filter_width", "max_bounces")
+        }
 
-    def render(self, asked):
+    def render(self, asked: dict[str, Any]) -> dict[str, Any]:
         """Render one view into a file: colours, or all data at the centres of the pixels."""
         self.hide(set(asked["hidden"]))
         self.aim(asked)
@@ -116,7 +121,7 @@ class World:
             raise RuntimeError("Blender has rendered no picture")
         return {"metres": self.metres}
 
-    def aim(self, asked):
+    def aim(self, asked: dict[str, Any]) -> None:
         """Set the camera: a pose from Blender's camera axes (x right, y up, z back) to its world."""
         data, render = self.camera.data, self.scene.render
         tangent = asked["tan_half_fov"]
@@ -129,7 +134,7 @@ class World:
         place.translation = [each / self.metres for each in asked["position"]]
         self.camera.matrix_world = place
 
-    def set_data(self):
+    def set_data(self) -> None:
         """One sample at the centre of every pixel, without light."""
         cycles, render = self.scene.cycles, self.scene.render
         self.use_passes(combined=False)
@@ -137,7 +142,7 @@ class World:
         cycles.pixel_filter_type, cycles.filter_width, cycles.max_bounces = "BOX", 0.01, 0
         multi_layer_exr(render.image_settings)
 
-    def set_colors(self):
+    def set_colors(self) -> None:
         """As many samples as the address says, through the scene's pixel filter."""
         cycles, settings = self.scene.cycles, self.scene.render.image_settings
         self.use_passes(combined=True)
@@ -153,7 +158,7 @@ class World:
         settings.media_type, settings.file_format = "IMAGE", "PNG"
         settings.color_mode, settings.color_depth, settings.compression = "RGB", "8", 0
 
-    def use_passes(self, combined):
+    def use_passes(self, combined: bool) -> None:
         """Render colours alone, or data alone."""
         for each in self.layer.bl_rna.properties:
             if each.identifier.startswith("use_pass_"):
@@ -162,16 +167,16 @@ class World:
         for name in () if combined else ("z", "normal", "object_index"):
             setattr(self.layer, f"use_pass_{name}", True)
 
-    def hide(self, wanted):
+    def hide(self, wanted: set[str]) -> None:
         """Hide objects from renders, and show the others again."""
         for name in wanted ^ self.hidden:
             self.named[name].hide_render = name in wanted
         self.hidden = wanted
 
-    def boxes(self, asked):
+    def boxes(self, asked: dict[str, Any]) -> dict[str, Any]:
         """Return by object a box around its vertices in its own axes, instances in it included."""
         names = {index: name for name, index in self.ids.items()}
-        points = {}
+        points: dict[str, Any] = {}
         for each in evaluated().object_instances:
             name = names.get(each.object.pass_index)
             if name is not None and (found := vertices_of(each)) is not None:
@@ -183,7 +188,7 @@ class World:
             }
         }
 
-    def box(self, points, matrix):
+    def box(self, points: NDArray[np.float64], matrix: Any) -> list[Any]:
         """Return centre, axes in rows, and size, in metres."""
         axes = np.array(matrix.to_quaternion().to_matrix())
         along = points @ axes
@@ -192,103 +197,10 @@ class World:
         return [(self.metres * center).tolist(), axes.T.tolist(), (self.metres * (high - low)).tolist()]
 
 
-def chosen_scene(name):
-    """Return the scene of a name; the one that was shown last if there is no name."""
-    if name is None:
-        return bpy.context.scene
-    if name not in bpy.data.scenes:
-        raise RuntimeError(f"expected one of the scenes {', '.join(bpy.data.scenes.keys())}, got {name!r}")
-    return bpy.data.scenes[name]
-
-
-def show_as_rendered(scene, layer):
-    """Make what is evaluated for boxes equal to what is rendered: the same objects, the same subdivision."""
-    shown = rendered_objects(layer.layer_collection)
-    stack = [layer.layer_collection]
-    while stack:
-        each = stack.pop()
-        stack += each.children
-        each.hide_viewport = each.collection.hide_viewport = False
-    for each in layer.objects:
-        each.hide_viewport = each not in shown
-        each.hide_render = each not in shown
-    for each in bpy.data.objects:
-        for modifier in each.modifiers:
-            modifier.show_viewport = modifier.show_render
-            if hasattr(modifier, "render_levels"):
-                modifier.levels = modifier.render_levels
-    bpy.context.view_layer.update()
-
-
-def rendered_objects(top):
-    """Return the objects of a view layer that are rendered: where no collection around them is hidden."""
-    found = set()
-    if not top.exclude and not top.collection.hide_render:
-        found.update(each for each in top.collection.objects if not each.hide_render)
-    if not top.collection.hide_render:  # what is in an excluded collection may be in another one too
-        for each in top.children:
-            found |= rendered_objects(each)
-    return found
-
-
-def make_instances_real(scene):
-    """Put objects in place of the instances of collections, so that each has a pass index of its own."""
-    depsgraph, made, meshes = evaluated(), [], {}
-    for each in depsgraph.object_instances:
-        if each.is_instance and each.parent.instance_type == "COLLECTION":
-            made.append((each.parent.original, each.object.original, each.matrix_world.copy()))
-            if each.object.type in MESHES and (each.object.modifiers or has_shape_keys(each.object)):
-                key = each.object.original
-                meshes[key] = meshes.get(key) or bpy.data.meshes.new_from_object(
-                    each.object, preserve_all_data_layers=True, depsgraph=depsgraph
-                )
-    for parent, original, matrix in made:
-        scene.collection.objects.link(copied(original, f"{parent.name}/{original.name}", matrix, meshes))
-    for parent in {parent for parent, _, _ in made}:
-        parent.instance_type = "NONE"
-
-
-def copied(original, name, matrix, meshes):
-    """Return an object that stands still at a place, without what could move or change it."""
-    new = original.copy()
-    new.name = name
-    new.parent = None
-    new.animation_data_clear()
-    new.constraints.clear()
-    if original in meshes:
-        new.modifiers.clear()
-        new = as_mesh(new, meshes[original])
-    new.matrix_world = matrix
-    return new
-
-
-def as_mesh(new, mesh):
-    """Return an object with other data; curves and the like become meshes."""
-    if new.type == "MESH":
-        new.data = mesh
-        return new
-    plain = bpy.data.objects.new(new.name, mesh)
-    bpy.data.objects.remove(new)
-    return plain
-
-
-def has_shape_keys(each):
-    return getattr(each.data, "shape_keys", None) is not None
-
-
-def named_objects(layer):
-    """Return by name the objects that are rendered; with the library's name where two have one name."""
-    found = {}
-    for each in sorted(rendered_objects(layer.layer_collection), key=lambda each: each.name_full):
-        if each.type in SHAPES:
-            found[each.name_full if each.name in found else each.name] = each
-    return found
-
-
-def vertices_of(instance):
+def vertices_of(instance: Any) -> NDArray[np.float64] | None:
     """Return the vertices (N, 3) of an evaluated object in the world, in units; None where it has none."""
     each = instance.object
-    if each.type in MESHES:
+    if each.type in loading.MESHES:
         mesh = each.to_mesh()
         points = np.empty(3 * len(mesh.vertices) if mesh else 0, np.float32)
         if mesh:
@@ -301,16 +213,16 @@ def vertices_of(instance):
     return points if len(points) else None
 
 
-def evaluated():
+def evaluated() -> Any:
     return bpy.context.evaluated_depsgraph_get()
 
 
-def multi_layer_exr(settings):
+def multi_layer_exr(settings: Any) -> None:
     settings.media_type, settings.file_format = "MULTI_LAYER_IMAGE", "OPEN_EXR_MULTILAYER"
     settings.color_depth, settings.exr_codec = "32", "NONE"
 
 
-def use_device(scene, device):
+def use_device(scene: Any, device: str) -> None:
     """Render on the CPU, or on all devices of a kind, such as ``cuda``."""
     scene.cycles.device = "CPU" if device == "cpu" else "GPU"
     if device == "cpu":
@@ -331,13 +243,15 @@ def use_device(scene, device):
 # -- the pipes ------------------------------------------------------------------------------------------
 
 
-def main():
+def main() -> None:
     """Answer requests until the input ends, which is when whoever started this is done, or gone."""
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what Blender prints goes nowhere
     replies.write(MARK)
     send(replies, {"version": list(bpy.app.version)})
-    requests, world, folders = queue.SimpleQueue(), None, set()
+    requests: Requests = queue.SimpleQueue()
+    world: Any = None
+    folders: set[str] = set()
     threading.Thread(target=read, args=(sys.stdin.buffer, requests, folders), daemon=True).start()
     while True:
         asked = requests.get()
@@ -352,7 +266,7 @@ def main():
         send(replies, answer)
 
 
-def read(stream, requests, folders):
+def read(stream: IO[bytes], requests: Requests, folders: set[str]) -> None:
     """Put requests in a queue. Their end ends this program at once, also in the middle of a picture, and
     removes the folders that they have named."""
     while len(head := stream.read(4)) == 4:
@@ -364,7 +278,7 @@ def read(stream, requests, folders):
     os._exit(0)
 
 
-def send(stream, message):
+def send(stream: IO[bytes], message: dict[str, Any]) -> None:
     data = json.dumps(message).encode()
     stream.write(len(data).to_bytes(4, "big") + data)
     stream.flush()
