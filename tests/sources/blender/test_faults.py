@@ -7,12 +7,14 @@ import os
 import pickle
 
 import numpy as np
+import OpenImageIO
 import pytest
 from support import blender
 from support.faces import face_requests
 from support.recordings import contents
 
 import omniscv
+from omniscv import jobs
 from omniscv.errors import ArgumentError, DeadlineError, OmniscvError, SourceError
 from omniscv.sources.blender.finding import INSIDE, blender_command
 
@@ -211,6 +213,21 @@ def test_a_view_is_rendered_once_for_all_its_data_and_again_without_objects(tmp_
         assert all(np.array_equal(a, b) for a, b in zip(shown, again, strict=True))
         with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Wall'"):
             source.without(["Wall"])
+
+
+def test_a_job_renders_a_scene_that_lies_beside_it(tmp_path):
+    address = blender.fake(tmp_path).replace(f"{tmp_path}/room", "room")
+    (tmp_path / "job.yaml").write_text(
+        f"source: {address}\nmodes: [lit, depth]\nposes: [{{position: [0, 0, 1.5]}}]\n"
+        "cameras: {pano: {model: equirectangular, width: 16, height: 8}}\n"
+    )
+    job = jobs.load(tmp_path / "job.yaml")
+    assert jobs.costs(job)
+    assert blender.renders(tmp_path) == []
+    jobs.run(job)
+    depth = OpenImageIO.ImageBuf(str(tmp_path / "out" / "pano.depth.exr")).get_pixels()
+    assert np.isinf(depth[0]).all()
+    assert depth[-1] == pytest.approx(1.5, abs=0.1)
 
 
 def test_it_belongs_to_the_process_that_opened_it(tmp_path):

@@ -55,7 +55,8 @@ def make_instances_real(scene: Any) -> None:
     made: list[tuple[Any, ...]] = []
     meshes: dict[Any, Any] = {}
     for each in depsgraph.object_instances:
-        if each.is_instance and each.parent.instance_type == "COLLECTION":
+        nested = each.object.type == "EMPTY"  # what it would put is in the list too
+        if each.is_instance and each.parent.instance_type == "COLLECTION" and not nested:
             made.append((each.parent.original, each.object.original, each.matrix_world.copy()))
             if each.object.type in MESHES and (each.object.modifiers or has_shape_keys(each.object)):
                 key = each.object.original
