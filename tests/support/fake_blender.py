@@ -1,10 +1,9 @@
 """Speaks as ``inside/main.py`` does, and shows a floor under the sky. It can misbehave.
 
 The first argument is its version, the others are Blender's. A file NAME.blend.json has ``world``: whether
-there is one; ``kill``: numbers of the renders, over all processes, in which it kills itself; ``hang``,
-``garbage``, ``refuse``, ``small``, ``no_picture``: numbers of the renders that fail so; ``refuse_scene``: why
-it does not open the scene.
-Every render is a line in a log beside the file.
+there is one; ``missing``: files; ``refuse_scene``: why it does not open the scene; and numbers of renders,
+over all processes: ``kill``: in which it kills itself; ``hang``, ``garbage``, ``refuse``, ``small``,
+``no_picture``: which fail so. Every render is a line in a log beside the file.
 """
 
 import json
@@ -40,8 +39,13 @@ def answer(asked, path, faults):
     if asked["do"] == "open":
         if "refuse_scene" in faults:
             return {"error": faults["refuse_scene"]}
-        about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "lights": 0, "metres": 1.0}
-        return {**about, "world": faults.get("world", True), "libraries": [], "missing": []}
+        about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "lights": 0, "metres": 1.0, "camera": None}
+        return {
+            **about,
+            "world": faults.get("world", True),
+            "libraries": [],
+            "missing": faults.get("missing", []),
+        }
     if asked["do"] == "boxes":
         return {"boxes": {"Floor": [[0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 10, 0]]}}
     number = logged(path, asked["kind"])

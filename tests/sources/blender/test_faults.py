@@ -15,6 +15,7 @@ from support.recordings import contents
 
 import omniscv
 from omniscv import jobs
+from omniscv.diagnostics import examine_address
 from omniscv.errors import ArgumentError, DeadlineError, OmniscvError, SourceError
 from omniscv.sources.blender.finding import INSIDE, blender_command
 
@@ -156,9 +157,9 @@ def test_it_gives_up_after_some_faults_in_a_row_and_what_was_captured_stays(whol
 
 
 def test_what_hangs_is_ended_at_its_deadline(tmp_path):
-    says = "expected Blender to render 8 x 8 px within 3 s, got nothing; raise timeout_s.*after 1 attempts"
+    says = "expected Blender to render 8 x 8 px within 2 s, got nothing; raise timeout_s.*after 1 attempts"
     with (
-        omniscv.open_source(blender.fake(tmp_path, hang=[1]), timeout_s=3, retries=0) as source,
+        omniscv.open_source(blender.fake(tmp_path, hang=[0]), timeout_s=2, retries=0) as source,
         pytest.raises(DeadlineError, match=says),
     ):
         list(source.capture(REQUESTS))
@@ -228,6 +229,21 @@ def test_a_job_renders_a_scene_that_lies_beside_it(tmp_path):
     depth = OpenImageIO.ImageBuf(str(tmp_path / "out" / "pano.depth.exr")).get_pixels()
     assert np.isinf(depth[0]).all()
     assert depth[-1] == pytest.approx(1.5, abs=0.1)
+
+
+def test_the_doctor_finds_what_would_spoil_captures(tmp_path):
+    address = blender.fake(tmp_path, world=False, missing=["/wood.png"])
+    findings = {each.name: each for each in examine_address(address, np.array([0, 0, 1.5]))}
+    assert {name: each.verdict for name, each in findings.items() if each.verdict != "ok"} == {
+        "linked files": "bad",
+        "light": "warning",
+    }
+    assert findings["linked files"].value == "1 missing, /wood.png"
+    assert findings["Blender"].value == "5.0.1; Scene, frame 1"
+    assert findings["field of view, depth"].value == "90.0 degrees, 90.0 set"
+    assert findings["depth is"].value == "planar"
+    with pytest.raises(ArgumentError, match="patience: expected none for Blender"):
+        examine_address(address, patience_s=3)
 
 
 def test_it_belongs_to_the_process_that_opened_it(tmp_path):

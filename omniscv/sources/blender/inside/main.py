@@ -38,6 +38,7 @@ class World:
         ids: name of each object that pictures may show to its pass index.
         named: those names to the objects.
         metres: of a unit of the scene.
+        viewer: where the scene's own camera is, in units; None without one.
     """
 
     def __init__(self, asked: dict[str, Any]) -> None:
@@ -61,6 +62,7 @@ class World:
         for name, index in self.ids.items():
             self.named[name].pass_index = index
         self.hidden: set[str] = set()
+        self.viewer = self.scene.camera and tuple(self.scene.camera.matrix_world.translation)
         self.camera = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
         self.scene.collection.objects.link(self.camera)
         self.scene.camera = self.camera
@@ -82,6 +84,7 @@ class World:
             "world": self.scene.world is not None,
             "lights": len(lights),
             "metres": self.metres,
+            "camera": None if self.viewer is None else [self.metres * each for each in self.viewer],
             "libraries": sorted(filter(os.path.isfile, paths)),
             "missing": sorted({each for each in (*paths, *textures) if not os.path.isfile(each)}),
         }
