@@ -1,7 +1,9 @@
 """Blender where it is found, scenes made with it, and a program that speaks as it does."""
 
+import atexit
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -41,6 +43,7 @@ def run_inside(script, *arguments):
 def rebuilt(name, sides=64):
     """The path of a scene of the mock server, rebuilt in Blender once; what is round has so many sides."""
     folder = Path(tempfile.mkdtemp(prefix="omniscv-rooms-"))
+    atexit.register(shutil.rmtree, folder)
     path = folder / f"{name}.blend"
     (folder / "room.json").write_text(json.dumps(_solids(name)))
     run_inside(HERE / "blender_room.py", folder / "room.json", path, sides)
@@ -66,7 +69,7 @@ def _solids(name):
 
 
 def _color(label):
-    return [(37 * label % 101) / 101, (53 * label % 89) / 89, (71 * label % 97) / 97]
+    return [0.3 + 0.4 * (step * label % 101) / 101 for step in (37, 53, 71)]
 
 
 def fake(folder, version="5.0.1", content="BLENDER", **faults):

@@ -1,7 +1,7 @@
 """Runs inside Blender: builds a .blend file of boxes, spheres, cylinders and rectangles, from JSON.
 
-``PYTHON blender_room.py ROOM.json OUT.blend SIDES``: so many sides has what is round. Every object shows one
-colour, without light or noise.
+``PYTHON blender_room.py ROOM.json OUT.blend SIDES``: so many sides has what is round. Colours are a
+smooth function of the place, without light or noise.
 """
 
 import json
@@ -67,7 +67,14 @@ def add(name, solids, color):
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
     shine, out = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
-    shine.inputs["Color"].default_value = (*color, 1)
+    place, wave, dim = (
+        nodes.new(f"ShaderNode{each}") for each in ("NewGeometry", "VectorMath", "VectorMath")
+    )
+    wave.operation, dim.operation = "SINE", "MULTIPLY_ADD"
+    dim.inputs[1].default_value, dim.inputs[2].default_value = (0.25, 0.25, 0.25), color
+    links.new(place.outputs["Position"], wave.inputs[0])
+    links.new(wave.outputs[0], dim.inputs[0])
+    links.new(dim.outputs[0], shine.inputs["Color"])
     links.new(shine.outputs[0], out.inputs[0])
     mesh.materials.append(material)
     bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
@@ -80,7 +87,9 @@ def main():
         room = json.load(file)
     for name, each in room.items():
         add(name, each["solids"], each["color"])
-    bpy.context.scene.view_settings.view_transform = "Standard"
+    scene = bpy.context.scene
+    scene.view_settings.view_transform = "Standard"
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01  # colours at the pixels' centres
     bpy.ops.wm.save_as_mainfile(filepath=out)
 
 
