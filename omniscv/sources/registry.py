@@ -32,6 +32,7 @@ _openers: dict[str, Opener | str] = {
     "launch": f"{_UNREAL}:open_launched",
     "mock": f"{_UNREAL}:open_mock",
     "scene": "omniscv.sources.scene:open_scene",
+    "blender": "omniscv.sources.blender.opening:open_blender",
 }
 """By scheme; ``module:function`` is imported when the scheme is first opened."""
 
@@ -90,8 +91,8 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
             game, started for this source; ``mock://four-wall``, the mock server, started for it, with
             options behind a question mark (``mock://four-wall?latency_ms=5&depth=float32``;
             ``dialect=0.3.10&size=512x512``; ``fault=delay=0.2@0.05``, repeatable, and their ``seed``);
-            ``scene://four-wall``, a scene traced in this process; an address of a registered scheme; the path
-            of a recording.
+            ``scene://four-wall``, a scene traced in this process; ``blender://SCENE.blend?samples=64``, a
+            scene that Blender renders; an address of a registered scheme; the path of a recording.
         options: see :class:`SourceOptions`.
 
     Raises:
