@@ -5,17 +5,21 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache, partial, reduce
+from operator import add
 from pathlib import Path
 
 import numpy as np
 
 from omniscv import planning
+from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Progress, Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.jobs.job import Job
-from omniscv.planning import CameraRays, Kept, Round, Task, drive
+from omniscv.jobs.moments import Take, images_of, renderer_at
+from omniscv.planning import CameraRays, Kept, RenderOptions, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.sources.base import Request, Source, View
 from omniscv.sources.registry import known_capabilities
@@ -59,18 +63,17 @@ def run(
 def _images(
     job: Job, renderer: Renderer, progress: Callable[[float, int], None] | None
 ) -> Iterator[tuple[str, OmniImage]]:
-    """Stem and image of every camera at every pose; those of a pose share captures."""
+    """Stem and image of every camera at every pose; those of a moment share captures."""
     done = 0
 
-    def step(part: int, whole: int) -> None:
+    def step(part: float, whole: int) -> None:
         if progress:
             progress(done + part / max(1, whole), len(job))
 
-    for frame in job.frames():
-        shots = [(camera, pose) for _, camera, pose in frame]
-        images = renderer.render_together(shots, job.modes, job.options, progress=step)
-        for (stem, *_), image in zip(frame, images, strict=True):
-            yield stem, image
+    for moment in job.moments():
+        images = images_of(renderer, moment, job.options, progress=step)
+        for picture, image in zip(moment.pictures, images, strict=True):
+            yield picture.stem, image
             done += 1
 
 
@@ -88,7 +91,9 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
-def part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
+def part_of(
+    progress: Callable[[float, int], None] | None, done: int, total: int
+) -> Callable[[float, int], None] | None:
     """Return the progress of one image of several, to be called with (captures done, captures needed)."""
     return progress and (lambda part, whole: progress(done + part / max(1, whole), total))
 
@@ -105,29 +110,48 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
     Returns:
         The number of captures that the job needs.
     """
-    needed: dict[Request, None] = {}
+    done = 0
+    needed: dict[str, dict[Request, None]] = {}
     with replace(job, record=path).open() as source:
         source.objects()
         job, renderer = job.posed(source), Renderer(source)
-        modes = planning.sampled(job.modes, job.options)
 
-        def capture_round(round_: Round) -> Kept:
-            kept, total = [], len(needed.keys() | round_.requests(modes))
-            for viewpoint, captures in planning.captured(round_, source, modes, skip=needed):
-                needed.update(dict.fromkeys(viewpoint.requests(modes)))
-                if viewpoint.keep:
-                    kept.append(captures)
-                if progress:
-                    progress(len(needed), total)
-            return kept
+        def step(part: int, whole: int) -> None:
+            if progress:
+                progress(done + part, done + whole)
 
-        for frame in job.frames():
-            tasks = [
-                renderer.task(camera, pose, job.options, border_px=border_px) for _, camera, pose in frame
-            ]
-            for task in planning.together(tasks, modes)[0]:
-                drive(planning.rounds(task), capture_round)
-    return len(needed)
+        for moment in job.moments():
+            for take in moment.takes:
+                mine = needed.setdefault(take.instant.state, {})
+                done = sum(map(len, needed.values())) - len(mine)
+                with renderer_at(renderer, take.instant) as there:
+                    _capture(take, there, mine, job.options, border_px, step)
+    return sum(map(len, needed.values()))
+
+
+def _capture(
+    take: Take,
+    renderer: Renderer,
+    needed: dict[Request, None],
+    options: RenderOptions,
+    border_px: int | None,
+    progress: Progress,
+) -> None:
+    """Capture what an instant's images need and is not among ``needed``, and add it there."""
+    modes = planning.sampled(take.modes, options)
+
+    def capture_round(round_: Round) -> Kept:
+        kept, total = [], len(needed.keys() | round_.requests(modes))
+        for viewpoint, captures in planning.captured(round_, renderer.source, modes, skip=needed):
+            needed.update(dict.fromkeys(viewpoint.requests(modes)))
+            if viewpoint.keep:
+                kept.append(captures)
+            progress(len(needed), total)
+        return kept
+
+    tasks = [renderer.task(camera, pose, options, border_px=border_px) for camera, pose in take.shots]
+    for task in planning.together(tasks, modes)[0]:
+        drive(planning.rounds(task), capture_round)
 
 
 def costs(job: Job, *, measure: bool = False) -> list[Cost]:
@@ -142,25 +166,32 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
     """
     capabilities = known_capabilities(job.sources[0])
     if capabilities is not None and not measure and job.sampling is None:
-        rays = {camera: CameraRays(camera) for camera in job.cameras.values()}
-        frames = [
-            [Task(rays[camera], pose, capabilities, job.options) for _, camera, pose in frame]
-            for frame in job.frames()
-        ]
+        rays = cache(CameraRays)
+        planned = _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         seconds_per_request = _TICK_S
     else:
         with replace(job, record=None).open() as source:
             job, renderer = job.posed(source), Renderer(source)
-            frames = [
-                [renderer.task(camera, pose, job.options) for _, camera, pose in frame]
-                for frame in job.frames()
-            ]
+            planned = _planned(job, partial(renderer.task, options=job.options))
             seconds_per_request = _request_seconds(source)
     found = []
     for name in planning.names():
         with suppress(ArgumentError):  # the source cannot do it
-            found.append(cost(name, frames, planning.sampled(job.modes, job.options), seconds_per_request))
+            parts = [cost(name, frames, modes, seconds_per_request) for modes, frames in planned]
+            found.append(reduce(add, parts))
     return found
+
+
+def _planned(
+    job: Job, task_of: Callable[[Camera, Pose], Task]
+) -> list[tuple[tuple[str, ...], list[list[Task]]]]:
+    """The modes and the tasks of what is captured of each state of the world: captures of it are shared."""
+    found: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
+    for moment in job.moments():
+        for take in moment.takes:
+            tasks = [task_of(camera, pose) for camera, pose in take.shots]
+            found.setdefault((take.instant.state, take.modes), []).append(tasks)
+    return [(planning.sampled(modes, job.options), frames) for (_, modes), frames in found.items()]
 
 
 def _request_seconds(source: Source) -> float:

@@ -265,6 +265,11 @@ class Source(ABC):
         """What is known of the shapes in the scene; empty for sources that only give pictures."""
         return SceneGeometry()
 
+    def object_poses(self) -> Mapping[str, Pose]:
+        """The poses of the objects that move, at this source's instant: ``R_w_o`` and position; those that
+        are not known are left out."""
+        return {}
+
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene in which objects are hidden.
 
@@ -346,6 +351,9 @@ class SourceWrapper(Source):
 
     def geometry(self) -> SceneGeometry:
         return self._source.geometry()
+
+    def object_poses(self) -> Mapping[str, Pose]:
+        return self._source.object_poses()
 
     def without(self, objects: Iterable[str]) -> Source:
         return self._source.without(objects)

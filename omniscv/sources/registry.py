@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack, get_args
 from urllib.parse import parse_qsl
 
 from omniscv.arguments import shown
@@ -36,20 +36,37 @@ _openers: dict[str, Opener | str] = {
 """By scheme; ``module:function`` is imported when the scheme is first opened."""
 
 
-class SourceOptions(TypedDict, total=False):
-    """Options of :func:`open_source`; an opener refuses those that it does not know.
+Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
+"""How a live world is kept at one instant while it is captured: it is paused and its objects are set by this
+client (puppet), paused while a viewpoint is captured (pause), captured in one tick (batch), or left running
+(none); auto is the strongest of these that the server has."""
+FREEZES: tuple[str, ...] = get_args(Freeze)
+
+
+class Deadlines(TypedDict, total=False):
+    """How long to wait for a live server.
 
     Attributes:
         timeout_s: how long connecting, and each reply, may take; 15 s if not given.
         patience_s: for how long to connect and send again after a fault, until there is a reply; 10 s.
-        retries: how often, with exponential backoff; 5 times.
-        fix_exposure: switch off vignette and auto exposure in the running game.
     """
 
     timeout_s: float
     patience_s: float
+
+
+class SourceOptions(Deadlines, total=False):
+    """Options of :func:`open_source`, beside :class:`Deadlines`; an opener refuses those it does not know.
+
+    Attributes:
+        retries: how often, with exponential backoff; 5 times.
+        fix_exposure: switch off vignette and auto exposure in the running game.
+        freeze: how its world is kept at one instant; auto.
+    """
+
     retries: int
     fix_exposure: bool
+    freeze: Freeze
 
 
 def register(scheme: str, opener: Opener) -> None:
