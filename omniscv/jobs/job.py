@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -153,8 +152,7 @@ class Job:
     def _instant(self, time: float | None) -> Instant:
         if not self.moves:
             return Instant()
-        poses = {name: motion.at(time) for name, motion in self.motions.items()}
-        return Instant(MappingProxyType(poses), time=time)
+        return Instant({name: motion.at(time) for name, motion in self.motions.items()}, time=time)
 
     def _takes(self, i: int, pictures: Sequence[Picture]) -> Iterator[Take]:
         """What is captured for images of one instant: that of their time first."""

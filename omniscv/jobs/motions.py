@@ -142,9 +142,7 @@ def check_times(
     spans = {name: span for name, motion in motions.items() if (span := motion.span)}
     if times is None:
         if needed or spans:
-            raise ArgumentError(
-                "times: expected times where something moves, got poses without; give 'times'"
-            )
+            raise ArgumentError("times: expected them where something moves, got poses without; give 'times'")
         return
     if len(times) != len(poses):
         raise ArgumentError(f"times: expected one for each of {len(poses)} poses, got {len(times)}")
