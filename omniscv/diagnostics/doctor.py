@@ -1,5 +1,7 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
+from typing import Unpack
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, al
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
+from omniscv.sources.registry import Deadlines
 from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.codecs import SKY
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
@@ -31,7 +34,9 @@ Pairs = dict[str, list[tuple[Picture, Picture]]]
 """By mode, pictures before and after a turn, in several directions."""
 
 
-def examine_address(address: str, position: Array | None = None, **deadlines: float) -> list[Finding]:
+def examine_address(
+    address: str, position: Array | None = None, **deadlines: Unpack[Deadlines]
+) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:

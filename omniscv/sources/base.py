@@ -280,6 +280,11 @@ class Source(ABC):
         """The state of the world that captures show; empty while nothing was changed in it."""
         return ""
 
+    @property
+    def instant(self) -> Instant:
+        """What is known of the world that captures show: what was set in it, or read from it."""
+        return Instant()
+
     def at(self, instant: Instant) -> Source:
         """Return a source of the same world at an instant.
 
@@ -299,7 +304,7 @@ class Source(ABC):
 
         Raises:
             ArgumentError: this source is no live server.
-            SourceError: no reply within the deadlines.
+            SourceError: no reply within the deadlines, or the reply is an error.
         """
         raise ArgumentError(
             f"source: expected a live server to send {shown(text)} to, got {type(self).__name__}"
@@ -353,6 +358,10 @@ class SourceWrapper(Source):
     @property
     def state(self) -> str:
         return self._source.state
+
+    @property
+    def instant(self) -> Instant:
+        return self._source.instant
 
     def at(self, instant: Instant) -> Source:
         return self._source.at(instant)
