@@ -97,6 +97,7 @@ class JobOptions(ConnectionOptions):
         from omniscv.geometry import Pose
         from omniscv.jobs import Job, load
         from omniscv.planning import RenderOptions
+        from omniscv.sources.registry import SourceOptions
 
         if self.job is not None:
             job = load(self.job)
@@ -117,7 +118,7 @@ class JobOptions(ConnectionOptions):
             options=RenderOptions(
                 self.strategy, self.viewpoints, edge(self.face_size), filter, bound, self.truth_scale, normals
             ),
-            source_options={**self.deadlines()},
+            source_options={**SourceOptions(), **self.deadlines()},
             **others,
         )
 

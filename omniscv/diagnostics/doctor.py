@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from omniscv.diagnostics import seams
 from omniscv.diagnostics.finding import Finding
+from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, alike
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.geometry import Array
@@ -69,6 +70,7 @@ def examine_address(
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
                 *seams.findings(seams.measure(camera)),
+                *MovingWorld(connection, camera).findings(),
             ]
 
 

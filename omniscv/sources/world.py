@@ -53,7 +53,7 @@ class World(ABC):
 
     @abstractmethod
     def spawn(self, kind: str, name: str, pose: Pose) -> None:
-        """Make an object of a kind (an engine's class) under a name that is not taken."""
+        """Make an object of a kind, ``cube`` or an engine's class, under a name that is not taken."""
 
     @abstractmethod
     def destroy(self, name: str) -> None:

@@ -26,6 +26,8 @@ from omniscv.sources.unreal.shapes import upright_box
 from omniscv.sources.unreal.world_commands import TABLES, changes_world, checked
 from omniscv.sources.world import ExposureMethod, World
 
+_CUBE = "CubeActor"  # the plugin's own: its command for cubes takes a name in the newest dialect only
+
 
 class UnrealWorld(World):
     """Objects, clock and console of a game. Changes are noted in a journal, which knows the state.
@@ -78,9 +80,8 @@ class UnrealWorld(World):
             self._exchange.settle()
 
     def spawn(self, kind: str, name: str, pose: Pose) -> None:
-        words = [_word("kind", kind), _word("name", name)]
-        what, words = ("spawn cubes", words[1:]) if kind.lower() == "cube" else ("spawn objects", words)
-        command = self._table.command(what, *words)
+        engine_class = _CUBE if kind.lower() == "cube" else _word("kind", kind)
+        command = self._table.command("spawn objects", engine_class, _word("name", name))
         with self._exchange.turn():
             if name in self._placing.names():
                 raise ArgumentError(f"name: expected one that no object has, got {shown(name)}")
@@ -91,6 +92,8 @@ class UnrealWorld(World):
                 except RETRIED:
                     if name not in self._placing.names():
                         raise
+                if name not in self._placing.names():
+                    raise ServerRefusedError(f"{shown(command)}: expected an object of that name, got none")
             self._placing.place({name: pose})
             # What is spawned late is in no mask and no depth until its colour is set (reference, 2.5).
             paint(self._exchange.connection, self._exchange.driver.table.vertex_colors)

@@ -70,7 +70,6 @@ _M = {
     **_ANY,
     "read the bounds of objects": "vget /object/{}/bounds",
     "spawn objects": "vset /objects/spawn {} {}",
-    "spawn cubes": "vset /objects/spawn_cube {}",
     "destroy objects": "vset /object/{}/destroy",
     "call blueprint functions": "vbp {} {}",
     "set lights": "vbp {} set_light {}",
