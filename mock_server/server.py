@@ -60,7 +60,7 @@ class Server:
         if self.faults.get("half-depth"):
             settings = dataclasses.replace(settings, depth="half")
         self.settings = settings
-        self.world = World(self.scene, settings.size, settings.fov_deg, self.faults)
+        self.world = World(self.scene, settings, self.faults)
         self.fault = ""
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
         self.host, self.port = self._tcp.getsockname()[:2]

@@ -18,7 +18,8 @@ DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
 
-_RANGES = {"port": (0, 65535), "fov_deg": (1, 179), "latency_ms": (0, 3.6e6), "frames_per_s": (1e-3, 1e6)}
+_RANGES = {"port": (0, 65535), "fov_deg": (1, 179), "latency_ms": (0, 3.6e6), "frames_per_s": (1e-3, 1e6),
+           "step_s": (0, 3600)}  # fmt: skip
 _WHOLE = ("port", "seed")
 _MOST_PX = 1 << 15
 
@@ -34,6 +35,7 @@ class Options(TypedDict, total=False):
     fov_deg: float
     window: tuple[int, int] | None
     frames_per_s: float
+    time_step_s: float | None
     folder: Path | None
     faults: Iterable[str]
     seed: int
@@ -56,6 +58,8 @@ class Settings:
         window: width and height of the game's window, from which dialect 0.3.10 takes its masks, px; None
             for ``size``.
         frames_per_s: the frame rate while no request comes.
+        time_step_s: what the clock of a scene that moves advances in a frame, seconds; None for the time of a
+            frame at the frame rate.
         folder: where commands that name a file write; None for a temporary one, removed at the end.
         faults: faults to inject, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
         seed: seed of the faults' random numbers.
@@ -74,6 +78,7 @@ class Settings:
     fov_deg: float = 90.0
     window: tuple[int, int] | None = None
     frames_per_s: float = 60.0
+    time_step_s: float | None = None
     folder: Path | None = None
     faults: Iterable[str] = ()
     seed: int = 0
@@ -99,6 +104,11 @@ class Settings:
     def _expect(self, key: str, right: bool, wanted: str) -> None:
         if not right:
             raise ValueError(f"{key}: expected {wanted} got {reprlib.repr(getattr(self, key))}")
+
+    @property
+    def step_s(self) -> float:
+        """What the clock advances in a frame, seconds."""
+        return 1 / self.frames_per_s if self.time_step_s is None else self.time_step_s
 
     @property
     def window_size(self) -> tuple[int, int]:

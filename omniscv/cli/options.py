@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import wraps
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args, get_type_hints
 
 from typer import Argument, Context, Option
 
@@ -140,9 +140,9 @@ def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
 def frozen(freeze: str | None) -> SourceOptions:
     """``--freeze`` as an option of a source, where it is given."""
     from omniscv.arguments import one_of
-    from omniscv.sources.registry import FREEZES
+    from omniscv.sources.world import Freeze
 
-    return {} if freeze is None else {"freeze": one_of("--freeze", freeze, FREEZES)}
+    return {} if freeze is None else {"freeze": one_of("--freeze", freeze, get_args(Freeze))}
 
 
 def size(text: str) -> tuple[int, int]:

@@ -179,7 +179,7 @@ class _Making:
 
         def look(source: Source) -> None:
             geometry = source.geometry() if self._job.moves else self._geometry
-            seen.append(_World(geometry, {**source.object_poses(), **what.instant.poses}))
+            seen.append(_World(geometry, source.object_poses()))
 
         with self._turn:
             images = images_of(self._renderer, what, self._job.options, only=only, progress=part, look=look)

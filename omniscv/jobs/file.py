@@ -26,7 +26,7 @@ import os
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from omniscv import yaml_text
 from omniscv.arguments import Reader, flag, number, one_of, shown, text, texts, whole_number, within
@@ -39,7 +39,8 @@ from omniscv.jobs.job import Job
 from omniscv.jobs.moments import Exposure
 from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
-from omniscv.sources.registry import FREEZES, Freeze, SourceOptions, scheme_of
+from omniscv.sources.registry import SourceOptions, scheme_of
+from omniscv.sources.world import Freeze
 
 
 def load(path: Path) -> Job:
@@ -135,7 +136,7 @@ def _as_given(name: str, value: Any) -> Any:
 
 
 def _freeze(name: str, value: object) -> Freeze:
-    found: Freeze = one_of(name, value, FREEZES)
+    found: Freeze = one_of(name, value, get_args(Freeze))
     return found
 
 

@@ -268,7 +268,7 @@ class Source(ABC):
     def object_poses(self) -> Mapping[str, Pose]:
         """The poses of the objects that move, at this source's instant: ``R_w_o`` and position; those that
         are not known are left out."""
-        return {}
+        return self.instant.poses
 
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene in which objects are hidden.
@@ -284,6 +284,11 @@ class Source(ABC):
     def state(self) -> str:
         """The state of the world that captures show; empty while nothing was changed in it."""
         return ""
+
+    @property
+    def instant(self) -> Instant:
+        """What is known of the world that captures show: what was set in it, or read from it."""
+        return Instant()
 
     def at(self, instant: Instant) -> Source:
         """Return a source of the same world at an instant.
@@ -304,7 +309,7 @@ class Source(ABC):
 
         Raises:
             ArgumentError: this source is no live server.
-            SourceError: no reply within the deadlines.
+            SourceError: no reply within the deadlines, or the reply is an error.
         """
         raise ArgumentError(
             f"source: expected a live server to send {shown(text)} to, got {type(self).__name__}"
@@ -361,6 +366,10 @@ class SourceWrapper(Source):
     @property
     def state(self) -> str:
         return self._source.state
+
+    @property
+    def instant(self) -> Instant:
+        return self._source.instant
 
     def at(self, instant: Instant) -> Source:
         return self._source.at(instant)

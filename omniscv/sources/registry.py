@@ -11,12 +11,13 @@ from contextlib import ExitStack
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Literal, TypedDict, Unpack, get_args
+from typing import Any, TypedDict, Unpack
 from urllib.parse import parse_qsl
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.sources.base import Capabilities, Source
+from omniscv.sources.world import Freeze
 
 Opener = Callable[..., Source]
 """``opener(address, **options)``: ``address`` is the whole text, its scheme included."""
@@ -36,13 +37,6 @@ _openers: dict[str, Opener | str] = {
 """By scheme; ``module:function`` is imported when the scheme is first opened."""
 
 
-Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
-"""How a live world is kept at one instant while it is captured: it is paused and its objects are set by this
-client (puppet), paused while a viewpoint is captured (pause), captured in one tick (batch), or left running
-(none); auto is the strongest of these that the server has."""
-FREEZES: tuple[str, ...] = get_args(Freeze)
-
-
 class Deadlines(TypedDict, total=False):
     """How long to wait for a live server.
 
@@ -56,12 +50,12 @@ class Deadlines(TypedDict, total=False):
 
 
 class SourceOptions(Deadlines, total=False):
-    """Options of :func:`open_source`, beside :class:`Deadlines`; an opener refuses those it does not know.
+    """Options of :func:`open_source`; an opener refuses those that it does not know.
 
     Attributes:
         retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
-        freeze: how its world is kept at one instant; auto.
+        freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`).
     """
 
     retries: int

@@ -2,6 +2,8 @@
 
 import json
 import shutil
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import OpenEXR
@@ -11,6 +13,8 @@ from support.datasets import tree
 import mock_server
 from mock_server.motion import turned
 from omniscv import dataset, jobs
+from omniscv.geometry.motions import Motion
+from omniscv.geometry.trajectory import Trajectory
 
 WORKSHOP = mock_server.load_scene("workshop")
 JOB = """
@@ -25,6 +29,7 @@ times: poses
 motions:
   Cabinet: [{time: 0, position: [-2, -0.6, 0.85]}, {time: 1, position: [-1.6, -1, 0.85], yaw_deg: 40}]
 modes: [object_mask, depth]
+face_size: 96
 truth: {boxes3d: true, amodal: boxes, flow: {scene: true}}
 out: moving
 """
@@ -64,20 +69,55 @@ def test_boxes_follow_the_objects(made):
         boxes = {box["name"]: box for box in frame.truth["boxes3d"]}
         assert {"Cabinet", "Crate"} <= set(boxes)
         for name in {"Cabinet", "Crate", "Lamp"} & set(boxes):
-            corners_c = np.array(boxes[name]["corners_cam"])
-            corners_w = frame.pose.to_world(corners_c)
             low, high = world(time).bounds(name)
-            if name != "Cabinet":
-                np.testing.assert_allclose(corners_w.min(axis=0), low, atol=1e-6)
-                np.testing.assert_allclose(corners_w.max(axis=0), high, atol=1e-6)
-            np.testing.assert_allclose(corners_w.mean(axis=0), (low + high) / 2, atol=1e-6)
+            box = boxes[name]
+            np.testing.assert_allclose(box["center_world"], (low + high) / 2, atol=1e-6)
+            half = np.abs(np.array(box["R_world_box"])) @ box["size"] / 2
+            np.testing.assert_allclose(half, (high - low) / 2, atol=1e-6)
+            np.testing.assert_allclose(
+                frame.pose.to_world(box["center_camera"]), box["center_world"], atol=1e-9
+            )
+        turn = np.array(boxes["Cabinet"]["R_world_box"])
+        np.testing.assert_allclose(np.abs(turn), np.abs(turned(40 * time)), atol=1e-9)
+
+
+def test_the_same_bytes_in_every_way(made, tmp_path):
+    """Workers, and a dataset that is resumed; truths that hide objects do so at the frame's instant."""
+    wanted, job = tree(made / "moving"), jobs.load(made / "job.yaml")
+    jobs.make(replace(job, out=tmp_path / "workers"), workers=3)
+    assert tree(tmp_path / "workers") == wanted
+    shutil.copytree(made / "moving", tmp_path / "resumed")
+    (tmp_path / "resumed" / "pano-1.depth.exr").unlink()
+    done = jobs.make(replace(job, out=tmp_path / "resumed"), resume=True)
+    assert (done.written, done.kept) == (1, 2)
+    assert tree(tmp_path / "resumed") == wanted
+
+
+def test_frames_of_another_motion_are_made_again(made, tmp_path):
+    """Of an object that goes elsewhere after the first frame, only the others."""
+    job = jobs.load(made / "job.yaml")
+    shutil.copytree(made / "moving", tmp_path / "other")
+    first, last = job.motions["Cabinet"].waypoints
+    other = Motion(Trajectory((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
+    done = jobs.make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), resume=True)
+    assert (done.written, done.kept) == (2, 1)
+
+
+def test_without_poses_of_what_moves_there_is_no_flow(made, tmp_path):
+    """Rather than that of a world that stands still."""
+    frames = [
+        replace(frame, files={kind: path for kind, path in frame.files.items() if kind != "truth"})
+        for frame in dataset.open(made / "moving")
+    ]
+    (only,) = dataset.get("flow").write(frames, tmp_path, {})
+    assert json.loads(only.read_text(encoding="utf-8"))["to"] == {}
 
 
 def test_flow_and_scene_flow_are_those_of_the_motion(made):
     """Of composed depth: where both frames see the point, by tracing both, away from edges."""
     folder, frames = made / "moving" / "exports" / "flow" / "flow", dataset.open(made / "moving")
     total = 0
-    for (t0, t1), (one, two) in zip(zip(TIMES, TIMES[1:], strict=False), zip(frames, frames[1:], strict=False), strict=True):
+    for (t0, t1), (one, two) in zip(pairwise(TIMES), pairwise(frames), strict=True):
         camera = one.camera
         directions_w = camera.unproject().directions @ one.pose.rotation.T
         hits = world(t0).trace(one.pose.position, directions_w)
@@ -93,13 +133,14 @@ def test_flow_and_scene_flow_are_those_of_the_motion(made):
         both = np.abs(again.distance - np.linalg.norm(toward, axis=-1)) < 1e-6
 
         x, y, z = np.moveaxis(toward @ two.pose.rotation, -1, 0)
-        expected = 64 * np.stack([np.arctan2(x, z) / np.pi + 1, 0.5 - np.arctan2(-y, np.hypot(x, z)) / np.pi], -1)
+        expected = 64 * np.stack(
+            [np.arctan2(x, z) / np.pi + 1, 0.5 - np.arctan2(-y, np.hypot(x, z)) / np.pi], -1
+        )
         flow, scene = channels(folder / f"{one.key}.exr"), channels(folder / f"{one.key}.sceneflow.exr")
         off = camera.pixels() + np.stack([flow["flow.X"], flow["flow.Y"]], -1) - expected
         off[..., 0] -= 128 * np.rint(off[..., 0] / 128)
         sure = both & (one.layer("depth_error") < 1e-4) & ~one.layer("label_edge")
         total += (sure & moving).sum()
-        print((sure&moving).sum(), (both&moving).sum(), np.abs(off[sure & moving]).max(), np.abs(off[sure]).max(), np.sort(np.abs(off[sure]).max(-1))[-5:])
         assert np.abs(off[sure]).max() < 1e-3
         found = np.stack([scene[f"sceneflow.{axis}"] for axis in "XYZ"], -1)
         np.testing.assert_allclose(found[sure], (moved_w - points_w)[sure], atol=1e-4)
