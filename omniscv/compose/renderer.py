@@ -99,7 +99,7 @@ class Renderer:
                 raise ArgumentError(f"{name}: expected a {kind.__name__}, got {shown(value)}")
         rays, source = self._rays(camera).camera_rays, self.source
         recorded = self._recorded_views()
-        return Task(rays, pose, source.capabilities, options, source.cover, recorded, border_px)
+        return Task(rays, pose, source.capabilities, options, source.cover, recorded, border_px, source.state)
 
     def render(
         self,

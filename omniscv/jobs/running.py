@@ -169,7 +169,7 @@ def _request_seconds(source: Source) -> float:
         return 0.0
     size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
-    requests = [Request(View(pose, 90.0, *size), "lit") for pose in turned]
+    requests = [Request(View(pose, 90.0, *size), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view
     started = time.perf_counter()
     for request in requests:  # one at a time: a source reads ahead

@@ -95,6 +95,7 @@ class SceneSource(Source):
         provenance = {"server": "in-process", "scene": self.scene.name, "dialect": "scene"}
         for request in requests:
             self._check_open()
+            request.check_state(self.state, f"scene {self.scene.name}")
             if request.mode not in _CAPABILITIES.modes:
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")

@@ -72,6 +72,7 @@ class UnrealSource(Source):
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         batch: list[Request] = []
         for request in requests:
+            request.check_state(self.state, self._connection.address)
             self._driver.check(request)
             pixels = sum(each.view.width * each.view.height for each in (*batch, request))
             if batch and (len(batch) == _BATCH or pixels > _BATCH_PX):
