@@ -174,9 +174,9 @@ class Source(ABC):
         return ""
 
     @property
-    def instant(self) -> Instant | None:
-        """What is known of that state; None where nothing is."""
-        return Instant() if self.state == "" else None
+    def instant(self) -> Instant:
+        """What is known of the world that captures show: what was set in it, or read from it."""
+        return Instant()
 
     def at(self, instant: Instant) -> Source:
         """Return a source of the same world at an instant.
@@ -193,10 +193,8 @@ class Source(ABC):
         raise ArgumentError(f"source: expected one whose objects can be moved, got {type(self).__name__}")
 
     def one_instant(self) -> AbstractContextManager[None]:
-        """Return a context whose captures belong together: they are to show one instant.
-
-        A source that can stop its world does so within. A recording keeps all that is captured within, or, if
-        an error ends it, nothing.
+        """Return a context whose captures belong together, because they are to show one instant: a recording
+        keeps all of them, or, if an error ends it, none.
         """
         return nullcontext()
 
@@ -265,7 +263,7 @@ class SourceWrapper(Source):
         return self._source.state
 
     @property
-    def instant(self) -> Instant | None:
+    def instant(self) -> Instant:
         return self._source.instant
 
     def one_instant(self) -> AbstractContextManager[None]:

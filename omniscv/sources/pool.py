@@ -3,7 +3,7 @@
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
@@ -13,7 +13,6 @@ from typing import Any, NoReturn, TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
@@ -84,28 +83,11 @@ class SourcePool(Source):
 
     def without(self, objects: Iterable[str]) -> Source:
         """A pool of the replicas that still work, each without the objects."""
+        self._check_working()
         names = list(objects)
-        return self._changed(lambda replica: replica.without(names))
-
-    @property
-    def state(self) -> str:
-        """That of the replicas that still work; each refuses requests of another one."""
-        self._check_working()
-        return self._working[0].state
-
-    @property
-    def instant(self) -> Instant | None:
-        self._check_working()
-        return self._working[0].instant
-
-    def at(self, instant: Instant) -> Source:
-        """A pool of the replicas that still work, each at the instant."""
-        return self._changed(lambda replica: replica.at(instant))
-
-    def _changed(self, change: Callable[[Source], Source]) -> Source:
-        self._check_working()
         with ExitStack() as opened:
-            pool = SourcePool([opened.enter_context(change(each)) for each in self._working])
+            hidden = [opened.enter_context(each.without(names)) for each in self._working]
+            pool = SourcePool(hidden)
             opened.pop_all()
             return pool
 

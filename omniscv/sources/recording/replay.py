@@ -111,9 +111,9 @@ class RecordedSource(Source):
         return self._state
 
     @property
-    def instant(self) -> Instant | None:
+    def instant(self) -> Instant:
         held = self._store.state(self._state)
-        return held.instant if held else super().instant
+        return held.instant if held and held.instant else Instant()
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""
@@ -192,7 +192,7 @@ class Recording(SourceWrapper):
         self._renewed: set[Request] | None = set() if anew else None
         self._objects: tuple[str, ObjectTable] | None = None  # and the state in which they were read
         self._noted = ""  # the state of which the file has what is known
-        self._instant: Instant | None = None
+        self._instant = Instant()
         self._owner = True
         self._labelled = set(labelled_modes())
         self._lock = threading.Lock()
@@ -235,11 +235,9 @@ class Recording(SourceWrapper):
         return (self._store.state(state) or HeldState()).geometry(still)
 
     @property
-    def instant(self) -> Instant | None:
-        known = self._source.instant
-        if known is None and self._instant is not None and self._instant.state == self.state:
-            return self._instant
-        return known
+    def instant(self) -> Instant:
+        known = (self._source.instant, self._instant)
+        return next((each for each in known if each.state == self.state), Instant())
 
     def at(self, instant: Instant) -> Source:
         """As :meth:`Source.at`; records into the same file. What is known of shapes is read before."""
@@ -277,7 +275,7 @@ class Recording(SourceWrapper):
             still = self._store.geometry().to_dict()["boxes"]
             boxes = self._known_geometry().boxes
             moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
-            self._store.set_state(state, HeldState(self.instant, moved))
+            self._store.set_state(state, HeldState(self.instant if self.instant.state == state else None, moved))
         self._noted = state
 
     def _known_geometry(self) -> SceneGeometry:
