@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import itertools
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -17,26 +17,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server import scene_file, textures, yaml_text
-from mock_server.kernel import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE, nearest_hits
+from mock_server import motion, scene_file, solids, textures, yaml_text
+from mock_server.kernel import COLUMNS, SPHERE, nearest_hits
 from mock_server.scene_file import Room
+from mock_server.textures import Texture
 
 Array = NDArray[np.float64]
+Poses = Mapping[str, tuple[ArrayLike, ArrayLike]]
+"""By object, ``R_w_o`` (3, 3) and the place (3,) of the middle of its box, metres, world frame."""
 
 _SCENES = Path(__file__).parent / "scenes"
 _CHUNK = 1 << 13
 _THREADS = 2
-_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-_CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
-_RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
-_GLOBE = np.array(
-    [
-        (np.cos(t) * x, np.cos(t) * y, np.sin(t))
-        for t in np.linspace(-np.pi / 2, np.pi / 2, 9)
-        for x, y in _CIRCLE
-    ]
-)
-_MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
 _SOME_DIRECTIONS = np.array([[1, 2, 3], [-3, 1, 2], [2, -3, -1], [-1, -2, 3]]) / np.sqrt(14)
 
 
@@ -75,8 +67,10 @@ class Scene:
         name: as given.
         objects: names of the objects, sorted.
         solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
+        moving: names of the objects that move by themselves, sorted.
+        time: the time that is shown, seconds; 0 as loaded.
         sky: (3,) float64, 0..1, the colour of rays that hit nothing; None where a pattern gives it.
-        room: the room; None without one, or once a wall of it was moved.
+        room: the room; None without one, or where a wall of it is elsewhere.
 
     Raises:
         ValueError: a word or value of the description is wrong; the message names it.
@@ -85,28 +79,37 @@ class Scene:
     def __init__(self, name: str, description: Mapping[str, object]) -> None:
         parts = scene_file.read(description, name)
         self.name = name
-        self.objects: tuple[str, ...] = tuple(sorted(set(parts.names)))
-        self.solids = np.array(parts.rows).reshape(-1, COLUMNS)
-        labels = {each: label for label, each in enumerate(self.objects, start=1)}
-        self._labels = np.array([0] + [labels[each] for each in parts.names], dtype=np.uint16)
-        textures_used = {each: index for index, each in enumerate(dict.fromkeys(parts.textures))}
-        self._textures = list(textures_used)
-        self._texture_of = np.array([textures_used[each] for each in parts.textures] + [-1], dtype=np.int64)
-        self._owner = np.array(parts.names, dtype=object)
         self._sky, self._pattern = np.array(parts.sky), parts.pattern
         self.sky = None if self._pattern else self._sky
-        self.room: Room | None = parts.room
+        self._whole_room: Room | None = parts.room
+        self._moving = parts.moving
+        self.moving = tuple(sorted(parts.moving))
+        self.time = 0.0
+        self._take(np.array(parts.rows).reshape(-1, COLUMNS), parts.names, parts.textures)
+
+    def _take(self, rows: Array, names: Sequence[str], each_texture: Sequence[Texture]) -> None:
+        """Take solids, each of an object and a texture, as the description."""
+        self._described = rows
+        self.objects: tuple[str, ...] = tuple(sorted(set(names)))
+        labels = {each: label for label, each in enumerate(self.objects, start=1)}
+        self._labels = np.array([0] + [labels[each] for each in names], dtype=np.uint16)
+        textures_used = {each: index for index, each in enumerate(dict.fromkeys(each_texture))}
+        self._textures = list(textures_used)
+        self._texture_of = np.array([textures_used[each] for each in each_texture] + [-1], dtype=np.int64)
+        self._owner = np.array(names, dtype=object)
+        self._place({})
 
     def label(self, name: str) -> int:
         """Return an object's label: 1 + its rank in ``objects``."""
         return 1 + self.objects.index(name)
 
     def digest(self) -> str:
-        """Return a SHA-256 of all there is to see, hexadecimal; lengths count to the micrometre."""
+        """Return a SHA-256 of the description, hexadecimal; lengths count to the micrometre."""
         colors = self._sky if self._pattern is None else self._pattern(_SOME_DIRECTIONS)
-        numbers = [(np.round(each, 6) + 0.0).tolist() for each in (self.solids, colors)]
+        numbers = [(np.round(each, 6) + 0.0).tolist() for each in (self._described, colors)]
         seen = (self.objects, numbers, self._labels.tolist(), self._textures, self._texture_of.tolist())
-        return hashlib.sha256(repr(seen).encode()).hexdigest()
+        moving = repr(sorted(self._moving.items())) if self._moving else ""
+        return hashlib.sha256((repr(seen) + moving).encode()).hexdigest()
 
     def bounds(self, name: str) -> tuple[Array, Array]:
         """Return the least and the greatest corner of an object's box, (3,) metres each, world frame.
@@ -114,7 +117,7 @@ class Scene:
         Raises:
             ValueError: no object has that name.
         """
-        return self._extent(self._rows(name), np.eye(3))
+        return solids.extent(self._rows(name), np.eye(3))
 
     def box(self, name: str) -> tuple[Array, Array, Array]:
         """Return the smallest box around an object that is turned as its largest solid that is no sphere.
@@ -128,7 +131,7 @@ class Scene:
         rows = self._rows(name)
         turned = rows[rows[:, 0] != SPHERE]
         axes = turned[turned[:, 17].argmax(), 5:14].reshape(3, 3) if len(turned) else np.eye(3)
-        low, high = self._extent(rows, axes)
+        low, high = solids.extent(rows, axes)
         return (low + high) / 2 @ axes, axes, high - low
 
     def vertices(self, name: str) -> Array:
@@ -138,46 +141,118 @@ class Scene:
         Raises:
             ValueError: no object has that name.
         """
-        points = []
-        for row in self._rows(name):
-            unit, (a, b, c) = _MESHES[int(row[0])], row[14:17]
-            half = {SPHERE: (a, a, a), CYLINDER: (a, a, c)}.get(int(row[0]), (a, b, c))
-            points.append(row[2:5] + (unit * half) @ row[5:14].reshape(3, 3))
-        return np.concatenate(points)
+        return solids.points(self._rows(name))
 
     def _rows(self, name: str) -> Array:
         rows: Array = self.solids[self._owner == name]
         if not len(rows):
-            raise ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
+            raise self._no_object(name)
         return rows
 
-    @staticmethod
-    def _extent(rows: Array, frame: Array) -> tuple[Array, Array]:
-        """Return the least and the greatest coordinates of solids along the rows of ``frame``."""
-        kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3) @ frame.T, rows[:, 14:17]
-        extent = np.abs(axes * half[:, :, None]).sum(axis=1)
-        disc = half[:, :1] * np.hypot(axes[:, 0], axes[:, 1]) + np.abs(axes[:, 2]) * half[:, 2:]
-        extent[kind == CYLINDER] = disc[kind == CYLINDER]
-        extent[kind == SPHERE] = half[kind == SPHERE, :1]
-        centers = rows[:, 2:5] @ frame.T
-        return (centers - extent).min(axis=0), (centers + extent).max(axis=0)
+    def pose(self, name: str) -> tuple[Array, Array]:
+        """Return where an object is: ``R_w_o`` (3, 3), the identity for an object as it is described, and the
+        place (3,) of the middle of its box, which turns with it; metres, world frame.
+
+        Raises:
+            ValueError: no object has that name.
+        """
+        return self._poses.get(name) or (np.eye(3), self._middle(name))
+
+    def at(self, time_s: float, poses: Poses | None = None) -> Scene:
+        """Return the scene at a time. Textures stay fixed to the world.
+
+        Args:
+            time_s: seconds; moving objects are where they are then, all others as described.
+            poses: of objects that are elsewhere, moving ones too.
+
+        Raises:
+            ValueError: no finite time, or no object of a name.
+        """
+        if not math.isfinite(time_s):
+            raise ValueError(f"time: expected a finite number of seconds, got {time_s!r}")
+        if not (poses or self.moving or self._poses):
+            return self
+        result = copy.copy(self)
+        result.time = time_s
+        result._place(poses or {})
+        return result
 
     def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
-        """Return this scene with some objects elsewhere. Textures stay fixed to the world.
+        """Return another scene, in which some objects are described elsewhere.
 
         Args:
             moves: by object, a rotation (3, 3), the point it turns about, and where that point goes
                 (both (3,) metres, world frame).
         """
         result = copy.copy(self)
-        result.solids = self.solids.copy()
-        for name, (R, pivot, place) in moves.items():
+        result._described = self._described.copy()
+        for name, how in moves.items():
             rows = self._owner == name
-            result.solids[rows, 2:5] = (self.solids[rows, 2:5] - pivot) @ R.T + place
-            result.solids[rows, 5:14] = (self.solids[rows, 5:14].reshape(-1, 3, 3) @ R.T).reshape(-1, 9)
-        if self.room and {*self.room.walls, self.room.floor, self.room.ceiling} & moves.keys():
-            result.room = None
+            result._described[rows] = solids.carried(self._described[rows], *how)
+        if self._of_room(moves):
+            result._whole_room = None
+        result._place({})
         return result
+
+    def scaled(self, name: str, factors: ArrayLike) -> Scene:
+        """Return another scene, in which an object is larger along the world's axes, by three factors, about
+        the middle of its box; :func:`mock_server.solids.scaled` explains what is round."""
+        result, rows = copy.copy(self), self._owner == name
+        result._described = self._described.copy()
+        result._described[rows] = solids.scaled(self._described[rows], np.array(factors), self._middle(name))
+        result._place({})
+        return result
+
+    def joined(self, name: str, description: Mapping[str, object]) -> Scene:
+        """Return another scene with one more object, described as in a scene's file.
+
+        Raises:
+            ValueError: a wrong description, or a name that is taken.
+        """
+        if name in self.objects:
+            raise ValueError(f"object: expected a name that is not taken, got {name!r}")
+        added, result = scene_file.read({"objects": {name: description}}, self.name), copy.copy(self)
+        used = [self._textures[index] for index in self._texture_of[:-1]]
+        result._moving = self._moving | added.moving
+        result.moving = tuple(sorted(result._moving))
+        rows = np.concatenate([self._described, added.rows])
+        result._take(rows, [*self._owner, *added.names], [*used, *added.textures])
+        return result
+
+    def _place(self, poses: Poses) -> None:
+        """Move objects from where they are described to where they are at this time, or to given poses."""
+        self.solids, self.room = self._described, self._whole_room
+        self._poses: dict[str, tuple[Array, Array]] = {}
+        for name in self.moving:
+            if name not in poses:
+                how, axis = self._moving[name]
+                offset, turn_deg = how.at(self.time)
+                R, middle = motion.turned(turn_deg), self._middle(name)
+                pivot = middle if axis is None else np.array([*axis, 0.0])
+                self._poses[name] = R, R @ (middle - pivot) + pivot + offset
+        for name, (R_w_o, place) in poses.items():
+            self._poses[name] = np.array(R_w_o, dtype=np.float64), np.array(place, dtype=np.float64)
+        if self._poses:
+            self.solids = self._described.copy()
+        for name, (R, place) in self._poses.items():
+            rows = self._owner == name
+            self.solids[rows] = solids.carried(self._described[rows], R, self._middle(name), place)
+        if self._of_room(self._poses):
+            self.room = None
+
+    def _of_room(self, names: Mapping[str, object]) -> bool:
+        room = self._whole_room
+        return room is not None and bool({*room.walls, room.floor, room.ceiling} & names.keys())
+
+    def _middle(self, name: str) -> Array:
+        """Return the middle (3,) of an object's box as described."""
+        rows = self._described[self._owner == name]
+        if not len(rows):
+            raise self._no_object(name)
+        return solids.middle(rows)
+
+    def _no_object(self, name: str) -> ValueError:
+        return ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
         """Return the first surfaces that rays hit, exact to float64 rounding.
@@ -197,11 +272,11 @@ class Scene:
         shape = np.broadcast_shapes(o.shape, d.shape)
         o, d = (np.array(np.broadcast_to(each, shape), order="C").reshape(-1, 3) for each in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
-        solids, count = np.ascontiguousarray(self.solids[kept]), len(d)
+        rows, count = np.ascontiguousarray(self.solids[kept]), len(d)
         distance, normal, row = np.full(count, np.inf), np.zeros((count, 3)), np.full(count, -1, np.int64)
 
         def chunk(part: slice) -> None:
-            nearest_hits(o[part], d[part], solids, distance[part], row[part], normal[part])
+            nearest_hits(o[part], d[part], rows, distance[part], row[part], normal[part])
 
         _by_chunks(chunk, count)
         if kept.size:

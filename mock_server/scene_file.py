@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mock_server.kernel import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE
+from mock_server.motion import Motion, Steady, Swing, Waypoints
 from mock_server.textures import KINDS, Texture, direction_pattern, waves
 from mock_server.yaml_text import shown
 
 Array = NDArray[np.float64]
 Pattern = Callable[[Array], Array]
 Range = Literal["from -1e9 to 1e9", "from 1e-9 to 1e9", "from 0 to 1"]
+Moving = tuple[Motion, tuple[float, ...] | None]
+"""A motion, and X and Y of the vertical axis that it turns about; None: through the middle of the box."""
 
-_MOST_SOLIDS, _MOST_CORNERS, _LONGEST_NAME = 10_000, 256, 100
+_MOST_SOLIDS, _MOST_CORNERS, _MOST_POINTS, _LONGEST_NAME = 10_000, 256, 10_000, 100
 _RANGES: Mapping[Range, tuple[float, float]] = {
     "from -1e9 to 1e9": (-1e9, 1e9),
     "from 1e-9 to 1e9": (1e-9, 1e9),
@@ -63,6 +66,7 @@ class SceneFile:
     rows: list[Array] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
+    moving: dict[str, Moving] = field(default_factory=dict)
 
     def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
         """Add a solid of a centre, axes as rows, and half sizes; see ``kernel.COLUMNS``."""
@@ -92,10 +96,12 @@ def read(description: object, where: str) -> SceneFile:
             wanted = f"expected names without spaces, of at most {_LONGEST_NAME} characters"
             raise ValueError(f"{where}: objects: {wanted}, got {shown(name)}")
         here = f"{where}: {name if name.isprintable() else ascii(name)}"
-        item = _mapping(value, here, "solids", "texture")
+        item = _mapping(value, here, "solids", "texture", "moving")
         texture = _texture(item.get("texture", {}), f"{here}: texture")
         for solid in _list(item.get("solids"), 1, f"{here}: solids"):
             _add_solid(scene, name, solid, texture, here)
+        if "moving" in item:
+            scene.moving[name] = _moving(item["moving"], f"{here}: moving")
     return scene
 
 
@@ -138,6 +144,44 @@ def _texture(value: object, where: str) -> Texture:
     (scale,) = _numbers(data.get("scale", 1.0), 1, f"{where}: scale", "from 1e-9 to 1e9")
     (angle,) = _numbers(data.get("angle_deg", 0.0), 1, f"{where}: angle_deg")
     return Texture(kind, colors[0], colors[-1], scale, math.radians(angle))
+
+
+def _moving(value: object, where: str) -> Moving:
+    """Return the motion of an object; each kind has words of its own."""
+    data = _mapping(value, where)
+    readers = {"steady": _steady, "swing": _swing, "waypoints": _waypoints}
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in readers:
+        raise ValueError(f"{where}: kind: expected one of {', '.join(readers)}; got {shown(kind)}")
+    motion = readers[kind](data, where)
+    return motion, _numbers(data["about"], 2, f"{where}: about") if "about" in data else None
+
+
+def _steady(data: Mapping[str, object], where: str) -> Motion:
+    _mapping(data, where, "kind", "about", "velocity", "turn_deg")
+    velocity = _numbers(data.get("velocity", (0.0, 0.0, 0.0)), 3, f"{where}: velocity")
+    return Steady(velocity, *_numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg"))
+
+
+def _swing(data: Mapping[str, object], where: str) -> Motion:
+    _mapping(data, where, "kind", "about", "by", "turn_deg", "period_s")
+    by = _numbers(data.get("by", (0.0, 0.0, 0.0)), 3, f"{where}: by")
+    (turn,) = _numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg")
+    return Swing(by, turn, *_numbers(data.get("period_s"), 1, f"{where}: period_s", "from 1e-9 to 1e9"))
+
+
+def _waypoints(data: Mapping[str, object], where: str) -> Motion:
+    _mapping(data, where, "kind", "about", "points", "repeat")
+    here, repeat = f"{where}: points", data.get("repeat", False)
+    if not isinstance(repeat, bool):
+        raise ValueError(f"{where}: repeat: expected true or false, got {shown(repeat)}")
+    listed = _list(data.get("points"), 2, here)
+    if len(listed) > _MOST_POINTS:
+        raise ValueError(f"{here}: expected at most {_MOST_POINTS}, got {len(listed)}")
+    points = tuple(_numbers(point, 5, here) for point in listed)
+    if any(a[0] >= b[0] for a, b in itertools.pairwise(points)):
+        raise ValueError(f"{here}: expected [time, x, y, z, turn] with times that grow")
+    return Waypoints(points, repeat)
 
 
 def _pattern(value: object, where: str) -> Pattern | None:

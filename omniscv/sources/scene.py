@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
 
+_START = Instant()
 _NEAR = 1e-3
 """Metres in front of a camera from which on boxes are projected."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
@@ -46,12 +48,15 @@ class SceneSource(Source):
         masks: object masks as colours, or as uint16 instance ids, which are the labels.
         cached_views: how many views are kept, those used last, of 22 to 31 bytes a pixel.
         hidden: names of objects to leave out of every view.
+        instant: what is shown: the scene at its time, with some objects at its poses. A pose is the place of
+            the middle of the object's box, and the identity for an object as it is described.
 
     Attributes:
+        scene: as it is traced, at the instant.
         made: how many views were traced.
 
     Raises:
-        ArgumentError: another ``lit`` or ``masks``, or no object of a name to hide.
+        ArgumentError: another ``lit`` or ``masks``, no object of a name, or no finite time.
     """
 
     def __init__(
@@ -62,12 +67,15 @@ class SceneSource(Source):
         masks: Masks = "colors",
         cached_views: int = 32,
         hidden: Iterable[str] = (),
+        instant: Instant = _START,
     ) -> None:
         for name, value, kind in (("lit", lit, Lit), ("masks", masks, Masks)):
             if value not in get_args(kind):
                 raise ArgumentError(f"{name}: expected one of {', '.join(get_args(kind))}; got {value!r}")
-        self.scene, self.made, self._hidden = scene, 0, frozenset(hidden)
-        known_objects(self._hidden, scene.objects, f"scene {scene.name}")
+        self.made, self._instant = 0, instant
+        self._asked_hidden, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
+        known_objects(self._hidden.union(instant.poses), scene.objects, f"scene {scene.name}")
+        self.scene = scene if instant.state == "" else _placed(scene, instant)
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
@@ -115,14 +123,25 @@ class SceneSource(Source):
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""
         self._check_open()
-        return self._like(self._hidden.union(objects))
+        return self._like(self._asked_hidden.union(objects), self._instant)
+
+    @property
+    def state(self) -> str:
+        return self._instant.state
+
+    def at(self, instant: Instant) -> SceneSource:
+        """As :meth:`Source.at`; both may be used at the same time. No time is the scene's start."""
+        self._check_open()
+        return self._like(self._asked_hidden, instant)
 
     def close(self) -> None:
         self._closed = True
         self._traced.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._like, (self._hidden,)
+        now = self._instant
+        # What is read only, as the poses of an instant may be, cannot be pickled.
+        return self._like, (self._asked_hidden, Instant(dict(now.poses), now.hidden, now.time, now.name))
 
     def _check_open(self) -> None:
         if self._closed:
@@ -206,6 +225,17 @@ def _spread(some: NDArray[Any], where: NDArray[np.bool_], beyond: Any) -> NDArra
     return image
 
 
+def _placed(scene: Scene, instant: Instant) -> Scene:
+    """The scene at an instant's time, with its poses."""
+    if instant.time is None and not instant.poses:
+        return scene
+    poses = {name: (pose.rotation, pose.position) for name, pose in instant.poses.items()}
+    try:
+        return scene.at(scene.time if instant.time is None else instant.time, poses)
+    except ValueError as wrong:
+        raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
+
+
 def geometry_of(scene: Scene) -> SceneGeometry:
     """Return what is known of the shapes in a scene of the mock server."""
     boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
@@ -221,12 +251,13 @@ def room_of(scene: Scene) -> Room | None:
 
 
 def open_scene(address: str) -> SceneSource:
-    """Open ``scene://NAME-or-PATH?lit=float32&masks=ids``; both options may be left out."""
+    """Open ``scene://NAME-or-PATH?lit=float32&masks=ids&time=1.5``; all options may be left out."""
     import mock_server
 
-    name, options = split_address(address, {"lit": str, "masks": str})
+    name, options = split_address(address, {"lit": str, "masks": str, "time": float})
+    time_s = options.pop("time", None)
     try:
-        return SceneSource(mock_server.load_scene(name), **options)
+        return SceneSource(mock_server.load_scene(name), **options, instant=Instant(time=time_s))
     except ValueError as wrong:
         raise ArgumentError(f"source: {address!r}: {wrong}") from wrong
 

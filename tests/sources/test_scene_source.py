@@ -1,5 +1,7 @@
 """``scene://``: pictures traced in this process, against the scene itself."""
 
+import pickle
+
 import numpy as np
 import pytest
 from support.faces import face_requests
@@ -8,6 +10,8 @@ import mock_server
 import omniscv
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.pose import R_LEVEL
 from omniscv.sources import Capabilities, Request, View
 from omniscv.sources.registry import known_capabilities
 from omniscv.sources.scene import SceneSource
@@ -84,9 +88,51 @@ def test_addresses(tmp_path):
         ("scene://", "expected one of .*four-wall"),
         ("scene://four-wall?lit=double", "lit: expected one of uint8, float32; got 'double'"),
         ("scene://four-wall?masks=red", "masks: expected one of colors, ids; got 'red'"),
-        ("scene://four-wall?size=3", "expected options among lit, masks .*got 'size'"),
+        ("scene://four-wall?size=3", "expected options among lit, masks, time .*got 'size'"),
     ],
 )
 def test_wrong_addresses_are_refused(address, says):
     with pytest.raises(ArgumentError, match=says):
         omniscv.open_source(address)
+
+
+# Instants
+
+
+MOVING = mock_server.load_scene("workshop")
+CRATE = Pose((1.4, -0.3, 1.2), Pose.from_angles((0, 0, 0), yaw_deg=30).R_w_c @ R_LEVEL.T)
+
+
+def test_an_instant_shows_the_scene_at_its_time_with_its_poses_and_without_what_is_hidden():
+    instant = Instant({"Crate": CRATE}, frozenset({"Lamp"}), 1.25)
+    placed = MOVING.at(1.25, {"Crate": (CRATE.rotation, CRATE.position)})
+    with SceneSource(MOVING) as source, source.at(instant) as there:
+        expected = captured(SceneSource(placed, hidden=("Lamp",)))
+        assert there.state == instant.state
+        got = captured(there)
+        assert there.geometry().boxes["Crate"].center_w == pytest.approx(CRATE.position)
+        assert there.scene_identity == source.scene_identity
+        assert there.without(["Crate"]).state == instant.state
+        there.close()
+        at_start = captured(source)
+    assert all(np.array_equal(got[mode], expected[mode]) for mode in expected)
+    assert all(np.array_equal(at_start[mode], each) for mode, each in captured(SceneSource(MOVING)).items())
+    assert not np.array_equal(got["depth"], at_start["depth"])
+
+
+def test_an_address_may_have_a_time():
+    with omniscv.open_source("scene://workshop?time=1.25") as source:
+        assert source.state == Instant(time=1.25).state
+        depth = captured(source)["depth"]
+        copied = pickle.loads(pickle.dumps(source))  # noqa: S301 - our own bytes
+        assert np.array_equal(captured(copied)["depth"], depth)
+        assert copied.state == source.state
+        assert source.at(Instant()).state == ""
+    assert np.array_equal(depth, captured(SceneSource(MOVING.at(1.25)))["depth"])
+
+
+def test_an_instant_of_another_scene_is_refused():
+    with pytest.raises(ArgumentError, match="scene workshop: expected objects of the scene, got 'Cow'"):
+        SceneSource(MOVING).at(Instant({"Cow": CRATE}))
+    with pytest.raises(ArgumentError, match="scene workshop: time: expected a finite number"):
+        SceneSource(MOVING).at(Instant(time=float("inf")))

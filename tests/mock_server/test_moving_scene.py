@@ -1,0 +1,189 @@
+"""Scenes that move: ``scene.at`` against scenes that are described where the objects have gone."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mock_server
+from mock_server import Scene
+
+RED = {"kind": "plain", "colors": [[0.8, 0.2, 0.1]]}
+BOX = {"box": [0.6, 0.2, 0.4], "at": [2.0, 0.3, 0.1], "turn_deg": 15.0}
+BALL = {"sphere": 0.25, "at": [2.1, 0.9, -0.2]}
+WALL = {"solids": [{"box": [0.1, 8, 8], "at": [4, 0, 0]}]}
+RAYS = np.random.default_rng(5).normal((4, 1, 0), (0.3, 2, 1), (500, 3))
+times = st.floats(-50, 50)
+offsets = st.tuples(*[st.floats(-1, 1)] * 3)
+degrees = st.floats(-200, 200)
+
+
+def scene(moving, *solids):
+    thing = {"texture": RED, "solids": list(solids or (BOX, BALL))}
+    return Scene(
+        "moving", {"objects": {"Thing": thing | ({"moving": moving} if moving else {}), "Wall": WALL}}
+    )
+
+
+def carried(offset, turn_deg, about):
+    """The scene of which the solids are described at another place, by complex numbers."""
+    turn = np.exp(1j * np.radians(turn_deg))
+    placed = []
+    for solid in (BOX, BALL):
+        x, y, z = solid["at"]
+        place = (complex(x, y) - complex(*about)) * turn + complex(*about)
+        at = [place.real + offset[0], place.imag + offset[1], z + offset[2]]
+        placed.append(
+            solid | {"at": at} | ({"turn_deg": solid["turn_deg"] + turn_deg} if "box" in solid else {})
+        )
+    return scene(None, *placed)
+
+
+def assert_same(got, expected):
+    """All but rays that graze an edge, which the last digit decides."""
+    got, expected = got.trace((0, 0, 0), RAYS), expected.trace((0, 0, 0), RAYS)
+    same = got.label == expected.label
+    assert same.mean() > 0.98
+    np.testing.assert_allclose(got.distance[same], expected.distance[same], rtol=1e-9)
+    np.testing.assert_allclose(got.normal[same], expected.normal[same], atol=1e-6)
+    np.testing.assert_allclose(got.color[same], expected.color[same], atol=1e-6)
+
+
+@settings(max_examples=40)
+@given(time=times, velocity=offsets, turn=degrees)
+def test_steady(time, velocity, turn):
+    moving = {"kind": "steady", "velocity": velocity, "turn_deg": turn, "about": [1.8, 0.5]}
+    offset = [time * each / 50 for each in velocity]
+    moving["velocity"] = [each / 50 for each in velocity]
+    assert_same(scene(moving).at(time), carried(offset, turn * time, (1.8, 0.5)))
+
+
+@settings(max_examples=40)
+@given(time=times, by=offsets, turn=degrees, period=st.floats(0.1, 20))
+def test_swing(time, by, turn, period):
+    moving = {"kind": "swing", "by": by, "turn_deg": turn, "period_s": period, "about": [2, 0]}
+    share = np.exp(2j * np.pi * time / period).imag
+    assert_same(scene(moving).at(time), carried([share * each for each in by], share * turn, (2, 0)))
+
+
+@pytest.mark.parametrize(
+    ("time", "expected"),
+    [
+        (-7, (0.1, 0, 0, 10)),
+        (1, (0.1, 0, 0, 10)),
+        (1.5, (0.3, 0.25, -0.1, 55)),
+        (2, (0.5, 0.5, -0.2, 100)),
+        (3, (0.5, 0.0, 0.0, 50)),
+        (4, (0.5, -0.5, 0.2, 0)),
+        (90, (0.5, -0.5, 0.2, 0)),
+    ],
+)
+def test_waypoints(time, expected):
+    """The places by hand. The turn is about the middle of the object's box."""
+    points = [[1, 0.1, 0, 0, 10], [2, 0.5, 0.5, -0.2, 100], [4, 0.5, -0.5, 0.2, 0]]
+    moved = scene({"kind": "waypoints", "points": points})
+    low, high = scene(None).bounds("Thing")
+    middle = (low + high)[:2] / 2
+    assert_same(moved.at(time), carried(expected[:3], expected[3], middle))
+    place = moved.at(time).pose("Thing")[1]
+    assert place == pytest.approx((low + high) / 2 + expected[:3], abs=1e-12)
+
+
+@given(time=times, rounds=st.integers(-5, 5))
+def test_waypoints_repeat_their_round(time, rounds):
+    points = [[0.5, 0, 0, 0, 0], [1.5, 0.5, 0.5, -0.2, 90], [3, 0, 0, 0, 0]]
+    once, again = (scene({"kind": "waypoints", "points": points, "repeat": r}) for r in (False, True))
+    within = 0.5 + (time % 2.5)
+    place = again.at(within + 2.5 * rounds).pose("Thing")
+    for got, expected in zip(place, once.at(within).pose("Thing"), strict=True):
+        assert got == pytest.approx(expected, abs=1e-9)
+
+
+@given(times)
+def test_a_still_scene_is_itself_at_any_time(time):
+    still = scene(None)
+    assert still.at(time) is still
+    assert not still.moving
+
+
+@settings(max_examples=20)
+@given(first=times, then=times)
+def test_a_time_does_not_depend_on_the_times_before(first, then):
+    moving = mock_server.load_scene("workshop")
+    at_once, later = moving.at(then), moving.at(first).at(then)
+    assert np.array_equal(at_once.solids, later.solids)
+    assert at_once.time == later.time == then
+    assert at_once.digest() == moving.digest()
+
+
+def test_poses_place_objects_whatever_the_time():
+    """A quarter turn about Y, which no motion makes: the box's length stands upright."""
+    R = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    moving = scene({"kind": "steady", "velocity": [1, 0, 0]}, BOX | {"turn_deg": 0.0})
+    placed = moving.at(3.0, {"Thing": (R, (1.0, 0.5, 0.2))})
+    low, high = placed.bounds("Thing")
+    assert low == pytest.approx((0.8, 0.4, -0.1))
+    assert high == pytest.approx((1.2, 0.6, 0.5))
+    assert [each.tolist() for each in placed.pose("Thing")] == [R.tolist(), [1.0, 0.5, 0.2]]
+    assert moving.at(3.0).pose("Thing")[1] == pytest.approx((5.0, 0.3, 0.1))
+    assert placed.at(0.0).bounds("Thing")[0] == pytest.approx((1.7, 0.2, -0.1))
+
+
+def test_a_wall_that_is_elsewhere_leaves_no_room():
+    room = mock_server.load_scene("four-wall")
+    moved = room.at(0.0, {"Layout_Wall_1": (np.eye(3), (0, 0, 9))})
+    assert moved.room is None
+    assert moved.at(0.0).room is room.room
+
+
+def test_motions_are_in_the_digest_and_survive_pickling():
+    slow, fast = (scene({"kind": "steady", "velocity": [v, 0, 0]}) for v in (1, 2))
+    assert slow.digest() != fast.digest()
+    assert np.array_equal(slow.solids, fast.solids)
+    copied = pickle.loads(pickle.dumps(fast))  # noqa: S301 - our own bytes
+    assert np.array_equal(copied.at(2.5).solids, fast.at(2.5).solids)
+
+
+@pytest.mark.parametrize("time", [np.nan, np.inf])
+def test_a_time_is_a_finite_number(time):
+    with pytest.raises(ValueError, match="time: expected a finite number of seconds, got"):
+        scene(None).at(time)
+
+
+def test_a_pose_of_no_object_is_refused():
+    with pytest.raises(ValueError, match=r"object: expected one of Thing, Wall; got 'Thin'"):
+        scene(None).at(0.0, {"Thin": (np.eye(3), (0, 0, 0))})
+
+
+GOOD = {"kind": "waypoints", "points": [[0, 0, 0, 0, 0], [1, 0, 0, 0, 0]]}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kind": "fly"}, "kind: expected one of steady, swing, waypoints; got 'fly'"),
+        ({"kind": ["swing"]}, "kind: expected one of steady, swing, waypoints; got ['swing']"),
+        ({"period_s": 2}, "expected words among about, kind, points, repeat; got 'period_s'"),
+        ({"about": [1, 2, 3]}, "about: expected 2 numbers (from -1e9 to 1e9), got [1, 2, 3]"),
+        ({"points": [[0, 0, 0, 0, 0]]}, "points: expected a list of at least 2, got"),
+        ({"points": [[0, 0, 0, 0], [1, 0, 0, 0]]}, "points: expected 5 numbers (from -1e9 to 1e9), got"),
+        (
+            {"points": [[1, 0, 0, 0, 0], [1, 0, 0, 0, 0]]},
+            "points: expected [time, x, y, z, turn] with times that grow",
+        ),
+        ({"repeat": 1}, "repeat: expected true or false, got 1"),
+        ({"kind": "swing", "points": None}, "period_s: expected 1 number (from 1e-9 to 1e9), got None"),
+        (
+            {"kind": "steady", "points": None, "velocity": 1},
+            "velocity: expected 3 numbers (from -1e9 to 1e9)",
+        ),
+    ],
+)
+def test_wrong_motions_are_refused(change, message):
+    moving = copy.deepcopy(GOOD) | change
+    with pytest.raises(ValueError) as refused:
+        scene({key: value for key, value in moving.items() if value is not None})
+    assert f"moving: Thing: moving: {message}" in str(refused.value)
