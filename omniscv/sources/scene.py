@@ -129,6 +129,10 @@ class SceneSource(Source):
     def state(self) -> str:
         return self._instant.state
 
+    @property
+    def instant(self) -> Instant:
+        return self._instant
+
     def at(self, instant: Instant) -> SceneSource:
         """As :meth:`Source.at`; both may be used at the same time. No time is the scene's start."""
         self._check_open()

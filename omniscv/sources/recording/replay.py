@@ -195,7 +195,7 @@ class Recording(SourceWrapper):
         self._instant = Instant()
         self._owner = True
         self._labelled = set(labelled_modes())
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; a new capture is in the file before it is yielded."""
@@ -250,7 +250,7 @@ class Recording(SourceWrapper):
     def one_instant(self) -> Iterator[None]:
         """As :meth:`Source.one_instant`: one change of the file, which others wait for."""
         renewed = None if self._renewed is None else set(self._renewed)
-        with self._source.one_instant(), self._store.all_or_none():
+        with self._lock, self._source.one_instant(), self._store.all_or_none():
             try:
                 yield
             except BaseException:
@@ -275,7 +275,8 @@ class Recording(SourceWrapper):
             still = self._store.geometry().to_dict()["boxes"]
             boxes = self._known_geometry().boxes
             moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
-            self._store.set_state(state, HeldState(self.instant if self.instant.state == state else None, moved))
+            known = self.instant if self.instant.state == state else None
+            self._store.set_state(state, HeldState(known, moved))
         self._noted = state
 
     def _known_geometry(self) -> SceneGeometry:
