@@ -1,7 +1,8 @@
 """Run a job: render its images, capture what they need, or count what that would cost."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -18,8 +19,8 @@ from omniscv.compose.renderer import Progress, Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.jobs.job import Job
-from omniscv.jobs.moments import Take, images_of, renderer_at
-from omniscv.planning import CameraRays, Kept, RenderOptions, Round, Task, drive
+from omniscv.jobs.moments import images_of, renderer_at
+from omniscv.planning import CameraRays, Kept, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.sources.base import Request, Source, View
 from omniscv.sources.registry import known_capabilities
@@ -110,48 +111,59 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
     Returns:
         The number of captures that the job needs.
     """
-    done = 0
-    needed: dict[str, dict[Request, None]] = {}
+    needed: dict[Request, None] = {}
     with replace(job, record=path).open() as source:
         source.objects()
         job, renderer = job.posed(source), Renderer(source)
-
-        def step(part: int, whole: int) -> None:
-            if progress:
-                progress(done + part, done + whole)
-
         for moment in job.moments():
             for take in moment.takes:
-                mine = needed.setdefault(take.instant.state, {})
-                done = sum(map(len, needed.values())) - len(mine)
                 with renderer_at(renderer, take.instant) as there:
-                    _capture(take, there, mine, job.options, border_px, step)
-    return sum(map(len, needed.values()))
+                    shots = [there.task(*shot, job.options, border_px=border_px) for shot in take.shots]
+                    modes = planning.sampled(take.modes, job.options)
+                    tasks, _ = planning.together(shots, modes)
+                    fresh = _Capturing(tasks, modes, needed, progress)
+                    needed |= planning.proven(there.source, modes, fresh)
+    return len(needed)
 
 
-def _capture(
-    take: Take,
-    renderer: Renderer,
-    needed: dict[Request, None],
-    options: RenderOptions,
-    border_px: int | None,
-    progress: Progress,
-) -> None:
-    """Capture what an instant's images need and is not among ``needed``, and add it there."""
-    modes = planning.sampled(take.modes, options)
+class _Capturing:
+    """Captures what tasks need, but for what was captured before.
 
-    def capture_round(round_: Round) -> Kept:
-        kept, total = [], len(needed.keys() | round_.requests(modes))
-        for viewpoint, captures in planning.captured(round_, renderer.source, modes, skip=needed):
-            needed.update(dict.fromkeys(viewpoint.requests(modes)))
+    Args:
+        tasks: of one instant.
+        modes: of their images.
+        before: what is not captured again.
+        progress: as :func:`capture`.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        modes: tuple[str, ...],
+        before: dict[Request, None],
+        progress: Progress | None,
+    ) -> None:
+        self._tasks, self._modes, self._before, self._progress = tasks, modes, before, progress
+
+    def __call__(self, source: Source) -> dict[Request, None]:
+        """Capture from a source; return what was captured."""
+        fresh: dict[Request, None] = {}
+        for task in self._tasks:
+            drive(planning.rounds(task), partial(self._round, source, fresh))
+        return fresh
+
+    def _round(self, source: Source, fresh: dict[Request, None], round_: Round) -> Kept:
+        before, modes = self._before, self._modes
+        here = dict.fromkeys(each for each in round_.requests(modes) if each not in before)
+        kept, total = [], len(before) + len(fresh | here)
+        skip = ChainMap(fresh, before)
+        for viewpoint, captures in planning.captured(round_, source, modes, skip=skip):
+            fresh.update(dict.fromkeys(r for r in viewpoint.requests(modes) if r not in before))
             if viewpoint.keep:
                 kept.append(captures)
-            progress(len(needed), total)
+            if self._progress:
+                self._progress(len(before) + len(fresh), total)
         return kept
-
-    tasks = [renderer.task(camera, pose, options, border_px=border_px) for camera, pose in take.shots]
-    for task in planning.together(tasks, modes)[0]:
-        drive(planning.rounds(task), capture_round)
 
 
 def costs(job: Job, *, measure: bool = False) -> list[Cost]:
@@ -200,7 +212,7 @@ def _request_seconds(source: Source) -> float:
         return 0.0
     size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
-    requests = [Request(View(pose, 90.0, *size), "lit") for pose in turned]
+    requests = [Request(View(pose, 90.0, *size), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view
     started = time.perf_counter()
     for request in requests:  # one at a time: a source reads ahead

@@ -9,7 +9,6 @@ import os
 import secrets
 import sqlite3
 import threading
-import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,8 @@ from omniscv.arguments import shown
 from omniscv.errors import DamagedRecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
-from omniscv.sources.recording import geometry_table, object_tables, schema
+from omniscv.sources.recording import geometry_table, object_tables, schema, state_table
+from omniscv.sources.recording.forking import hold_at_forks
 from omniscv.sources.recording.opening import open_to_read, open_to_write
 from omniscv.sources.recording.replacing import followed, place_of
 from omniscv.sources.recording.rows import (
@@ -27,37 +27,24 @@ from omniscv.sources.recording.rows import (
     Row,
     insert,
     keys,
+    scene_in_words,
     scene_to_json,
     the_scene,
     write_head,
 )
+from omniscv.sources.recording.state_table import HeldState
 from omniscv.sources.recording.upgrade import COLUMNS_1
 
 ADVICE = "; run 'omniscv captures verify'"  # at the end of errors about damage
 
-_COLUMNS = {1: COLUMNS_1, **dict.fromkeys((2, 3), ", ".join(Row._fields))}
+_ALL, _STILL = (", ".join(columns) for columns in (Row._fields, (*Row._fields[:-1], "''")))
+_COLUMNS = {1: COLUMNS_1, 2: _STILL, 3: _STILL, 4: _ALL}
 # Connections of the parent process, which a forked child must neither use nor close:
 _inherited: list[sqlite3.Connection] = []
 
 
-_open: "weakref.WeakSet[Store]" = weakref.WeakSet()
-_held: "list[threading.RLock]" = []
-_LONGEST_WAIT_S = 30.0
-
-
-def _hold() -> None:
-    """Let no other thread be within SQLite while this one forks: its locks would stay taken in the child."""
-    locks = [store._connection[1] for store in list(_open)]
-    _held.extend(lock for lock in locks if lock.acquire(timeout=_LONGEST_WAIT_S))
-
-
-def _let_go() -> None:
-    while _held:
-        _held.pop().release()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_hold, after_in_parent=_let_go, after_in_child=_let_go)
+class _UndoneError(Exception):
+    """Ends a transaction that is to be undone."""
 
 
 class Store:
@@ -81,7 +68,7 @@ class Store:
         self._id: str | None = None
         self._place = place_of(path) if write else followed(path)
         self._connection = self._connect()
-        _open.add(self)
+        hold_at_forks(self)
 
     def _connect(self) -> tuple[sqlite3.Connection, threading.RLock, int]:
         opened = open_to_write if self._write else open_to_read
@@ -109,9 +96,17 @@ class Store:
             database.close()
 
     @property
+    def lock(self) -> threading.RLock:
+        """Held by the thread that uses the file."""
+        return self._connection[1]
+
+    @property
     def version(self) -> int:
-        """The version of the schema."""
-        return self._version
+        """The version of the schema; it grows when another recorder needs a later one."""
+        if self._version == 1:
+            return 1
+        with schema.errors_of(self.path, write=False), self._using() as database:
+            return schema.present_version(database)
 
     def head(self) -> Head | None:
         """What the recording is, checked, with the changes under way; None in version 1."""
@@ -135,9 +130,12 @@ class Store:
             head, rows = self.head(), self._rows()
         if head is None:
             return rows
+        states = {row.state for row in rows} - {""}
         with self._named(ADVICE):
             for row in rows:
                 row.check(head.id)
+            if lost := states - self.states().keys():
+                raise DamagedRecordingError(f"expected a row of state {shown(min(lost))}, got none")
             found = head._replace(captures=0, capture_sum=0).with_rows(rows, ())
             if (found.captures, found.capture_sum) != (head.captures, head.capture_sum):
                 wanted = f"expected {head.captures} captures as recorded"
@@ -152,7 +150,7 @@ class Store:
         most = schema.most_captures(self._place)
         numbers = self._query(f"SELECT rowid FROM capture ORDER BY rowid LIMIT {most}")
         for number in dict.fromkeys(numbers):
-            found = self._query(f"SELECT {_COLUMNS[self._version]} FROM capture WHERE rowid = ?", *number)
+            found = self._query(f"SELECT {_COLUMNS[self.version]} FROM capture WHERE rowid = ?", *number)
             yield from map(Row._make, found)
 
     def structural_faults(self) -> list[str]:
@@ -166,7 +164,7 @@ class Store:
 
     def get(self, request: Request) -> Capture | None:
         """The capture of a request, None if there is none; DamagedRecordingError as :meth:`Row.capture`."""
-        found = self._find(_COLUMNS[self._version], request)
+        found = self._find(_COLUMNS[self.version], request)
         if not found:
             return None
         with self._named(ADVICE):
@@ -192,6 +190,8 @@ class Store:
             if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
                 wanted = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
                 raise RecordingNotWritableError(f"{self.path}: {wanted}, got {len(row.payload)}")
+            if row.state and self.state(row.state) is None:
+                state_table.write(database, self._head.id, row.state, HeldState())
             replaced = [crc for (crc,) in database.execute(f"SELECT checksum {where}", known)]
             database.execute(f"DELETE {where}", known)
             insert(database, row)
@@ -239,7 +239,23 @@ class Store:
             merged = SceneGeometry({**known.boxes, **geometry.boxes}, geometry.room or known.room)
             if merged.to_dict() != known.to_dict():
                 geometry_table.write(database, self._head.id, merged)
-                self._version = schema.SCHEMA_VERSION
+
+    def states(self) -> dict[str, HeldState]:
+        """What is known of the states that captures show, but the still one; DamagedRecordingError if that is
+        not as it was written."""
+        with self._named(), self._reading():
+            return state_table.read(self._query, self._recording_id())
+
+    def state(self, name: str) -> HeldState | None:
+        """What is known of a state; None of the still one, and of one that no capture shows."""
+        with self._named(), self._reading():
+            return state_table.read(self._query, self._recording_id(), name).get(name)
+
+    def set_state(self, name: str, state: HeldState) -> None:
+        """Note what is known of a state; makes a recording of version 2 or 3 one of version 4."""
+        with self.transaction() as database:
+            assert self._head is not None  # there is a transaction
+            state_table.write(database, self._head.id, name, state)
 
     def has_masks(self) -> bool:
         """Whether there is a capture that the object table gives names to."""
@@ -260,7 +276,7 @@ class Store:
         """Note what is known of the scene; RecordingNotWritableError if it is another one."""
         known = self.scene_identity
         if known.differs(identity):
-            self._refuse(f"captures of the scene {_described(known)}, got {_described(identity)}")
+            self._refuse(f"captures of the scene {scene_in_words(known)}, got {scene_in_words(identity)}")
         if known.merged(identity) != known:
             with self.transaction():
                 assert self._head is not None  # there is a transaction
@@ -289,6 +305,19 @@ class Store:
                 finally:
                     self._head = None
 
+    @contextlib.contextmanager
+    def all_or_none(self) -> Iterator[None]:
+        """Make all changes within together, as :meth:`transaction`; errors raised within pass unchanged."""
+        failed: BaseException | None = None
+        with contextlib.suppress(_UndoneError), self.transaction():
+            try:
+                yield
+            except BaseException as cause:
+                failed = cause
+                raise _UndoneError from cause
+        if failed is not None:
+            raise failed
+
     def _recording_id(self) -> str:
         if self._id is None:
             head = self.head()
@@ -296,7 +325,7 @@ class Store:
         return self._id
 
     def _rows(self) -> list[Row]:
-        columns = _COLUMNS[self._version].removesuffix("payload") + "x''"
+        columns = _COLUMNS[self.version].replace(", payload,", ", x'',")
         most = schema.most_captures(self._place)
         return [*map(Row._make, self._query(f"SELECT {columns} FROM capture ORDER BY rowid LIMIT {most}"))]
 
@@ -348,9 +377,3 @@ class Store:
 
     def _refuse(self, expected: str) -> NoReturn:
         raise RecordingNotWritableError(f"{self.path}: expected {expected}; record into another file")
-
-
-def _described(identity: SceneIdentity) -> str:
-    """A scene's identity in a few words."""
-    parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
-    return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
