@@ -151,3 +151,13 @@ def test_flow_and_scene_flow_are_those_of_the_motion(made):
 def channels(path):
     with OpenEXR.File(str(path), separate_channels=True) as file:
         return {name: each.pixels for name, each in file.channels().items()}
+
+
+def test_a_recording_makes_the_same_dataset(made, tmp_path):
+    """Its states are those that the job computes; poses of objects come from the job, boxes from the file."""
+    text = JOB.replace("workshop", "four-wall").replace("Cabinet", "Chair_1").replace("amodal: boxes, ", "")
+    (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
+    job = jobs.load(tmp_path / "job.yaml")
+    jobs.make(replace(job, record=tmp_path / "kept.sqlite", out=tmp_path / "live"))
+    jobs.make(replace(job, source=str(tmp_path / "kept.sqlite"), out=tmp_path / "replayed"))
+    assert tree(tmp_path / "replayed") == tree(tmp_path / "live")
