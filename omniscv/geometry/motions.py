@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
@@ -44,6 +45,16 @@ class Motion:
         one_of("curve", self.curve, get_args(Curve))
         if self.waypoints.times is None and len(self.waypoints) > 1:
             raise ArgumentError(f"waypoints: expected times, got {len(self.waypoints)} poses without")
+
+    @classmethod
+    def through(cls, poses: Mapping[float, Pose], curve: Curve = "linear") -> Motion:
+        """Return the motion through poses by their times, seconds.
+
+        Raises:
+            ArgumentError: no pose, or another curve.
+        """
+        times = sorted(poses)
+        return cls(Trajectory(tuple(poses[time] for time in times), tuple(map(float, times))), curve)
 
     @property
     def span(self) -> tuple[float, float] | None:
