@@ -28,7 +28,7 @@ def test_replies_are_text_and_binary_ones_their_size_and_kind(dialect):
         assert opened.command("vget /unrealcv/echo hello ") == "hello"
         assert opened.command("vget /camera/0/lit png").startswith("PNG, ")
         assert opened.command("vget /camera/0/depth npy").endswith(" bytes, 24 x 24 px")
-        with pytest.raises(ServerRefusedError, match="'vget /nothing' was refused: .error "):
+        with pytest.raises(ServerRefusedError, match="'vget /nothing' was refused"):
             opened.command("vget /nothing")
         assert opened.state == ""
 
