@@ -10,19 +10,15 @@ from omniscv.sources import Request, View
 DIALECTS = ("0.3.10", "M", "N1", "N2")
 SIZE = 24
 CENTER = (0.0, 0.0, 1.5)
-SCENE = mock_server.Scene(
-    "yard",
-    {
-        "objects": {
-            "Box": {"solids": [{"box": [0.8, 0.5, 1.1], "at": [2.0, 0.5, 1.4]}]},
-            "Pole": {"solids": [{"cylinder": [0.3, 3.0], "at": [1.5, -1.6, 1.5]}]},
-            "Ball": {
-                "solids": [{"sphere": 0.6, "at": [2.2, -0.6, 1.5]}],
-                "moving": {"kind": "swing", "by": [0, 0.5, 0.3], "period_s": 1.3},
-            },
-        }
+THINGS = {
+    "Box": {"solids": [{"box": [0.8, 0.5, 1.1], "at": [2.0, 0.5, 1.4]}]},
+    "Pole": {"solids": [{"cylinder": [0.3, 3.0], "at": [1.5, -1.6, 1.5]}]},
+    "Ball": {
+        "solids": [{"sphere": 0.6, "at": [2.2, -0.6, 1.5]}],
+        "moving": {"kind": "swing", "by": [0, 0.5, 0.3], "period_s": 1.3},
     },
-)
+}
+SCENE = mock_server.Scene("yard", {"objects": THINGS})
 
 
 def turned(place, yaw_deg=0.0, pitch_deg=0.0, roll_deg=0.0):

@@ -113,9 +113,8 @@ class Journal:
 
 def _instant(values: dict[Key, Any]) -> Instant:
     """Return the instant of values; what is no pose, hidden object or time becomes a part of its name."""
-    poses = {
-        name: value for kind in ("seen", "pose") for (what, name), value in values.items() if what == kind
-    }
+    known = [(kind, what, name) for kind in ("seen", "pose") for what, name in values]
+    poses = {name: values[what, name] for kind, what, name in known if what == kind}
     hidden = frozenset(name for what, name in values if what == "hidden")
     parts = [values["name", ""]] if ("name", "") in values else []
     others = sorted(key for key in values if key[0] not in _KNOWN)

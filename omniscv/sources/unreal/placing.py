@@ -84,14 +84,10 @@ class Placing:
 
     def set_again(self) -> None:
         """Place and hide what is placed and hidden: the game may have been started anew."""
-        self._exchange.do(
-            [c for name, pose in self._journal.named("pose") for c in _commands(name, *_placed(pose))]
-            + [
-                f"vset /object/{n}/hide"
-                for what in ("hidden", "left out")
-                for n, _ in self._journal.named(what)
-            ]
-        )
+        poses = self._journal.named("pose")
+        hidden = [*self._journal.named("hidden"), *self._journal.named("left out")]
+        self._exchange.do([c for name, pose in poses for c in _commands(name, *_placed(pose))])
+        self._exchange.do([f"vset /object/{name}/hide" for name, _ in hidden])
 
     def _texts(self, names: Iterable[str]) -> list[str]:
         """Return locations and rotations in turn, as the server prints them."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from types import MappingProxyType
 
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, SourceError
+from omniscv.errors import BadReplyError, ServerRefusedError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -135,9 +135,10 @@ class UnrealSource(Source):
         """As :meth:`Source.close`; what is to be put back at an end that has not come is put back first."""
         with self._exchange.lock:
             if not self._exchange.closed:
-                for layer in reversed(self._journal.layers):
-                    with contextlib.suppress(SourceError):  # the game may have ended
-                        put_back(self._exchange, self._journal, layer)
+                with contextlib.suppress(*RETRIED):  # the game may have ended
+                    for layer in reversed(self._journal.layers):
+                        with contextlib.suppress(ServerRefusedError):
+                            put_back(self._exchange, self._journal, layer)
                 self._exchange.closed = True
                 self._driver.release()
                 self._connection.close()

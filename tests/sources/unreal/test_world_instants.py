@@ -2,8 +2,9 @@
 
 import pytest
 from support.unreal import agrees, face_requests, relayed
-from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, ahead, at_time, placed, serve
+from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, THINGS, ahead, at_time, placed, serve
 
+import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
@@ -130,6 +131,23 @@ def test_hidden_objects_may_be_left_out_of_an_instant():
             assert not server.world.objects["Ball"].hidden
             assert server.world.objects["Pole"].hidden
         assert not server.world.objects["Pole"].hidden
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
+def test_a_game_that_is_started_anew_is_brought_to_the_instant_again(dialect):
+    instant = Instant({"Box": MOVED}, frozenset({"Ball"}), 2.0)
+    rest = {name: THINGS[name] for name in ("Box", "Pole")}
+    fewer = mock_server.Scene("yard", {"objects": rest}).at(0, {"Box": (MOVED.rotation, MOVED.position)})
+    server = serve(dialect, **RUNNING)
+    with omniscv.open_source(server.uri) as source, source.at(instant) as there:
+        list(there.capture(ahead(there)))
+        server.stop()
+        with serve(dialect, port=server.port, **RUNNING) as again:
+            (capture,) = there.capture(ahead(there))
+            assert again.world.paused
+            assert agrees(capture, source, fewer)
+            source.close()
+            assert not again.world.paused
 
 
 # What is refused.
