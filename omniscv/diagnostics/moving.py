@@ -76,7 +76,7 @@ class MovingWorld:
             return Finding(name, f"never: {moved} stays", "warning", "set its mobility to Movable")
         late = [not np.isclose(each, frames[-1], rtol=_NOISE)[changed].mean() > 0.5 for each in frames]
         count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
-        value = f"{count} ticks late" if count else "at once"
+        value = f"stale ticks: {count}" if count else "at once"
         if count <= SETTLED:
             return Finding.unless(count == 0, name, value, "warning", "none needed: captures wait for it")
         return Finding(name, value, "bad", f"at most {SETTLED} are waited for: raise the frame rate")

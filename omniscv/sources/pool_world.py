@@ -9,10 +9,13 @@ from omniscv.sources.world import ExposureMethod, World
 
 
 class PoolWorld(World):
-    """Reads from the first world, and changes all of them."""
+    """Reads from the first world, and changes all of them.
 
-    def __init__(self, worlds: Sequence[World]) -> None:
-        self._worlds = tuple(worlds)
+    ``objects_changed`` is called where there may be other objects than before.
+    """
+
+    def __init__(self, worlds: Sequence[World], objects_changed: Callable[[], None]) -> None:
+        self._worlds, self._objects_changed = tuple(worlds), objects_changed
 
     def objects(self) -> list[str]:
         return self._worlds[0].objects()
@@ -34,9 +37,11 @@ class PoolWorld(World):
 
     def spawn(self, kind: str, name: str, pose: Pose) -> None:
         self._each(lambda world: world.spawn(kind, name, pose))
+        self._objects_changed()
 
     def destroy(self, name: str) -> None:
         self._each(lambda world: world.destroy(name))
+        self._objects_changed()
 
     def pause(self) -> None:
         self._each(lambda world: world.pause())
@@ -67,6 +72,7 @@ class PoolWorld(World):
     @contextmanager
     def changes(self) -> Iterator[None]:
         with ExitStack() as all_of_them:
+            all_of_them.callback(self._objects_changed)
             for world in self._worlds:
                 all_of_them.enter_context(world.changes())
             yield

@@ -42,7 +42,7 @@ class Freezing:
             self._world.set_paused(True)
         if self.how == "pause":
             for name, pose in self._placing.poses(instant.poses or self._placing.movable()).items():
-                self._journal.note("pose", name, pose, Undo())
+                self._journal.note("seen", name, pose, Undo())
         else:
             self._placing.place(instant.poses)
             if instant.time is not None:
@@ -50,4 +50,3 @@ class Freezing:
         if instant.name:
             self._journal.note("name", "", instant.name, Undo())
         self._placing.hide(sorted(instant.hidden))
-        self._exchange.settle()

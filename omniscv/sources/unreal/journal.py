@@ -26,6 +26,9 @@ class Undo:
     run: Callable[[], None] | None = None
 
 
+_KNOWN = ("pose", "seen", "hidden", "left out", "time", "name")
+"""What an instant has; poses were set, or seen; what is left out of captures is no part of a state."""
+
 Layer = dict[Key, tuple[Any, Undo]]
 """By key, its value from before the layer's first change of it, and how that is put back."""
 
@@ -47,6 +50,10 @@ class Journal:
     def value(self, what: str, name: str = "") -> Any:
         """Return what was set; None for what was not changed."""
         return self._values.get((what, name))
+
+    def named(self, what: str) -> list[tuple[str, Any]]:
+        """Return the names of what was set, and the values."""
+        return [(name, value) for (each, name), value in self._values.items() if each == what]
 
     def open(self) -> Layer:
         """Return a new layer, which takes in all changes from now on."""
@@ -106,9 +113,10 @@ class Journal:
 
 def _instant(values: dict[Key, Any]) -> Instant:
     """Return the instant of values; what is no pose, hidden object or time becomes a part of its name."""
-    poses = {name: value for (what, name), value in values.items() if what == "pose"}
+    known = [(kind, what, name) for kind in ("seen", "pose") for what, name in values]
+    poses = {name: values[what, name] for kind, what, name in known if what == kind}
     hidden = frozenset(name for what, name in values if what == "hidden")
     parts = [values["name", ""]] if ("name", "") in values else []
-    others = sorted(key for key in values if key[0] not in ("pose", "hidden", "time", "name"))
+    others = sorted(key for key in values if key[0] not in _KNOWN)
     parts += [f"{' '.join(filter(None, key))}: {values[key]}" for key in others]
     return Instant(MappingProxyType(poses), hidden, values.get(("time", "")), "; ".join(parts))

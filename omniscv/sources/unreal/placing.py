@@ -1,6 +1,7 @@
 """Reads and sets where objects are, and which are hidden, many at once."""
 
 from collections.abc import Collection, Iterable, Mapping
+from typing import Literal
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from omniscv.sources.unreal.journal import Journal, Undo
 from omniscv.sources.unreal.world_commands import OBJECTS
 
 _PRINTED_M, _PRINTED = 1.1e-4, 4e-4  # of positions, and entries of a rotation: 0.3.10 prints two decimals
+_CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
 
 
 class Placing:
@@ -39,7 +41,7 @@ class Placing:
 
     def movable(self) -> list[str]:
         """Return the names of the objects that the game may move."""
-        names = self.names()
+        names = [name for name in self.names() if not name.startswith(_CAMERAS)]
         found = self._exchange.connection.texts([f"vget /object/{name}/mobility" for name in names])
         return [name for name, mobility in zip(names, found, strict=True) if mobility == "Movable"]
 
@@ -54,32 +56,38 @@ class Placing:
         """Move and turn objects; ServerRefusedError, and all as before, if one cannot be moved."""
         texts = self._texts(poses)
         before = dict(zip(poses, zip(texts[::2], texts[1::2], strict=True), strict=True))
-        wanted = {
-            name: (_text(position_to_unreal(pose.position)), _text(rotation_to_unreal(pose.rotation)))
-            for name, pose in poses.items()
-        }
         with self._journal.unless_refused():
             for name, pose in poses.items():
                 self._journal.note("pose", name, pose, Undo(_commands(name, *before[name])))
             try:
-                self._exchange.do([c for name in wanted for c in _commands(name, *wanted[name])])
+                self._exchange.do([c for name in poses for c in _commands(name, *_placed(poses[name]))])
                 self._check_placed(poses)
             except ServerRefusedError:
                 back = [command for name in before for command in _commands(name, *before[name])]
                 self._exchange.connection.texts(back)
                 raise
 
-    def hide(self, names: Iterable[str]) -> None:
-        """Hide objects that are not hidden."""
-        hiding = [name for name in names if not self._journal.value("hidden", name)]
+    def hide(self, names: Iterable[str], what: Literal["hidden", "left out"] = "hidden") -> None:
+        """Hide objects: in the world, or only left out of its captures, which gives it no other state."""
+        new = [name for name in names if not self._journal.value(what, name)]
+        either = ("hidden", "left out")
+        shown = [name for name in new if not any(self._journal.value(each, name) for each in either)]
+        back = {name: f"vset /object/{name}/show" for name in shown}
         with self._journal.unless_refused():
-            for name in hiding:
-                self._journal.note("hidden", name, True, Undo((f"vset /object/{name}/show",)))
+            for name in new:
+                self._journal.note(what, name, True, Undo((back[name],) if name in back else ()))
             try:
-                self._exchange.do([f"vset /object/{name}/hide" for name in hiding])
+                self._exchange.do([f"vset /object/{name}/hide" for name in shown])
             except ServerRefusedError:
-                self._exchange.connection.texts([f"vset /object/{name}/show" for name in hiding])
+                self._exchange.connection.texts(list(back.values()))
                 raise
+
+    def set_again(self) -> None:
+        """Place and hide what is placed and hidden: the game may have been started anew."""
+        poses = self._journal.named("pose")
+        hidden = [*self._journal.named("hidden"), *self._journal.named("left out")]
+        self._exchange.do([c for name, pose in poses for c in _commands(name, *_placed(pose))])
+        self._exchange.do([f"vset /object/{name}/hide" for name, _ in hidden])
 
     def _texts(self, names: Iterable[str]) -> list[str]:
         """Return locations and rotations in turn, as the server prints them."""
@@ -105,6 +113,11 @@ def _alike(a: Array, b: Array, tolerance: float) -> bool:
 
 def _commands(name: str, location: str, rotation: str) -> tuple[str, str]:
     return f"vset /object/{name}/location {location}", f"vset /object/{name}/rotation {rotation}"
+
+
+def _placed(pose: Pose) -> tuple[str, str]:
+    """Return location and rotation as commands have them."""
+    return _text(position_to_unreal(pose.position)), _text(rotation_to_unreal(pose.rotation))
 
 
 def _text(values: Iterable[float]) -> str:

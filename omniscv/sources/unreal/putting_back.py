@@ -1,22 +1,22 @@
 """Puts back what a layer of the journal took in."""
 
-from omniscv.errors import ServerRefusedError, SourceError
+from omniscv.errors import ServerRefusedError
 from omniscv.sources.unreal.exchange import Exchange
 from omniscv.sources.unreal.journal import Journal, Key, Layer
 
 
 def put_back(exchange: Exchange, journal: Journal, layer: Layer) -> None:
-    """Undo a layer's changes, the last one first; what fails does not keep the others from being undone.
+    """Undo a layer's changes, the last one first; what is refused does not keep others from being undone.
 
     Raises:
-        SourceError: the first fault; the state keeps what was not put back. None where turns are over, as
-            closing the source has put back all it could.
+        SourceError: the server is gone, or what it refused first; the state keeps what was not put back. None
+            where turns are over: closing the source has put back all it could.
     """
     with exchange.lock:
         journal.close(layer)
         if not layer or exchange.closed:
             return
-        fault: SourceError | None = None
+        fault: ServerRefusedError | None = None
         for keys in _steps(layer):
             try:
                 _undo(exchange, journal, layer, keys)
@@ -27,8 +27,6 @@ def put_back(exchange: Exchange, journal: Journal, layer: Layer) -> None:
                         _undo(exchange, journal, layer, [key])
                     except ServerRefusedError:
                         continue
-            except SourceError as broken:
-                fault = fault or broken
         exchange.settle()
         if fault is not None:
             raise fault

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from types import MappingProxyType
 
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, SourceError
+from omniscv.errors import BadReplyError, ServerRefusedError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -23,7 +23,6 @@ from omniscv.sources.base import (
     SourceWrapper,
     View,
     closed_error,
-    known_objects,
 )
 from omniscv.sources.unreal.client import Client, Reply
 from omniscv.sources.unreal.commands import LEVEL
@@ -35,6 +34,7 @@ from omniscv.sources.unreal.journal import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.mask_colors import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.placing import Placing
 from omniscv.sources.unreal.putting_back import put_back
 from omniscv.sources.unreal.shapes import boxes
 from omniscv.sources.unreal.stale_frames import StaleFrames
@@ -64,10 +64,10 @@ class UnrealSource(Source):
         self._exchange = Exchange(connection, driver, self._stale_frames)
         self._journal = Journal()
         self._world = UnrealWorld(self._exchange, self._journal, self._renew_camera)
+        self._placing = Placing(self._exchange, self._journal)
         self._freezing = Freezing(self._exchange, self._journal, self._world, freeze)
         self._driver.one_tick = self._freezing.how == "batch"
         self._attached: Client | None = None
-        self._hidden: list[str] = []
         self._client()
 
     @property
@@ -99,16 +99,8 @@ class UnrealSource(Source):
         """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
         with self._exchange.turn():
             wanted = list(dict.fromkeys(objects))
-            known_objects(wanted, colors(self._connection), self._connection.address)
-            hiding = [n for n in wanted if n not in self._hidden and n not in self._journal.instant.hidden]
-            self._hidden += hiding
-            try:
-                self._set_visible("hide", hiding)
-            except BaseException:
-                with contextlib.suppress(SourceError):  # the fault that is raised came first
-                    self._show(hiding)
-                raise
-            return ChangedSource(self, functools.partial(self._show, hiding))
+            self._placing.check(wanted)
+            return self._changed(lambda: self._placing.hide(wanted, "left out"))
 
     @property
     def instant(self) -> Instant:
@@ -121,15 +113,7 @@ class UnrealSource(Source):
     def at(self, instant: Instant) -> Source:
         """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept there."""
         with self._exchange.turn():
-            layer = self._journal.open()
-            undo = functools.partial(put_back, self._exchange, self._journal, layer)
-            try:
-                self._freezing.set(instant)
-            except BaseException:
-                with contextlib.suppress(SourceError):  # the fault that is raised came first
-                    undo()
-                raise
-            return ChangedSource(self, undo)
+            return self._changed(lambda: self._freezing.set(instant))
 
     def command(self, text: str) -> str:
         """Send a command of the plugin, and return its reply; of a binary one, its size and kind.
@@ -151,11 +135,10 @@ class UnrealSource(Source):
         """As :meth:`Source.close`; what is to be put back at an end that has not come is put back first."""
         with self._exchange.lock:
             if not self._exchange.closed:
-                with contextlib.suppress(SourceError):  # the game may have ended
-                    self._show(self._hidden)
-                for layer in reversed(self._journal.layers):
-                    with contextlib.suppress(SourceError):
-                        put_back(self._exchange, self._journal, layer)
+                with contextlib.suppress(*RETRIED):  # the game may have ended
+                    for layer in reversed(self._journal.layers):
+                        with contextlib.suppress(ServerRefusedError):
+                            put_back(self._exchange, self._journal, layer)
                 self._exchange.closed = True
                 self._driver.release()
                 self._connection.close()
@@ -165,18 +148,19 @@ class UnrealSource(Source):
         request.check_state(self.state, self._connection.address)
         self._driver.check(request)
 
-    def _set_visible(self, how: str, objects: Iterable[str]) -> None:
-        """Hide or show objects; frames from before are stale."""
-        if commands := [f"vset /object/{name}/{how}" for name in objects]:
-            self._exchange.do(commands)
-            self._exchange.settle()
-
-    def _show(self, objects: Iterable[str]) -> None:
-        with self._exchange.lock:
-            gone = [name for name in objects if name in self._hidden]
-            if gone and not self._exchange.closed:
-                self._hidden = [name for name in self._hidden if name not in gone]
-                self._set_visible("show", gone)
+    def _changed(self, change: Callable[[], None]) -> Source:
+        """Return this source, with a change of the world until it is closed."""
+        layer = self._journal.open()
+        undo = functools.partial(put_back, self._exchange, self._journal, layer)
+        try:
+            change()
+            if layer:
+                self._exchange.settle()
+        except BaseException:
+            with contextlib.suppress(SourceError):  # the fault that is raised came first
+                undo()
+            raise
+        return ChangedSource(self, undo)
 
     def _renew_camera(self) -> None:
         self._driver.renew()
@@ -187,6 +171,7 @@ class UnrealSource(Source):
         while self._attached is None or self._attached.broken:
             self._stale_frames.reset()
             self._driver.attach(self._stale_frames)
+            self._world.set_again()
             self._attached = self._connection.client
         return self._attached
 

@@ -1,7 +1,8 @@
 """How requests are divided: turns of whole viewpoints, and what of a turn is in flight at once."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import groupby
+from itertools import accumulate, groupby
 
 from omniscv.sources.base import Request
 
@@ -19,27 +20,27 @@ def turns(
     each is ``alone``; one of more pixels than memory should hold is divided.
     """
     turn: list[Request] = []
+    pixels = 0
     for _, viewpoint in groupby(requests, lambda request: request.view.key()[2:5]):
         for request in viewpoint:
             check(request)
-            if turn and not alone and _pixels(turn) + _pixels([request]) > _TURN_PX:
+            if turn and not alone and pixels + _pixels(request) > _TURN_PX:
                 yield turn
-                turn = []
+                turn, pixels = [], 0
             turn.append(request)
-        if alone or len(turn) >= _BATCH or _pixels(turn) >= _BATCH_PX:
+            pixels += _pixels(request)
+        if alone or len(turn) >= _BATCH or pixels >= _BATCH_PX:
             yield turn
-            turn = []
+            turn, pixels = [], 0
     if turn:
         yield turn
 
 
 def in_flight(requests: Sequence[Request]) -> list[Request]:
     """Return the first of some requests, as many as are sent together: one at least."""
-    count = min(len(requests), _BATCH)
-    while count > 1 and _pixels(requests[:count]) > _BATCH_PX:
-        count -= 1
-    return list(requests[:count])
+    pixels = list(accumulate(map(_pixels, requests[:_BATCH])))
+    return list(requests[: max(1, bisect_right(pixels, _BATCH_PX))])
 
 
-def _pixels(requests: Sequence[Request]) -> int:
-    return sum(request.view.width * request.view.height for request in requests)
+def _pixels(request: Request) -> int:
+    return request.view.width * request.view.height

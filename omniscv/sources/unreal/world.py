@@ -41,6 +41,7 @@ class UnrealWorld(World):
         self._table = TABLES[exchange.driver.capabilities.dialect]
         self._placing = Placing(exchange, journal)
         self._clock = clock_of(exchange, self._table.pause_toggles)
+        self._stands = False  # whether it was paused here
 
     def objects(self) -> list[str]:
         with self._exchange.turn():
@@ -181,10 +182,16 @@ class UnrealWorld(World):
     def set_paused(self, paused: bool) -> None:
         """Pause the game, or let it run."""
         with self._exchange.turn():
-            undo = Undo(run=partial(self._clock.set, self._clock.paused))
+            undo = Undo(run=partial(self._set_clock, self._clock.paused))
             with self._journal.unless_refused():
                 self._journal.note("paused", "", None, undo)
-                self._clock.set(paused)
+                self._set_clock(paused)
+
+    def set_again(self) -> None:
+        """Set again what was set and can be: over a new connection, the game may be a new one, too."""
+        if self._stands:
+            self._clock.set(True)
+        self._placing.set_again()
 
     @contextmanager
     def _of_object(self, name: str) -> Iterator[None]:
@@ -192,6 +199,10 @@ class UnrealWorld(World):
         with self._exchange.turn():
             self._placing.check([name])
             yield
+
+    def _set_clock(self, paused: bool) -> None:
+        self._clock.set(paused)
+        self._stands = paused
 
     def _remove(self, name: str) -> None:
         """Destroy an object if it is there."""
