@@ -18,6 +18,7 @@ from support.recordings import contents, downgrade
 import omniscv
 from omniscv.errors import ArgumentError, DamagedRecordingError, MissingCaptureError
 from omniscv.geometry.instant import Instant
+from omniscv.sources import SourceWrapper
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.rows import keys
@@ -263,3 +264,22 @@ def test_an_instant_is_the_same_when_it_was_written(instant):
 def test_what_is_no_instant_is_an_argument_error(data):
     with pytest.raises(ArgumentError):
         Instant.from_dict(data)
+
+
+class Found(SourceWrapper):
+    """A world that is paused, not set: it is found where it is."""
+
+    def at(self, instant):
+        return super().at(LATER)
+
+
+def test_a_state_that_was_found_is_replayed_for_what_was_to_be_set(scene, truth, tmp_path):
+    path, wanted = tmp_path / "room.sqlite", Instant(time=5.0)
+    with omniscv.record(Found(scene.at(Instant())), path) as recording, recording.at(wanted) as source:
+        assert (source.state, source.instant.to_dict()) == (LATER.state, LATER.to_dict())
+        list(source.capture(requests(SMALL, source.state)[:6]))
+    with omniscv.open_source(path) as replay:
+        for there in (replay.at(wanted), replay.at(LATER)):
+            assert there.instant.to_dict() == LATER.to_dict()
+            for capture in there.capture(requests(SMALL, there.state)[:6]):
+                assert np.array_equal(capture.pixels, truth[capture.request])
