@@ -51,6 +51,11 @@ KINDS = {
     "moving-world": Kind("depth grows by the share VALUE from each depth image to the next", 0.1),
     "refuse-mask": Kind("requests for an object mask are answered by an error"),
     "ignore-pose": Kind("for each command that sets a camera's pose: it is answered ok, and changes nothing"),
+    "torn": Kind("the clock advances by VALUE frames just before the image, unless paused", 1.0, 60.0),
+    "late-objects": Kind(
+        "objects are seen as VALUE frames before the last (in 0.3.10: and one more)", 2.0, 60.0
+    ),
+    "ignore-pause": Kind("for each frame: the clock advances though the game is paused"),
     "falling": Kind("for each frame: the player sinks by VALUE cm", 1.0),
     # The world, permanent.
     "vignette": Kind(

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Self, Unpack
 
+from mock_server.catalog import load_scene
 from mock_server.dialects import BY_NAME
 from mock_server.engine import Requests, Statistics, replies
 from mock_server.faults import Faults
 from mock_server.files import OutputFolder
 from mock_server.protocol import FrameError, read_frame
-from mock_server.scene import Scene, load_scene
+from mock_server.scene import Scene
 from mock_server.settings import DialectName, Options, Settings
 from mock_server.transport import Transport
 from mock_server.world import World
@@ -60,7 +61,7 @@ class Server:
         if self.faults.get("half-depth"):
             settings = dataclasses.replace(settings, depth="half")
         self.settings = settings
-        self.world = World(self.scene, settings.size, settings.fov_deg, self.faults)
+        self.world = World(self.scene, settings, self.faults)
         self.fault = ""
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
         self.host, self.port = self._tcp.getsockname()[:2]

@@ -1,6 +1,6 @@
-"""The state that commands read and set: player, cameras, objects and their mask colours, in Unreal's frame.
+"""The state that commands read and set: clock, player, cameras and objects, in Unreal's frame.
 
-Unreal: left-handed, centimetres, X forward, Y right, Z up. Faults of images are injected here.
+Faults of images are injected here.
 """
 
 import dataclasses
@@ -8,7 +8,6 @@ import itertools
 import math
 import re
 from collections import OrderedDict, deque
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,18 +15,21 @@ from numpy.typing import NDArray
 
 from mock_server import pixels
 from mock_server.faults import Faults
+from mock_server.objects import Moment, Objects, Pose, SceneObject
 from mock_server.render import ViewHits, pinhole_rays, render_view
-from mock_server.rotator import MIRROR, Triple, axes, camera_to_world
+from mock_server.rotator import MIRROR, Triple, camera_to_world
 from mock_server.scene import Scene
+from mock_server.settings import Settings
 
 Array = NDArray[np.float64]
-Color = tuple[int, int, int]
-Pose = tuple[Triple, Triple]
 
 _MIDDLE_GREY = 0.5
 _KEPT_VIEWS = 8
 _KEPT_PIXELS = 1 << 23  # of 80 bytes
 _MOST_PIXELS = 1 << 24
+_KEPT_MOMENTS = 64
+_SLOMO = re.compile(r"vrun slomo ([-+]?(?:\d*\.)?\d+)\s*", re.ASCII)
+_SLOWEST, _FASTEST = 1e-4, 20.0  # of the engine's slow motion
 _STEEPEST_DEG = 89.9
 """The largest pitch and roll that the engine's controller accepts, degrees."""
 _ORIGIN: Triple = (0.0, 0.0, 0.0)
@@ -45,10 +47,13 @@ class Player:
         self.location, self.rotation = location, _ORIGIN
         self._poses: deque[Pose] = deque([(location, _ORIGIN)] * 4, maxlen=4)
 
-    def tick(self) -> None:
-        """End a frame."""
+    def limit(self) -> None:
+        """Limit the rotation, as the controller does in each frame of a game that runs."""
         pitch, yaw, roll = self.rotation
         self.rotation = (_limited(pitch), yaw % 360.0, _limited(roll))
+
+    def publish(self) -> None:
+        """End a frame for what follows the pawn."""
         self._poses.append((self.location, self.rotation))
 
     def delayed(self, location_frames: int, rotation_frames: int) -> Pose:
@@ -85,48 +90,50 @@ class Camera:
         return math.degrees(2 * math.atan(math.tan(math.radians(self.fov) / 2) * width / height))
 
 
-@dataclass
-class SceneObject:
-    """An object's state. The pivot is the middle of its box; rotations and moves are about it."""
-
-    name: str
-    color: Color
-    pivot: Triple
-    location: Triple
-    rotation: Triple = _ORIGIN
-    hidden: bool = False
-
-
 class World:
     """A running scene: a player, cameras (the first is the player's, new ones have ``size`` and ``fov_deg``),
-    and objects by name. Raise ValueError where the missing object is none of the scene's."""
+    objects by name, and a clock. Raise ValueError where the missing object is none of the scene's.
 
-    def __init__(self, scene: Scene, size: tuple[int, int], fov_deg: float, faults: Faults) -> None:
-        self.scene, self.faults, self._size, self._fov_deg = scene, faults, size, fov_deg
+    The clock advances by ``step_s`` in each frame, unless the game is paused. It places the moving objects:
+    what a command has done to one of them lasts until the clock advances.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, faults: Faults) -> None:
+        self.scene, self.faults, self._size, self._fov_deg = scene, faults, settings.size, settings.fov_deg
         self.player = Player(_START_CM)
         self._spawned = 0
-        self.cameras = [Camera("PawnSensor", _START_CM, fov=fov_deg, size=size)]
+        self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
         self.viewmode = "lit"
-        self.paused = False
-        self._actors = []
-        for name, color in zip(scene.objects, palette(), strict=False):
-            x, y, z = (100.0 * np.array(scene.bounds(name)) @ MIRROR).mean(axis=0).tolist()
-            self._actors.append(SceneObject(name, color, (x, y, z), (x, y, z)))
-        self.objects = {actor.name: actor for actor in self._actors}
+        self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
+        self.things = Objects(scene)
+        self._touched = True  # whether an object may have changed since the last frame
+        self._moments = deque([self.things.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
-        dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), _ORIGIN, _ORIGIN)
+        dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
         self._dome_radius = dome.amount() if dome else math.inf
         if dome:
-            self.objects[self._dome.name] = self._dome
-        missing = faults.get("object-missing")
-        self._missing = None if missing is None else str(missing.value or "".join(scene.objects[-1:]))
-        if self._missing not in (None, *scene.objects):
-            known = ", ".join(scene.objects)
-            raise ValueError(f"fault object-missing: expected one of {known}; got {self._missing!r}")
+            self.things.by_name[self._dome.name] = self._dome
+        if missing := faults.get("object-missing"):
+            name = str(missing.value or "".join(scene.objects[-1:]))
+            if name not in scene.objects:
+                known = ", ".join(scene.objects)
+                raise ValueError(f"fault object-missing: expected one of {known}; got {name!r}")
+            self.objects[name].annotated = False
         self._gain, self._depth_scale = 1.0, 1.0
         self._vignette, self._adapts = faults.get("vignette"), True
         self._shown: dict[int | str, Pose] = {}
         self._lag: dict[int | str, int] = {}
+
+    @property
+    def objects(self) -> dict[str, SceneObject]:
+        """The objects by name, where they are now. What is looked up may be changed."""
+        self._touched = True
+        self.things.follow()
+        return self.things.by_name
+
+    def placed(self) -> Scene:
+        """Return the scene with its objects where they are now."""
+        return self._now().shown
 
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
@@ -134,11 +141,6 @@ class World:
         self.cameras.append(Camera("FusionCameraSensor", here, _ORIGIN, self._fov_deg, self._size, actor))
         self._spawned += 1
         return actor
-
-    def rename(self, actor: SceneObject, name: str) -> None:
-        """Give an object another name, at the same position of the list."""
-        self.objects = {name if each is actor else each.name: each for each in self.objects.values()}
-        actor.name = name
 
     def destroy(self, name: str) -> bool:
         """Remove a spawned camera, by its actor's name, or an object; return whether there was one."""
@@ -155,22 +157,38 @@ class World:
         """Return (2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
         if actor is self._dome:
             return 100.0 * self._dome_radius * np.array([[-1.0] * 3, [1.0] * 3])
-        corners = self.placed().bounds(self.scene.objects[self._actors.index(actor)])
+        corners = self.placed().bounds(actor.key)
         return np.sort(100.0 * np.array(corners) @ MIRROR, axis=0)
 
     def vertices(self, actor: SceneObject) -> Array:
         """Return (N, 3) points of an object's mesh, cm, Unreal's axes."""
         if actor is self._dome:
             return np.array(list(itertools.product(*self.bounds(actor).T)))
-        points = self.placed().vertices(self.scene.objects[self._actors.index(actor)])
+        points = self.placed().vertices(actor.key)
         return 100.0 * points @ MIRROR
 
-    def tick(self) -> None:
-        """End a frame for the player."""
-        if fault := self.faults.strike("falling"):
-            x, y, z = self.player.location
-            self.player.location = (x, y, z - fault.amount())
-        self.player.tick()
+    def tick(self) -> bool:
+        """End a frame; return whether the game runs."""
+        runs = not self.paused or self.faults.strike("ignore-pause") is not None
+        if runs:
+            self._advance()
+            if fault := self.faults.strike("falling"):
+                x, y, z = self.player.location
+                self.player.location = (x, y, z - fault.amount())
+            self.player.limit()
+        self._moments.append(self._now())
+        self._touched = False
+        return runs
+
+    def _advance(self) -> None:
+        self.time_s += self._step_s * self._slomo
+        self.things.set_time(self.time_s)
+        self._touched |= bool(self.scene.moving)
+
+    def _now(self) -> Moment:
+        """Return what is to see now: the last frame's moment where nothing has changed since."""
+        now = self.things.moment() if self._touched else self._moments[-1]
+        return self._moments[-1] if now == self._moments[-1] else now
 
     def on_command(self, text: str) -> None:
         """Receive each command before it is answered: some end a fault."""
@@ -178,28 +196,34 @@ class World:
             self._vignette = None
         if re.fullmatch(r"vrun r\.EyeAdaptationQuality 0\s*", text):
             self._adapts, self._gain = False, 1.0
-        if text.startswith(f"vset /object/{self._missing}/color "):
-            self._missing = None
+        if slomo := _SLOMO.fullmatch(text):
+            self._slomo = min(max(float(slomo[1]), _SLOWEST), _FASTEST)
 
-    def capture(self, camera: Camera) -> ViewHits:
-        """Return a camera's view in every mode."""
+    def capture(self, camera: Camera, late: int = 0) -> ViewHits:
+        """Return a camera's view in every mode: of the objects now, or some frames before the last."""
+        torn = None if self.paused else self.faults.strike("torn")
+        for _ in range(int(torn.amount()) if torn else 0):
+            self._advance()
+            self._moments.append(self._now())
+        if fault := self.faults.strike("late-objects"):
+            late += int(fault.amount())
+        moment = self._moments[-1 - late] if late else self._now()
         location, rotation = self._pose_shown(camera)
         camera = dataclasses.replace(camera, location=location, rotation=rotation)
         if narrow := self.faults.strike("narrow-fov"):
             camera.fov = max(1.0, camera.fov - narrow.amount())
-        hidden = {n for n, actor in zip(self.scene.objects, self._actors, strict=True) if actor.hidden}
-        view = self._traced(camera, frozenset(hidden))
-        if self._missing is not None:
-            rest = self._traced(camera, frozenset({*hidden, self._missing}))
+        view = self._traced(camera, moment, moment.hidden)
+        if moment.missing:
+            rest = self._traced(camera, moment, moment.hidden | moment.missing)
             view = dataclasses.replace(rest, paint=view.paint, normal=view.normal)
         if self._dome_radius < math.inf and not self._dome.hidden:
-            view = _domed(view, camera, self._dome_radius, len(self._actors) + 1)
+            view = _domed(view, camera, self._dome_radius, len(self.things.scene.objects) + 1)
         return view
 
     def image(self, view: ViewHits, mode: str) -> pixels.Bytes:
         """Return (H, W, 3) a view in a view mode; modes that the mock does not have look like ``lit``."""
         if mode == "object_mask":
-            colors = [(0, 0, 0), *(actor.color for actor in self._actors), self._dome.color]
+            colors = [(0, 0, 0), *self.things.colors(), self._dome.color]
             table = np.array(colors, dtype=np.uint8)
             shown = pixels.through_vertex_colors(table) if "mask-gamma" in self.faults else table
             return shown[view.label]
@@ -231,22 +255,13 @@ class World:
             self._depth_scale += growth.amount()
         return depth
 
-    def placed(self) -> Scene:
-        """Return the scene with its objects where commands have put them."""
-        moves = {
-            name: (MIRROR @ axes(o.rotation) @ MIRROR, MIRROR @ o.pivot / 100.0, MIRROR @ o.location / 100.0)
-            for name, o in zip(self.scene.objects, self._actors, strict=True)
-            if o.location != o.pivot or o.rotation != _ORIGIN
-        }
-        return self.scene.moved(moves) if moves else self.scene
-
-    def _traced(self, camera: Camera, hidden: frozenset[str]) -> ViewHits:
+    def _traced(self, camera: Camera, moment: Moment, hidden: frozenset[str]) -> ViewHits:
         """Return a view: traced once, and kept for requests of other modes."""
-        places = tuple((actor.location, actor.rotation) for actor in self._actors)
-        key = (camera.location, camera.rotation, camera.fov, camera.size, hidden, places)
+        place = (camera.location, camera.rotation, camera.fov, camera.size)
+        key = (*place, moment.scene, moment.time_s, moment.placed, hidden)
         if key not in self._views:
             pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
-            self._views[key] = render_view(self.placed(), *pose, camera.fov_h_deg(), *camera.size, hidden)
+            self._views[key] = render_view(moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
             len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _KEPT_PIXELS
@@ -285,17 +300,3 @@ def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewH
         distance=np.where(sky, radius_m, view.distance),
         normal=np.where(sky[..., None], -rays, view.normal),
     )
-
-
-_CHANNEL = (0, 255, 127, 63, 191, 31, 95, 159, 223, 15, 47, 79, 111, 143, 175, 207,
-            239, 7, 23, 39, 55, 71, 87, 103, 119, 135, 151, 167, 183, 199, 215, 231)  # fmt: skip
-_FIXED = ((False, False, True), (False, True, False), (False, True, True), (True, False, False),
-          (True, False, True), (True, True, False), (True, True, True))  # fmt: skip
-
-
-def palette() -> Iterator[Color]:
-    """Yield the plugin's default mask colours, in order (protocol reference, section 5.1)."""
-    for m, value in enumerate(_CHANNEL):
-        for fixed in _FIXED:
-            choices = [(value,) if is_fixed else _CHANNEL[:m] for is_fixed in fixed]
-            yield from itertools.product(*choices)

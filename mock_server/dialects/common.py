@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from mock_server.files import OutputFolder
+from mock_server.objects import SceneObject
 from mock_server.protocol import Command, to_int32
 from mock_server.settings import Settings
-from mock_server.world import SceneObject, World
+from mock_server.world import World
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,9 @@ class Dialect(ABC):
     lag: ClassVar[tuple[int, int]] = (1, 1)
     """Frames by which the player's camera follows the pawn: its location, and its rotation."""
 
+    follows_while_paused: ClassVar[bool] = False
+    """Whether the player's camera follows the pawn while the game is paused."""
+
     def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
         self.world, self.settings, self.port, self.files = world, settings, port, files
         self.on_unix = False
@@ -62,8 +66,8 @@ class Dialect(ABC):
 
     def tick(self) -> None:
         """End a frame of the engine."""
-        if not self.world.paused:
-            self.world.tick()
+        if self.world.tick() or self.follows_while_paused:
+            self.world.player.publish()
             camera = self.world.cameras[0]
             camera.location, camera.rotation = self.world.player.delayed(*self.lag)
 
@@ -116,13 +120,16 @@ class Dialect(ABC):
             ("vget /viewmode", "The view mode", lambda: self.world.viewmode),
         ]
 
-    def console_rows(self, verb: str, least: int, most: int) -> list[Row]:
+    def console_rows(self, verb: str, least: int, most: int, act: Callable[..., Reply]) -> list[Row]:
         """Return a command of several words, one template for each number of words."""
-        no_actor = "error Can not find actor with id '{}'".format
         templates = [f"{verb} {' '.join(['[str]'] * n)}" for n in range(least, most + 1)]
-        return [
-            (t, f"{verb} with {t.count('[')} words", ok if verb == "vrun" else no_actor) for t in templates
-        ]
+        return [(t, f"{verb} with {t.count('[')} words", act) for t in templates]
+
+    def run_function(self, actor: str, function: str, *_: str) -> Reply:
+        """Return the reply to the call of an actor's function: the mock's actors have none."""
+        if actor in self.world.objects:
+            return f"error Fail to execute the function '{function}' of {actor}"
+        return f"error Can not find actor with id '{actor}'"
 
     def status(self) -> str:
         """Return the status text. Clients look for captured files beside the file that it names."""
@@ -173,8 +180,8 @@ def color(o: SceneObject) -> str:
 
 
 def paint(o: SceneObject, r: int, g: int, b: int) -> None:
-    """Set an object's colour; the engine keeps 8 bits of each number."""
-    o.color = (r % 256, g % 256, b % 256)
+    """Set an object's colour, which also annotates it; the engine keeps 8 bits of each number."""
+    o.color, o.annotated = (r % 256, g % 256, b % 256), True
 
 
 def numbers(values: Iterable[float], form: str = "{:.3f}") -> str:

@@ -13,6 +13,9 @@ from mock_server.world import Camera
 
 _Form = Literal["png", "npy", "exr"]
 _CAPTURED = ("lit", "depth", "normal")
+_LATE = 1
+"""Frames by which images show objects late: the next frame is being rendered."""
+
 _FILE_FRAMES = 2
 """Frames that a file command waits, so that the pose has arrived."""
 
@@ -21,6 +24,7 @@ class Plugin0310(Dialect):
     """One pawn, whose view is captured every frame; requests read the last finished capture."""
 
     lag = (1, 2)  # one frame is being rendered, and rotations take another
+    follows_while_paused = True
 
     def rows(self) -> list[Row]:
         obj, at, unpainted = self.with_object, "/object/[str]", "error Object {} not exist"
@@ -68,17 +72,20 @@ class Plugin0310(Dialect):
             (f"{image}/normal npy", "normal as NPY", npy("normal")),
             (f"{image}/lit_depth_normal npy", "All three in one reply", npy(*_CAPTURED)),
             *self.plugin_rows(echo=lambda word: Later(1, lambda: word)),
-            ("vset /action/game/pause", "Pauses, or goes on", ok),
+            ("vset /action/game/pause", "Pauses, or goes on", self._pause),
             ("vset /action/game/level [str]", "Opens a level", ok),
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
             ("vset /action/keyboard [str] [float]", "Presses a key", ok),
-            *self.console_rows("vrun", 1, 3),
-            *self.console_rows("vexec", 2, 5),
+            *self.console_rows("vrun", 1, 3, ok),
+            *self.console_rows("vexec", 2, 5, self.run_function),
         ]
 
     def malformed(self, payload: bytes) -> bytes:
         return b"error: Malformat raw message '%b'" % payload.partition(b"\0")[0]
+
+    def _pause(self) -> None:
+        self.world.paused = not self.world.paused
 
     def _pose(self, location: Any, rotation: Any = ()) -> None:
         player = self.world.player
@@ -110,7 +117,7 @@ class Plugin0310(Dialect):
         camera = self.world.cameras[0]
         if not camera.has_pixels():
             return b""
-        view = self.world.capture(camera)
+        view = self.world.capture(camera, _LATE)
         if mode == "depth":
             distance = self.world.depth(view, along_ray=True)
             if form == "png":

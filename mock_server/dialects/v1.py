@@ -7,14 +7,14 @@ from typing import Any
 
 from mock_server import pixels
 from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, numbers, ok, paint, sets
+from mock_server.objects import SceneObject
 from mock_server.protocol import Command
 from mock_server.rotator import through_quaternion
-from mock_server.world import Camera, SceneObject
+from mock_server.world import Camera
 
 _BAD_ARGUMENT = "error Argument Invalid"
 _MODES = ("lit", "depth", "normal", "object_mask", "seg")
 _ENCODERS = {"png": pixels.png, "bmp": pixels.bmp}
-_no_class = "error Can not find a class with name '{}'".format  # the mock has none to spawn objects of
 
 _LIT_SOURCES = ("ftc_hdr", "fc_hdr", "sc_hdr", "scna_hdr", "ldr",
                 "base", "color_depth", "scene_depth", "device_depth", "normal")  # fmt: skip
@@ -42,7 +42,7 @@ class Plugin1(Dialect):
     no_camera = "error Invalid sensor id"
     request = re.compile(rb"(?<!\d)(\d+):(.*)")
     has_unix = True
-    class_name = "Actor"
+    taken = "object exsit"
 
     def rows(self) -> list[Row]:
         obj, at = self.with_object, "/object/[str]"
@@ -51,8 +51,10 @@ class Plugin1(Dialect):
         return [
             ("vrun [str]", "Runs an alias", ok),
             ("vget /objects", "Names of the objects", lambda: "".join(f"{n} " for n in self.world.objects)),
-            ("vset /objects/spawn [str]", "Adds an object of a class", _no_class),
-            ("vset /objects/spawn [str] [str]", "The same, with a name", _no_class),
+            ("vset /objects/spawn_cube", "Adds a cube of one metre", self._spawn_cube),
+            ("vset /objects/spawn_cube [str]", "The same, with a name", self._spawn_cube),
+            ("vset /objects/spawn [str]", "Adds an object of a class", self._spawn),
+            ("vset /objects/spawn [str] [str]", "The same, with a name", self._spawn),
             (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location))),
             (f"vset {at}/location {THREE}", "Moves it", obj(sets("location"))),
             (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
@@ -64,9 +66,10 @@ class Plugin1(Dialect):
             (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
             (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
             (f"vset {at}/destroy", "Takes it out of the world", self._destroy),
-            (f"vget {at}/uclass_name", "Its class", obj(lambda o: self.class_name)),
-            (f"vset {at}/name [str]", "Renames it", obj(self.world.rename)),
-            (f"vget {at}/scale", "Its scale", obj(lambda o: "1.000 1.000 1.000")),
+            (f"vget {at}/uclass_name", "Its class", obj(self._class_of)),
+            (f"vset {at}/name [str]", "Renames it", obj(self._rename)),
+            (f"vget {at}/scale", "Its scale", obj(lambda o: numbers(o.scale))),
+            (f"vset {at}/scale {THREE}", "Sets it", obj(self.world.things.set_scale)),
             (f"vget {at}/bounds", "Its box, cm", obj(lambda o: numbers(self.world.bounds(o).flat, "{:.2f}"))),
             *self.plugin_rows(),
             ("vget /level/name", "Name of the map", lambda: self.world.scene.name),
@@ -78,9 +81,9 @@ class Plugin1(Dialect):
             ("vset /action/input/disable", "Stops the window's keys", ok),
             ("vset /action/eyes_distance [float]", "Distance of two eyes", lambda _: "error Not Implemented"),
             ("vset /action/keyboard [str] [float]", "Presses a key", ok),
-            *self.console_rows("vrun", 1, 6),
-            *self.console_rows("vexec", 2, 7),
-            *self.console_rows("vbp", 2, 11),
+            *self.console_rows("vrun", 1, 6, ok),
+            *self.console_rows("vexec", 2, 7, self._run_in_silence),
+            *self.console_rows("vbp", 2, 11, self.run_function),
             ("vbatch [uint]", "Announces requests that belong together", ok),
             ("vget /screenshot [str]", "What the window shows", self._screenshot),
             (
@@ -144,6 +147,32 @@ class Plugin1(Dialect):
         self.files.write(form, data)  # the plugin does not report a file that it cannot write
         return form
 
+    def _spawn_cube(self, _: str = "") -> Reply:
+        self._spawn("CubeActor")  # whatever the name
+        return None
+
+    def _spawn(self, class_name: str, name: str = "") -> Reply:
+        if name in self.world.objects:
+            return f"error Failed to spawn {name}, {self.taken}."
+        if class_name != "CubeActor":
+            return f"error Can not find a class with name '{class_name}'"
+        return self.world.things.spawn_cube(name).name
+
+    def _class_of(self, o: SceneObject) -> str:
+        return "Actor"  # of all: the plugin asks the wrong class
+
+    def _rename(self, o: SceneObject, name: str) -> Reply:
+        if name == o.name:
+            return "The name has already been set"
+        if name in self.world.objects:
+            return f"error Renaming an object to overwrite an existing object is not allowed, {name}"
+        self.world.things.rename(o, name)
+        return None
+
+    def _run_in_silence(self, actor: str, function: str, *words: str) -> Reply:
+        """Reply as to ``vexec``, which does not report that a function is missing."""
+        return None if actor in self.world.objects else self.run_function(actor, function, *words)
+
     def _destroy(self, name: str) -> Reply:
         return None if self.world.destroy(name) else self.no_object.format(name)
 
@@ -173,7 +202,7 @@ class Branch52(Plugin1):
     no_object = "error Cannot find object"
     encoding = "utf-8"
     requests_per_frame = 32
-    class_name = "StaticMeshActor"
+    taken = "object exists"
     status_on_unix = "Client Connected"
 
     def parse(self, payload: bytes) -> tuple[int, str] | None:
@@ -200,6 +229,12 @@ class Branch52(Plugin1):
             *((f"{at}/{key} [str]", f"Sets the {c[0]}", strict(_choose(*c))) for key, c in _CHOICES.items()),
             *((f"{at}/{key} {form}", f"Sets {key}", strict(ok)) for key, form in _NUMBERS.items()),
         ]
+
+    def _spawn_cube(self, name: str = "") -> Reply:
+        return self._spawn("CubeActor", name)
+
+    def _class_of(self, o: SceneObject) -> str:
+        return o.class_name
 
     def _hold(self, count: int) -> None:
         self.held = count

@@ -1,0 +1,160 @@
+"""The objects of a running scene: where commands and the clock have put them, in Unreal's frame.
+
+Unreal: left-handed, centimetres, X forward, Y right, Z up.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mock_server.palette import Color, palette
+from mock_server.rotator import MIRROR, Triple, axes
+from mock_server.scene import Scene
+
+Array = NDArray[np.float64]
+Pose = tuple[Triple, Triple]
+
+_ORIGIN: Triple = (0.0, 0.0, 0.0)
+_WHOLE: Triple = (1.0, 1.0, 1.0)
+_CUBE: Mapping[str, object] = {"solids": [{"box": [1.0, 1.0, 1.0], "at": [0.0, 0.0, 0.0]}]}
+_LAST = "\U0010ffff"  # sorts behind every name, so that new objects leave the labels of the others
+
+
+@dataclass
+class SceneObject:
+    """An object's state. Its location is the middle of its box, and rotations and scales are about it.
+
+    ``key`` is its name in the scene, ``rest`` its pose where no command has placed it. An object that is not
+    ``annotated`` is missing in masks and depth.
+    """
+
+    name: str
+    color: Color
+    key: str
+    location: Triple
+    rotation: Triple = _ORIGIN
+    rest: Pose = (_ORIGIN, _ORIGIN)
+    scale: Triple = _WHOLE
+    hidden: bool = False
+    annotated: bool = True
+    class_name: str = "StaticMeshActor"
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether a command has placed it."""
+        return (self.location, self.rotation) != self.rest
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is to see of the objects at one time.
+
+    Attributes:
+        scene: the objects as they are described.
+        time_s: on the scene's clock.
+        placed: keys, locations and rotations of the objects that commands have placed.
+        hidden: keys of hidden objects.
+        missing: keys of objects that are not annotated.
+    """
+
+    scene: Scene
+    time_s: float
+    placed: tuple[tuple[str, Triple, Triple], ...]
+    hidden: frozenset[str]
+    missing: frozenset[str]
+
+    @cached_property
+    def shown(self) -> Scene:
+        """The scene with its objects where they are."""
+        return self.scene.at(
+            self.time_s,
+            {key: (MIRROR @ axes(turn) @ MIRROR, MIRROR @ place / 100.0) for key, place, turn in self.placed},
+        )
+
+
+class Objects:
+    """The objects of a scene by name, and those that commands add.
+
+    Attributes:
+        by_name: in the order of the list that clients get.
+        scene: the objects as they are described, those of commands included.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = self._unscaled = scene
+        self._palette = palette()
+        self._time_s, self._late = scene.time, False
+        self._actors: list[SceneObject] = []
+        for key, color in zip(scene.objects, self._palette, strict=False):
+            location, rotation = _in_unreal(scene.pose(key))
+            self._actors.append(SceneObject(key, color, key, location, rotation, (location, rotation)))
+        self.by_name = {each.name: each for each in self._actors}
+        self._spawned = 0
+
+    def set_time(self, time_s: float) -> None:
+        """Let moving objects be where they are at a time, also those that commands have placed."""
+        self._time_s, self._late = time_s, bool(self.scene.moving)
+
+    def follow(self) -> None:
+        """Put moving objects where they are at the time that was set last."""
+        if self._late:
+            self._late, there = False, self.scene.at(self._time_s)
+            for each in self._actors:
+                if each.key in there.moving:
+                    each.rest = each.location, each.rotation = _in_unreal(there.pose(each.key))
+
+    def moment(self) -> Moment:
+        """Return what is to see now."""
+        moving = frozenset(self.scene.moving) if self._late else frozenset()
+        placed = (each for each in self._actors if each.is_placed and each.key not in moving)
+        return Moment(
+            self.scene,
+            self._time_s if self.scene.moving else 0.0,
+            tuple((each.key, each.location, each.rotation) for each in placed),
+            frozenset(each.key for each in self._actors if each.hidden),
+            frozenset(each.key for each in self._actors if not each.annotated and not each.hidden),
+        )
+
+    def colors(self) -> list[Color]:
+        """Return the mask colours, in the order of the labels from 1."""
+        return [each.color for each in self._actors]
+
+    def rename(self, actor: SceneObject, name: str) -> None:
+        """Give an object another name, at the same position of the list."""
+        self.by_name = {name if each is actor else key: each for key, each in self.by_name.items()}
+        actor.name = name
+
+    def spawn_cube(self, name: str = "") -> SceneObject:
+        """Add a cube of one metre at the origin; it is not annotated until it has a colour."""
+        key = f"{_LAST}{self._spawned:06}"
+        self._unscaled = self._unscaled.joined(key, _CUBE)
+        cube = SceneObject(name or f"CubeActor_{self._spawned}", next(self._palette), key, _ORIGIN)
+        cube.annotated, cube.class_name = False, "CubeActor"
+        self._spawned += 1
+        self._actors.append(cube)
+        self.by_name[cube.name] = cube
+        self._describe()
+        return cube
+
+    def set_scale(self, actor: SceneObject, *factors: float) -> None:
+        """Scale an object along its axes."""
+        x, y, z = factors
+        actor.scale = (x, y, z)
+        self._describe()
+
+    def _describe(self) -> None:
+        self.scene = self._unscaled
+        for each in self._actors:
+            if each.scale != _WHOLE:
+                self.scene = self.scene.scaled(each.key, each.scale)
+
+
+def _in_unreal(pose: tuple[Array, Array]) -> Pose:
+    """Return location and rotation of an object that is turned about the vertical."""
+    R_w_o, place = pose
+    x, y, z = (100.0 * place @ MIRROR).tolist()
+    return (x, y, z), (0.0, -math.degrees(math.atan2(R_w_o[1, 0], R_w_o[0, 0])) + 0.0, 0.0)
