@@ -152,13 +152,6 @@ class Objects:
             if each.scale != _WHOLE:
                 self.scene = self.scene.scaled(each.key, each.scale)
 
-    def destroy(self, name: str) -> bool:
-        """Remove an object; return whether there was one."""
-        actor = self.by_name.pop(name, None)
-        if actor is not None:
-            actor.hidden = True
-        return actor is not None
-
 
 def _in_unreal(pose: tuple[Array, Array]) -> Pose:
     """Return location and rotation of an object that is turned about the vertical."""

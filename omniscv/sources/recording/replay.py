@@ -62,6 +62,9 @@ class RecordedSource(Source):
         for row in self._store.listing():
             modes[row.state][view_from_json(row.asked)].add(row.mode_name)
         self._views = {state: RecordedState(held) for state, held in modes.items()}
+        known = self._store.states()
+        # The last one counts of several states that the world was found in.
+        self._found = {known[each].asked: each for each in modes if each and known[each].asked is not None}
         # Planned as on the server that was recorded: it may have made no view higher than wide.
         tall = any(view.height > view.width for held in modes.values() for view in held)
         every = frozenset().union(*(each for held in modes.values() for each in held.values()))
@@ -120,9 +123,15 @@ class RecordedSource(Source):
         return tuple(self._views)
 
     def at(self, instant: Instant) -> "RecordedSource":
-        """As :meth:`Source.at`; several may be used at the same time, as long as this source is open."""
-        self._check_held(instant.state)
-        return _with(self, _state=instant.state, _owner=False)
+        """As :meth:`Source.at`; several may be used at the same time, as long as this source is open.
+
+        Where poses were not set but read when it was recorded, it is the state that was found then.
+        """
+        state = instant.state
+        if state not in self._views:
+            state = self._found.get(state, state)
+        self._check_held(state)
+        return _with(self, _state=state, _owner=False)
 
     def close(self) -> None:
         if self._owner:
@@ -192,7 +201,7 @@ class Recording(SourceWrapper):
         self._renewed: set[Request] | None = set() if anew else None
         self._objects: tuple[str, ObjectTable] | None = None  # and the state in which they were read
         self._noted = ""  # the state of which the file has what is known
-        self._instant = Instant()
+        self._instant: Instant | None = None  # that was to be set
         self._owner = True
         self._labelled = set(labelled_modes())
         self._lock = threading.RLock()
@@ -236,7 +245,7 @@ class Recording(SourceWrapper):
 
     @property
     def instant(self) -> Instant:
-        known = (self._source.instant, self._instant)
+        known = (self._source.instant, self._instant or Instant())
         return next((each for each in known if each.state == self.state), Instant())
 
     def at(self, instant: Instant) -> Source:
@@ -276,7 +285,8 @@ class Recording(SourceWrapper):
             boxes = self._known_geometry().boxes
             moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
             known = self.instant if self.instant.state == state else None
-            self._store.set_state(state, HeldState(known, moved))
+            asked = None if self._instant is None or self._instant.state == state else self._instant.state
+            self._store.set_state(state, HeldState(known, moved, asked))
         self._noted = state
 
     def _known_geometry(self) -> SceneGeometry:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from omniscv.arguments import shown
+from omniscv.arguments import Reader, fields, shown, text, within
 from omniscv.errors import ArgumentError, DamagedRecordingError, RecordingNotWritableError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
@@ -27,10 +27,12 @@ class HeldState:
     Attributes:
         instant: what was set, or read back; None where nothing is known.
         boxes: by name, of the objects whose boxes are not those of the still world.
+        asked: the state that was to be set, where the world was found in this one; else None.
     """
 
     instant: Instant | None = None
     boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
+    asked: str | None = None
 
     def geometry(self, still: SceneGeometry) -> SceneGeometry:
         """Return the shapes in this state, given those of the still world."""
@@ -71,19 +73,18 @@ def write(database: sqlite3.Connection, recording: str, name: str, state: HeldSt
 
 def from_dict(name: str, data: object) -> HeldState:
     """Return what JSON has of the state of a name; ArgumentError for anything else."""
-    if not isinstance(data, Mapping) or set(data) != {"instant", "boxes"}:
-        raise ArgumentError(f"{name}: expected 'instant' and 'boxes', got {shown(data)}")
-    boxes = SceneGeometry.from_dict({"boxes": data["boxes"], "room": None}).boxes
-    instant = None if data["instant"] is None else Instant.from_dict(data["instant"])
+    found = fields(name, data, _STATE, needed=("instant", "boxes"))
+    instant = found["instant"]
     if instant is not None and instant.state != name:
         raise ArgumentError(f"{name}: expected the instant of this state, got that of {instant.state!r}")
-    return HeldState(instant, boxes)
+    return HeldState(instant, found["boxes"], found.get("asked"))
 
 
 def to_dict(state: HeldState) -> dict[str, Any]:
     """Return plain values for JSON: the inverse of :func:`from_dict`."""
     boxes = SceneGeometry(state.boxes).to_dict()["boxes"]
-    return {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
+    found = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
+    return found if state.asked is None else {**found, "asked": state.asked}
 
 
 def _read(recording: str, name: Any, content: Any, crc: Any) -> HeldState:
@@ -94,3 +95,20 @@ def _read(recording: str, name: Any, content: Any, crc: Any) -> HeldState:
         return from_dict(name, object_from_json(content))
     except ArgumentError as cause:
         raise DamagedRecordingError(f"state {shown(name)}: {cause}") from cause
+
+
+def _instant(name: str, value: object) -> Instant | None:
+    with within(name):
+        return None if value is None else Instant.from_dict(value)
+
+
+def _boxes(name: str, value: object) -> Mapping[str, ObjectBox]:
+    with within(name):
+        return SceneGeometry.from_dict({"boxes": value, "room": None}).boxes
+
+
+def _asked(name: str, value: object) -> str:
+    return text(name, value) if value != "" else ""
+
+
+_STATE: Mapping[str, Reader] = {"instant": _instant, "boxes": _boxes, "asked": _asked}
