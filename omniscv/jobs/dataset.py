@@ -78,8 +78,7 @@ def make(
     whole_number("shard", count, least=1)
     whole_number("shard", index, least=0, most=count - 1)
     job.recipe.check(job.cameras, job.modes)
-    with job.open() as source:
-        job = job.posed(source)
+    with job.opened() as (job, source):
         moments = list(job.shots(_scene(source)))
         shots = [shot for _, mine in moments for shot in mine]
         mine = [shot for shot in shots if _hash(shot.key) % count == index]

@@ -1,6 +1,7 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from omniscv.compose.files import check_format
 from omniscv.dataset.recipe import Recipe
 from omniscv.dataset.splits import Split
 from omniscv.dataset.writer import Shot
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.motions import Motion
@@ -71,6 +73,9 @@ class Job:
         check_times(self.times, self.motions, self.clock or self.exposure.seconds > 0, self.poses)
         if self.moves:
             self.exposure.check(self.cameras)
+        if self.motions and self.source_options.get("freeze") == "pause":
+            wanted = "expected auto, puppet, batch or none for a job with motions"
+            raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
         if self.moves and "poses" not in self.recipe.truth:
             recipe = replace(self.recipe, truth={**self.recipe.truth, "poses": {}})
             object.__setattr__(self, "recipe", recipe)
@@ -93,6 +98,18 @@ class Job:
         except BaseException:
             source.close()
             raise
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[Self, Source]]:
+        """Give this job with its poses, and its source.
+
+        A game whose objects the job moves is paused from the first image to the last: all else stands still.
+        """
+        with (
+            self.open() as source,
+            source.at(Instant()) if self.motions else nullcontext(source) as held,
+        ):
+            yield self.posed(held), held
 
     def posed(self, source: Source) -> Self:
         """Return this job with the poses that it samples in its source.

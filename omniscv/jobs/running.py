@@ -49,8 +49,8 @@ def run(
         OmniscvError: as :func:`omniscv.render`; the images before are on disk, whole.
     """
     written: list[Path] = []
-    with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
-        saving, job = None, job.posed(source)
+    with job.opened() as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+        saving = None
         for stem, image in _images(job, Renderer(source), progress):
             if warn:
                 for line in warnings_of(stem, image):
@@ -112,9 +112,9 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
         The number of captures that the job needs.
     """
     needed: dict[Request, None] = {}
-    with replace(job, record=path).open() as source:
+    with replace(job, record=path).opened() as (job, source):
         source.objects()
-        job, renderer = job.posed(source), Renderer(source)
+        renderer = Renderer(source)
         for moment in job.moments():
             for take in moment.takes:
                 with renderer_at(renderer, take.instant) as there:
@@ -182,8 +182,8 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         planned = _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         seconds_per_request = _TICK_S
     else:
-        with replace(job, record=None).open() as source:
-            job, renderer = job.posed(source), Renderer(source)
+        with replace(job, record=None).opened() as (job, source):
+            renderer = Renderer(source)
             planned = _planned(job, partial(renderer.task, options=job.options))
             seconds_per_request = _request_seconds(source)
     found = []
