@@ -16,7 +16,7 @@ from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
     from omniscv.jobs import Job
-    from omniscv.sources.registry import SourceOptions
+    from omniscv.sources.registry import Deadlines
 
 AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
 
@@ -64,7 +64,7 @@ class ConnectionOptions(Options):
     timeout: float | None = Option(None, help="Seconds for connecting, and for each reply of a server; 15.")
     patience: float | None = Option(None, help="Seconds for connecting and sending again after a fault; 10.")
 
-    def deadlines(self) -> SourceOptions:
+    def deadlines(self) -> Deadlines:
         """Those that are given, as options of :func:`omniscv.open_source`."""
         return deadlines(self.timeout, self.patience)
 
@@ -97,6 +97,7 @@ class JobOptions(ConnectionOptions):
         from omniscv.geometry import Pose
         from omniscv.jobs import Job, load
         from omniscv.planning import RenderOptions
+        from omniscv.sources.registry import SourceOptions
 
         if self.job is not None:
             job = load(self.job)
@@ -117,16 +118,16 @@ class JobOptions(ConnectionOptions):
             options=RenderOptions(
                 self.strategy, self.viewpoints, edge(self.face_size), filter, bound, self.truth_scale, normals
             ),
-            source_options=self.deadlines(),
+            source_options={**SourceOptions(), **self.deadlines()},
             **others,
         )
 
 
-def deadlines(timeout: float | None, patience: float | None) -> SourceOptions:
+def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
     """``--timeout`` and ``--patience`` as options of a source, where they are given."""
     from omniscv.arguments import number
 
-    given: SourceOptions = {}
+    given: Deadlines = {}
     if timeout is not None:
         given["timeout_s"] = number("--timeout", timeout, above=0)
     if patience is not None:

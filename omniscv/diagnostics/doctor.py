@@ -1,14 +1,18 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
+from typing import Unpack
+
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.diagnostics import seams
 from omniscv.diagnostics.finding import Finding
+from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, alike
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
+from omniscv.sources.registry import Deadlines
 from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.codecs import SKY
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
@@ -31,7 +35,9 @@ Pairs = dict[str, list[tuple[Picture, Picture]]]
 """By mode, pictures before and after a turn, in several directions."""
 
 
-def examine_address(address: str, position: Array | None = None, **deadlines: float) -> list[Finding]:
+def examine_address(
+    address: str, position: Array | None = None, **deadlines: Unpack[Deadlines]
+) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:
@@ -64,6 +70,7 @@ def examine_address(address: str, position: Array | None = None, **deadlines: fl
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
                 *seams.findings(seams.measure(camera)),
+                *MovingWorld(connection, camera).findings(),
             ]
 
 

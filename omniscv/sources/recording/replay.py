@@ -268,6 +268,8 @@ class Recording(SourceWrapper):
 
     def _add(self, fresh: Capture) -> None:
         """Write a new capture, and before it what it depends on."""
+        if fresh.request.again:
+            return
         if fresh.mode in self._labelled:
             self.objects()  # a mask without them would take the names of others
         if fresh.request.state:
@@ -313,8 +315,7 @@ class Recording(SourceWrapper):
         in_a_row = 0
         for request in coming:
             waiting.append(request)
-            held = self._store.holds(request) if self._renewed is None else request in self._renewed
-            if held or request in captured:
+            if not request.again and (request in captured or self._holds(request)):
                 in_a_row += 1
                 if in_a_row == _RECORDED_AHEAD:
                     return
@@ -322,6 +323,9 @@ class Recording(SourceWrapper):
                 in_a_row = 0
                 captured.add(request)
                 yield request
+
+    def _holds(self, request: Request) -> bool:
+        return self._store.holds(request) if self._renewed is None else request in self._renewed
 
     def _stored(self, request: Request) -> Capture:
         if stored := self._store.get(request):
