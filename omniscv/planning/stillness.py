@@ -1,10 +1,10 @@
 """Proof that a world stood still while captures were made that belong together.
 
 All belong together that one image shows, or the images of one moment. Where the world may move
-(:attr:`omniscv.sources.Capabilities.moves`), the first view at every optical centre is captured again last,
-in depth and mask, and so are all views at the first centre: then nothing moved that these see. If one of them
-differs, the world moved meanwhile: everything is captured anew, and given up after some tries. A source that
-is still pays nothing.
+(:attr:`omniscv.sources.Capabilities.moves`), the first view at every optical centre is captured again, in
+depth and mask, behind the others there, and all views at the first centre are, there and at the end: so
+nothing moved that these see. If one of them differs, the world moved meanwhile: everything is captured anew,
+and given up after some tries. A source that is still pays nothing.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import hashlib
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby
 from typing import Any, TypeVar
 
 from omniscv.errors import TornSetError
@@ -24,8 +26,6 @@ TRIES = 3
 """How often a set is captured before it is given up."""
 _PROOFS = ("depth", "object_mask")
 """Modes that show where things are, and nothing that changes in a world that stands still."""
-_AT_ONCE = 64
-"""Captures that are repeated together: a long set that is torn ends early."""
 _log = logging.getLogger("omniscv")
 
 
@@ -42,7 +42,8 @@ def proven(source: Source, modes: Sequence[str], make: Callable[[Source], T]) ->
     """
     if not source.capabilities.moves:
         return make(source)
-    for tries in range(1, TRIES + 1):
+    tries = 1
+    while True:
         try:
             with source.one_instant():
                 watched = StillSet(source, modes)
@@ -53,11 +54,11 @@ def proven(source: Source, modes: Sequence[str], make: Callable[[Source], T]) ->
             if tries == TRIES:
                 raise
             _log.warning("%s; captured anew", torn)
-    raise AssertionError("unreachable: the last try returns or raises")
+            tries += 1
 
 
 class StillSet(SourceWrapper):
-    """A source for captures that belong together; :meth:`prove` ends them. Not closed with the source.
+    """A source for captures that belong together; :meth:`prove` ends them. The source is not closed with it.
 
     It belongs to one thread.
 
@@ -73,63 +74,77 @@ class StillSet(SourceWrapper):
         self._proofs = tuple(mode for mode in _PROOFS if mode in able) or tuple(modes)
         self._lacking = tuple(mode for mode in self._proofs if mode not in modes)
         self._first: dict[Any, Any] = {}  # by centre, what the first view there shows
-        self._seen: dict[Request, bytes] = {}
-        self._due: list[Request] = []
-        self._delivered = 0
+        self._shown: dict[Request, bytes] = {}
+        self._delivered = self._visits = 0
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        """As :meth:`Source.capture`; TornSetError if what is captured again differs.
+
+        Each capture comes one late, so that the last one comes when all that was captured is compared.
+        """
         wanted: deque[bool] = deque()
+        late: Capture | None = None
         for capture in self._source.capture(self._with_proofs(requests, wanted)):
+            if capture.request.again:
+                self._compare(capture)
+            elif self._is_witness(capture.request.view) and capture.mode in self._proofs:
+                self._shown.setdefault(capture.request, _digest(capture))
             self._delivered += 1
-            if self._proves(capture.request) and capture.request not in self._seen:
-                self._seen[capture.request] = _digest(capture)
-                self._due.append(capture.request)
             if wanted.popleft():
-                yield capture
-            if len(self._due) >= _AT_ONCE:
-                self._repeat()
+                if late is not None:
+                    yield late
+                late = capture
+        if late is not None:
+            yield late
 
     def prove(self) -> None:
-        """Raise TornSetError unless all that is captured again shows what it showed before."""
-        first = next(iter(self._first), None)
-        again = [request for request in self._seen if _center(request.view) == first]
-        self._due = list(dict.fromkeys([*again, *self._due]))
-        self._repeat()
+        """Raise TornSetError unless all that the first centre shows is as it was.
+
+        What was captured in one visit there was compared at its end.
+        """
+        if self._visits < 2:
+            return
+        first = next(iter(self._first))
+        again = [replace(each, again=True) for each in self._shown if _center(each.view) == first]
+        for capture in self._source.capture(again):
+            self._compare(capture)
 
     def close(self) -> None:
         pass
 
     def _with_proofs(self, requests: Iterable[Request], wanted: deque[bool]) -> Iterator[Request]:
-        """The requests, and those that are lacking; which of both goes to ``wanted``."""
-        asked: set[Any] = set()
-        for request in requests:
-            self._first.setdefault(_center(request.view), _sight(request.view))
-            if self._lacking and self._witness(request.view) and _sight(request.view) not in asked:
-                asked.add(_sight(request.view))
-                for mode in self._lacking:
-                    extra = Request(request.view, mode, request.state)
-                    if extra not in self._seen:
-                        wanted.append(False)
-                        yield extra
-            wanted.append(True)
-            yield request
+        """The requests, what is lacking before each, and what is captured again behind those of a centre.
 
-    def _witness(self, view: View) -> bool:
-        """Whether a view is captured again at the end."""
+        Which of them are wanted goes to ``wanted``.
+        """
+        for center, here in groupby(requests, lambda request: _center(request.view)):
+            self._visits += 1
+            witnesses: dict[Request, None] = {}
+            for request in here:
+                self._first.setdefault(center, _sight(request.view))
+                extra: list[Request] = []
+                if self._is_witness(request.view):
+                    extra = [replace(request, mode=mode) for mode in self._lacking]
+                    extra = [each for each in extra if each not in witnesses]
+                    mine = [request] if request.mode in self._proofs else []
+                    witnesses.update(dict.fromkeys([*extra, *mine]))
+                wanted.extend([False] * len(extra) + [True])
+                yield from extra
+                yield request
+            wanted.extend([False] * len(witnesses))
+            yield from (replace(each, again=True) for each in witnesses)
+
+    def _is_witness(self, view: View) -> bool:
+        """Whether a view is captured again: all at the first centre are, and the first one elsewhere."""
         center = _center(view)
         return bool(center == next(iter(self._first)) or self._first[center] == _sight(view))
 
-    def _proves(self, request: Request) -> bool:
-        return request.mode in self._proofs and self._witness(request.view)
-
-    def _repeat(self) -> None:
-        due, self._due = self._due, []
-        for again in self._source.recapture(due):
-            if _digest(again) != self._seen[again.request]:
-                x, y, z = again.view.pose.position
-                wanted = f"expected a world that stands still while {self._delivered} captures are made"
-                got = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
-                raise TornSetError(f"{wanted}, got {got}; pause it, or set its moving objects (freeze)")
+    def _compare(self, again: Capture) -> None:
+        if _digest(again) != self._shown[replace(again.request, again=False)]:
+            x, y, z = again.view.pose.position
+            wanted = f"expected a world that stands still while {self._delivered} captures are made"
+            got = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
+            raise TornSetError(f"{wanted}, got {got}; pause it, or set its moving objects (freeze)")
 
 
 def _center(view: View) -> Any:
@@ -143,5 +158,5 @@ def _sight(view: View) -> Any:
 
 def _digest(capture: Capture) -> bytes:
     pixels = capture.pixels
-    said = repr((capture.view.key(), pixels.shape, pixels.dtype.str)).encode()
-    return hashlib.blake2b(said + pixels.tobytes(), digest_size=16).digest()
+    kind = repr((capture.view.key(), pixels.shape, pixels.dtype.str)).encode()
+    return hashlib.blake2b(kind + pixels.tobytes(), digest_size=16).digest()

@@ -204,10 +204,6 @@ class Source(ABC):
         """
         return nullcontext()
 
-    def recapture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """As :meth:`capture`, but made now, and neither taken from a recording nor added to it."""
-        return self.capture(requests)
-
     def command(self, text: str) -> str:
         """Send a command of the server's own language, and return its reply.
 
@@ -277,9 +273,6 @@ class SourceWrapper(Source):
 
     def one_instant(self) -> AbstractContextManager[None]:
         return self._source.one_instant()
-
-    def recapture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        return self._source.recapture(requests)
 
     def at(self, instant: Instant) -> Source:
         return self._source.at(instant)

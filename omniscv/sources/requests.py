@@ -86,6 +86,8 @@ class Request:
         view: what is captured.
         mode: a modality that sources deliver; of an alias, the modality's name is kept.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
+        again: whether it is made to compare with what was captured: neither taken from a recording then, nor
+            added to it.
 
     Raises:
         ArgumentError: no such modality, or no short text for a state.
@@ -94,6 +96,7 @@ class Request:
     view: View
     mode: str
     state: str = ""
+    again: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", *modalities.chosen((self.mode,)))

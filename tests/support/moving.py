@@ -34,8 +34,6 @@ class Unfrozen(SourceWrapper):
                 (capture,) = there.capture([Request(request.view, request.mode, there.state)])
             yield replace(capture, request=request)
 
-    recapture = capture
-
 
 class Frozen(SourceWrapper):
     """A source whose world may move, and that counts what is captured."""
@@ -50,8 +48,6 @@ class Frozen(SourceWrapper):
 
     def capture(self, requests):
         return super().capture(self.requests.append(request) or request for request in requests)
-
-    recapture = capture
 
     def at(self, instant):
         found = Frozen(super().at(instant))

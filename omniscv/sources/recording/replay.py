@@ -4,7 +4,7 @@ import contextlib
 import logging
 import threading
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -12,6 +12,7 @@ from typing import Any, NoReturn, TypeVar
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.parallel import side_by_side
@@ -117,6 +118,11 @@ class RecordedSource(Source):
     def instant(self) -> Instant:
         held = self._store.state(self._state)
         return held.instant if held and held.instant else Instant()
+
+    def object_poses(self) -> Mapping[str, Pose]:
+        """As recorded with the state."""
+        held = self._store.state(self._state) or HeldState()
+        return {**held.poses, **self.instant.poses}
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""
@@ -268,6 +274,8 @@ class Recording(SourceWrapper):
 
     def _add(self, fresh: Capture) -> None:
         """Write a new capture, and before it what it depends on."""
+        if fresh.request.again:
+            return
         if fresh.mode in self._labelled:
             self.objects()  # a mask without them would take the names of others
         if fresh.request.state:
@@ -286,7 +294,9 @@ class Recording(SourceWrapper):
             moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
             known = self.instant if self.instant.state == state else None
             asked = None if self._instant is None or self._instant.state == state else self._instant.state
-            self._store.set_state(state, HeldState(known, moved, asked))
+            set_there = known.poses if known else {}
+            poses = {name: p for name, p in self._source.object_poses().items() if name not in set_there}
+            self._store.set_state(state, HeldState(known, moved, asked, poses))
         self._noted = state
 
     def _known_geometry(self) -> SceneGeometry:
@@ -313,8 +323,7 @@ class Recording(SourceWrapper):
         in_a_row = 0
         for request in coming:
             waiting.append(request)
-            held = self._store.holds(request) if self._renewed is None else request in self._renewed
-            if held or request in captured:
+            if not request.again and (request in captured or self._holds(request)):
                 in_a_row += 1
                 if in_a_row == _RECORDED_AHEAD:
                     return
@@ -322,6 +331,9 @@ class Recording(SourceWrapper):
                 in_a_row = 0
                 captured.add(request)
                 yield request
+
+    def _holds(self, request: Request) -> bool:
+        return self._store.holds(request) if self._renewed is None else request in self._renewed
 
     def _stored(self, request: Request) -> Capture:
         if stored := self._store.get(request):

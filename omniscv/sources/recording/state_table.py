@@ -9,6 +9,7 @@ from typing import Any
 
 from omniscv.arguments import Reader, fields, shown, text, within
 from omniscv.errors import ArgumentError, DamagedRecordingError, RecordingNotWritableError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.sources.recording import geometry_table, schema
@@ -28,11 +29,13 @@ class HeldState:
         instant: what was set, or read back; None where nothing is known.
         boxes: by name, of the objects whose boxes are not those of the still world.
         asked: the state that was to be set, where the world was found in this one; else None.
+        poses: of objects that move by themselves, which are not in the instant.
     """
 
     instant: Instant | None = None
     boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
     asked: str | None = None
+    poses: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
 
     def geometry(self, still: SceneGeometry) -> SceneGeometry:
         """Return the shapes in this state, given those of the still world."""
@@ -77,14 +80,18 @@ def from_dict(name: str, data: object) -> HeldState:
     instant = found["instant"]
     if instant is not None and instant.state != name:
         raise ArgumentError(f"{name}: expected the instant of this state, got that of {instant.state!r}")
-    return HeldState(instant, found["boxes"], found.get("asked"))
+    return HeldState(instant, found["boxes"], found.get("asked"), found.get("poses", {}))
 
 
 def to_dict(state: HeldState) -> dict[str, Any]:
     """Return plain values for JSON: the inverse of :func:`from_dict`."""
     boxes = SceneGeometry(state.boxes).to_dict()["boxes"]
-    found = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
-    return found if state.asked is None else {**found, "asked": state.asked}
+    found: dict[str, Any] = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
+    if state.asked is not None:
+        found["asked"] = state.asked
+    if state.poses:
+        found["poses"] = Instant(state.poses).to_dict()["poses"]
+    return found
 
 
 def _read(recording: str, name: Any, content: Any, crc: Any) -> HeldState:
@@ -111,4 +118,9 @@ def _asked(name: str, value: object) -> str:
     return text(name, value) if value != "" else ""
 
 
-_STATE: Mapping[str, Reader] = {"instant": _instant, "boxes": _boxes, "asked": _asked}
+def _poses(name: str, value: object) -> Mapping[str, Pose]:
+    with within(name):
+        return Instant.from_dict({**Instant().to_dict(), "poses": value}).poses
+
+
+_STATE: Mapping[str, Reader] = {"instant": _instant, "boxes": _boxes, "asked": _asked, "poses": _poses}
