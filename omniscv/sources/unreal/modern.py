@@ -14,6 +14,8 @@ from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
 
 _CAMERAS = "vget /cameras"
 
+_PROOFS = ("depth", "object_mask")
+
 Use = Literal["check", "skip", "reference", "keep"]
 
 
@@ -83,10 +85,14 @@ class ModernDriver(CameraDriver):
             yield complete
 
     def _at_once(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> list[Capture]:
-        """Return the captures of all requests, answered in one tick; in it no frame gets fresher."""
+        """Return the captures of all requests, answered in one tick; in it no frame gets fresher.
+
+        What shows where things are is captured again last, as the proof that it was one tick.
+        """
         aimed, commands = self._aimed, list[str]()
         pictures: list[int] = []
-        for request in requests:
+        proofs = [request for request in requests if request.mode in _PROOFS]
+        for request in (*requests, *proofs):
             commands += self.aim(aimed, request.view)
             aimed = request.view
             pictures.append(len(commands))
@@ -100,12 +106,13 @@ class ModernDriver(CameraDriver):
                 self._expect("ok", command, reply)
         captures = [
             self._capture(request, request.view, replies[number])
-            for request, number in zip(requests, pictures, strict=True)
+            for request, number in zip((*requests, *proofs), pictures, strict=True)
         ]
         for capture in captures:
             stale_frames.note(capture.view, {capture.mode: capture.payload or b""})
         self._aimed = aimed
-        return captures
+        self.again = {capture.request: capture for capture in captures[len(requests) :]}
+        return captures[: len(requests)]
 
     def _steps(self, requests: Requests, stale_frames: StaleFrames) -> list[Step]:
         """Return the commands for captures, in order.
