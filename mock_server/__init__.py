@@ -4,8 +4,9 @@ The scene is traced exactly, so it is also the reference that composed images ar
 shares no code with ``omniscv``.
 """
 
+from mock_server.catalog import load_scene, scene_names
 from mock_server.render import ViewHits, render_view
-from mock_server.scene import Hits, Scene, load_scene, scene_names
+from mock_server.scene import Hits, Scene
 from mock_server.scene_file import Room
 from mock_server.server import Server, serve
 from mock_server.settings import DIALECTS, Depth, DialectName

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mock_server.catalog import scene_names
 from mock_server.faults import KINDS
-from mock_server.scene import scene_names
 from mock_server.server import serve
 from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS
 from mock_server.stop_signal import stop_signal
@@ -58,6 +58,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--platform", help=f"one of {', '.join(PLATFORMS)}")
     add("--depth", help=f"one of {', '.join(DEPTHS)}")
     add("--latency-ms", type=float, help="delay of every reply, ms")
+    step = "what the clock of a scene that moves advances in a frame, seconds (default 1/60)"
+    add("--time-step", type=float, dest="time_step_s", help=step)
     add("--size", type=_size, help="of images, px (default 640x480)")
     add("--fov", type=float, dest="fov_deg", help="field of view, degrees (default 90)")
     add("--window", type=_size, help="size of the game's window, px (default as --size)")

@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server import motion, scene_file, solids, textures, yaml_text
+from mock_server import motion, scene_file, solids, textures
 from mock_server.kernel import COLUMNS, SPHERE, nearest_hits
 from mock_server.scene_file import Room
 from mock_server.textures import Texture
@@ -26,7 +25,6 @@ Array = NDArray[np.float64]
 Poses = Mapping[str, tuple[ArrayLike, ArrayLike]]
 """By object, ``R_w_o`` (3, 3) and the place (3,) of the middle of its box, metres, world frame."""
 
-_SCENES = Path(__file__).parent / "scenes"
 _CHUNK = 1 << 13
 _THREADS = 2
 _SOME_DIRECTIONS = np.array([[1, 2, 3], [-3, 1, 2], [2, -3, -1], [-1, -2, 3]]) / np.sqrt(14)
@@ -159,7 +157,7 @@ class Scene:
         return self._poses.get(name) or (np.eye(3), self._middle(name))
 
     def at(self, time_s: float, poses: Poses | None = None) -> Scene:
-        """Return the scene at a time. Textures stay fixed to the world.
+        """Return the scene at a time. Textures move with their objects.
 
         Args:
             time_s: seconds; moving objects are where they are then, all others as described.
@@ -178,7 +176,7 @@ class Scene:
         return result
 
     def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
-        """Return another scene, in which some objects are described elsewhere.
+        """Return another scene, in which some objects are described elsewhere; textures stay as described.
 
         Args:
             moves: by object, a rotation (3, 3), the point it turns about, and where that point goes
@@ -313,8 +311,20 @@ class Scene:
         for index in np.flatnonzero(np.bincount(texture_of[~missed])):
             mine = np.flatnonzero(texture_of == index)
             points = o[mine] + distance[mine, None] * d[mine]
-            color[mine] = textures.paint(self._textures[index], points, normal[mine])
+            points, faced = self._carried_back(points, normal[mine], row[mine])
+            color[mine] = textures.paint(self._textures[index], points, faced, normal[mine])
         return color
+
+    def _carried_back(self, points: Array, normals: Array, row: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return points and normals (N, 3) as before their objects were moved: textures move with objects."""
+        if not self._poses:
+            return points, normals
+        faced, labels = normals.copy(), self._labels[row + 1]
+        for name, (R, place) in self._poses.items():
+            mine = labels == self.label(name)
+            points[mine] = (points[mine] - place) @ R + self._middle(name)
+            faced[mine] = normals[mine] @ R
+        return points, faced
 
 
 def _by_chunks(work: Callable[[slice], None], count: int) -> None:
@@ -326,27 +336,3 @@ def _by_chunks(work: Callable[[slice], None], count: int) -> None:
     # Threads of this call alone: a pool kept between calls would hang in a forked process.
     with ThreadPoolExecutor(_THREADS) as pool:
         list(pool.map(work, parts))
-
-
-def load_scene(name_or_path: str | Path) -> Scene:
-    """Return a scene by its name, or from a YAML file.
-
-    Raises:
-        ValueError: no scene has that name, the file cannot be read, or a word or value in it is wrong.
-    """
-    path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
-        path = _SCENES / f"{name_or_path}.yaml"
-        if str(name_or_path) not in scene_names():
-            known = ", ".join(scene_names())
-            raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
-    try:
-        description = yaml_text.parse(yaml_text.read_text(path))
-    except ValueError as cause:
-        raise ValueError(f"scene: {path}: {cause}") from cause
-    return Scene(path.stem, description)
-
-
-def scene_names() -> list[str]:
-    """Return the names of the scenes in this package."""
-    return sorted(path.stem for path in _SCENES.glob("*.yaml"))

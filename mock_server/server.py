@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Self, Unpack
 
+from mock_server.catalog import load_scene
 from mock_server.dialects import BY_NAME
 from mock_server.engine import Requests, Statistics, replies
 from mock_server.faults import Faults
 from mock_server.files import OutputFolder
 from mock_server.protocol import FrameError, read_frame
-from mock_server.scene import Scene, load_scene
+from mock_server.scene import Scene
 from mock_server.settings import DialectName, Options, Settings
 from mock_server.transport import Transport
 from mock_server.world import World

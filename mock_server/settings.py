@@ -18,8 +18,13 @@ DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
 
-_RANGES = {"port": (0, 65535), "fov_deg": (1, 179), "latency_ms": (0, 3.6e6), "frames_per_s": (1e-3, 1e6),
-           "step_s": (0, 3600)}  # fmt: skip
+_RANGES = {
+    "port": (0, 65535),
+    "fov_deg": (1, 179),
+    "latency_ms": (0, 3.6e6),
+    "frames_per_s": (1e-3, 1e6),
+    "time_step_s": (0, 3600),
+}
 _WHOLE = ("port", "seed")
 _MOST_PX = 1 << 15
 
@@ -35,7 +40,7 @@ class Options(TypedDict, total=False):
     fov_deg: float
     window: tuple[int, int] | None
     frames_per_s: float
-    time_step_s: float | None
+    time_step_s: float
     folder: Path | None
     faults: Iterable[str]
     seed: int
@@ -58,8 +63,7 @@ class Settings:
         window: width and height of the game's window, from which dialect 0.3.10 takes its masks, px; None
             for ``size``.
         frames_per_s: the frame rate while no request comes.
-        time_step_s: what the clock of a scene that moves advances in a frame, seconds; None for the time of a
-            frame at the frame rate.
+        time_step_s: what the scene's clock advances in a frame, seconds: a fixed time step.
         folder: where commands that name a file write; None for a temporary one, removed at the end.
         faults: faults to inject, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
         seed: seed of the faults' random numbers.
@@ -78,7 +82,7 @@ class Settings:
     fov_deg: float = 90.0
     window: tuple[int, int] | None = None
     frames_per_s: float = 60.0
-    time_step_s: float | None = None
+    time_step_s: float = 1 / 60
     folder: Path | None = None
     faults: Iterable[str] = ()
     seed: int = 0
@@ -104,11 +108,6 @@ class Settings:
     def _expect(self, key: str, right: bool, wanted: str) -> None:
         if not right:
             raise ValueError(f"{key}: expected {wanted} got {reprlib.repr(getattr(self, key))}")
-
-    @property
-    def step_s(self) -> float:
-        """What the clock advances in a frame, seconds."""
-        return 1 / self.frames_per_s if self.time_step_s is None else self.time_step_s
 
     @property
     def window_size(self) -> tuple[int, int]:

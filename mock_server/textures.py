@@ -1,4 +1,4 @@
-"""Colours of surfaces by closed formulas of the world position and normal: the same from every viewpoint.
+"""Colours of surfaces by closed formulas of position and normal: the same from every viewpoint.
 
 A texture is a kind, two colours and two numbers; ``kind`` is one of:
 
@@ -36,8 +36,14 @@ _NUDGE = 1e-6  # metres: a wall that lies on a boundary of the pattern shows one
 _LINE = 0.04  # a tile's joint, part of its edge
 
 
-def paint(texture: Texture, points: Array, normals: Array) -> Array:
-    """Return (N, 3) colours of surface points, shaded 0.7..1 by the normal alone."""
+def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Array:
+    """Return (N, 3) colours of surface points.
+
+    Args:
+        texture: a texture, fixed to the object as it is described.
+        points, normals: (N, 3) there.
+        facing: (N, 3) the normals in the world, which shade the colours by 0.7..1.
+    """
     p, scale = points - _NUDGE * normals, texture.scale
     weight = np.zeros(len(points))  # the share of the second colour
     if texture.kind == "checker":
@@ -56,7 +62,7 @@ def paint(texture: Texture, points: Array, normals: Array) -> Array:
     elif texture.kind == "gradient":
         weight = np.clip(p[:, 2] / scale, 0.0, 1.0)
     color = (1 - weight[:, None]) * texture.first + weight[:, None] * texture.second
-    return np.asarray(color * (0.85 + 0.15 * (normals @ _LIGHT))[:, None])
+    return np.asarray(color * (0.85 + 0.15 * (facing @ _LIGHT))[:, None])
 
 
 def direction_pattern(directions: Array) -> Array:

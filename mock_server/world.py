@@ -104,8 +104,9 @@ class World:
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
         self.viewmode = "lit"
-        self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.step_s, 1.0
+        self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
         self.things = Objects(scene)
+        self._touched = True  # whether an object may have changed since the last frame
         self._moments = deque([self.things.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
         dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
@@ -125,13 +126,14 @@ class World:
 
     @property
     def objects(self) -> dict[str, SceneObject]:
-        """The objects by name, where they are now."""
+        """The objects by name, where they are now. What is looked up may be changed."""
+        self._touched = True
         self.things.follow()
         return self.things.by_name
 
     def placed(self) -> Scene:
         """Return the scene with its objects where they are now."""
-        return self.things.moment().shown
+        return self._now().shown
 
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
@@ -146,7 +148,10 @@ class World:
             if name and camera.actor == name:
                 self.cameras.remove(camera)
                 return True
-        return self.things.destroy(name)
+        actor = self.objects.pop(name, None)
+        if actor is not None:
+            actor.hidden = True
+        return actor is not None
 
     def bounds(self, actor: SceneObject) -> Array:
         """Return (2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
@@ -171,16 +176,19 @@ class World:
                 x, y, z = self.player.location
                 self.player.location = (x, y, z - fault.amount())
             self.player.limit()
-        self._keep_moment()
+        self._moments.append(self._now())
+        self._touched = False
         return runs
 
     def _advance(self) -> None:
         self.time_s += self._step_s * self._slomo
         self.things.set_time(self.time_s)
+        self._touched |= bool(self.scene.moving)
 
-    def _keep_moment(self) -> None:
-        now = self.things.moment()
-        self._moments.append(self._moments[-1] if now == self._moments[-1] else now)
+    def _now(self) -> Moment:
+        """Return what is to see now: the last frame's moment where nothing has changed since."""
+        now = self.things.moment() if self._touched else self._moments[-1]
+        return self._moments[-1] if now == self._moments[-1] else now
 
     def on_command(self, text: str) -> None:
         """Receive each command before it is answered: some end a fault."""
@@ -192,14 +200,14 @@ class World:
             self._slomo = min(max(float(slomo[1]), _SLOWEST), _FASTEST)
 
     def capture(self, camera: Camera, late: int = 0) -> ViewHits:
-        """Return a camera's view in every mode; ``late``: of objects as so many frames before the last."""
+        """Return a camera's view in every mode: of the objects now, or some frames before the last."""
         torn = None if self.paused else self.faults.strike("torn")
         for _ in range(int(torn.amount()) if torn else 0):
             self._advance()
-            self._keep_moment()
+            self._moments.append(self._now())
         if fault := self.faults.strike("late-objects"):
             late += int(fault.amount())
-        moment = self._moments[-1 - late] if late else self.things.moment()
+        moment = self._moments[-1 - late] if late else self._now()
         location, rotation = self._pose_shown(camera)
         camera = dataclasses.replace(camera, location=location, rotation=rotation)
         if narrow := self.faults.strike("narrow-fov"):

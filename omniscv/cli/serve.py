@@ -21,6 +21,7 @@ class ServeOptions(options.Options):
     faults: list[str] = Option(
         [], "--fault", help="As delay=0.2@0.05; see python -m mock_server -h; repeatable."
     )
+    time_step_s: float = Option(1 / 60, "--time-step", help="Seconds of a moving scene's clock in a frame.")
     seed: int = Option(0, help="Of the faults' random numbers.")
 
 

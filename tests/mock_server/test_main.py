@@ -137,7 +137,7 @@ def test_handlers_are_restored():
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["nowhere"], 2, "scene: expected one of direction, fence, four-wall, open, six-wall, waves, or"),
+        (["nowhere"], 2, "scene: expected one of direction, fence, four-wall, open, six-wall, waves, "),
         (["--dialect", "X"], 2, "dialect: expected one of"),
         (["--platform", "amiga"], 2, "platform: expected one of windows, linux; got 'amiga'"),
         (["--size", "big"], 2, "expected a size such as 640x480, got 'big'"),

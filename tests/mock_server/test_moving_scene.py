@@ -132,6 +132,22 @@ def test_poses_place_objects_whatever_the_time():
     assert placed.at(0.0).bounds("Thing")[0] == pytest.approx((1.7, 0.2, -0.1))
 
 
+def test_textures_move_with_their_objects():
+    """Rays that are moved as the object is meet the same black and white, which no shading changes."""
+    checker = {"kind": "checker", "colors": [[0, 0, 0], [1, 1, 1]], "scale": 0.07}
+    solids = [{"box": [0.6, 0.8, 0.4], "at": [2, 0, 0.2]}, {"sphere": 0.3, "at": [2.2, 0.5, 0.4]}]
+    moving = {"kind": "steady", "velocity": [0.1, -0.2, 0.3], "turn_deg": 70, "about": [1, 2]}
+    world = Scene("checker", {"objects": {"Thing": {"texture": checker, "solids": solids, "moving": moving}}})
+    R, place = world.at(1.3).pose("Thing")
+    middle = world.pose("Thing")[1]
+    still = world.trace((0.1, 0, 0), RAYS)
+    moved = world.at(1.3).trace(R @ (np.array([0.1, 0, 0]) - middle) + place, RAYS @ R.T)
+    seen = still.label == 1
+    white = still.color[seen, 0] > 0
+    assert 0.2 < white.mean() < 0.8
+    assert np.array_equal(white, moved.color[seen, 0] > 0)
+
+
 def test_a_wall_that_is_elsewhere_leaves_no_room():
     room = mock_server.load_scene("four-wall")
     moved = room.at(0.0, {"Layout_Wall_1": (np.eye(3), (0, 0, 9))})

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 _Readers = dict[str, Callable[[str], Any]]
 _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
 _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault"), str)
-_MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, "latency_ms": float, "seed": int, "size": read_size}
+_MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
+_MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 _MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
 """Those whose capabilities do not depend on settings; ``1.x`` is what the mock speaks by default."""

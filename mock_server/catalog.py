@@ -1,0 +1,32 @@
+"""Scenes by name, and from files."""
+
+from pathlib import Path
+
+from mock_server import yaml_text
+from mock_server.scene import Scene
+
+_SCENES = Path(__file__).parent / "scenes"
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Return a scene by its name, or from a YAML file.
+
+    Raises:
+        ValueError: no scene has that name, the file cannot be read, or a word or value in it is wrong.
+    """
+    path = Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml"):
+        path = _SCENES / f"{name_or_path}.yaml"
+        if str(name_or_path) not in scene_names():
+            known = ", ".join(scene_names())
+            raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
+    try:
+        description = yaml_text.parse(yaml_text.read_text(path))
+    except ValueError as cause:
+        raise ValueError(f"scene: {path}: {cause}") from cause
+    return Scene(path.stem, description)
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes in this package."""
+    return sorted(path.stem for path in _SCENES.glob("*.yaml"))

@@ -1,0 +1,389 @@
+"""A world that moves, over the wire: the clock, its pause in each dialect, and what captures show of it."""
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+from support.expected_views import npy, png, seen_by_hand
+
+import mock_server
+
+SIZE, STEP = (20, 16), 0.05
+CENTER = (0, 0, 130)
+MODERN = ("M", "N1", "N2")
+SCENE = mock_server.load_scene("workshop")
+FACES = [(0, 0, 0), (0, 90, 0), (0, 180, 0), (0, -90, 0), (80, 0, 0), (-80, 0, 0)]
+
+
+@pytest.fixture
+def world(start, open_raw):
+    """Starts a server whose frames end with requests only, and a client with a camera over the origin."""
+
+    def start_one(dialect, **options):
+        settings = {"size": SIZE, "frames_per_s": 1e-3, "time_step_s": STEP, "depth": "float32"}
+        server = start("workshop", dialect=dialect, **settings | options)
+        client = open_raw(server)
+        client.camera = 0 if dialect == "L" else 1
+        if dialect != "L":
+            client.ask("vset /cameras/spawn")
+        client.ask(f"vset /camera/{client.camera}/location 0 0 130")
+        return server, client
+
+    return start_one
+
+
+def next_time(server):
+    """The time of the next frame: one has passed for each request that was answered."""
+    return STEP * server.statistics.total("")
+
+
+def look(client, rotation=(0, 0, 0)):
+    client.ask("vset /camera/{}/rotation {} {} {}".format(client.camera, *rotation))
+    if client.camera == 0:
+        settle(client)
+
+
+def settle(client):
+    for _ in range(3):
+        client.ask("vget /unrealcv/version")
+
+
+def depth(client):
+    """Depth as it comes, in metres: along the ray of dialect L, planar of the others."""
+    pixels = npy(client.ask(f"vget /camera/{client.camera}/depth npy"))
+    return pixels if client.camera == 0 else pixels / 100
+
+
+def shows(client, image, scene, rotation=(0, 0, 0)):
+    """Whether an image is that of a scene, but for a pixel on an edge."""
+    hits, planar = seen_by_hand(scene, CENTER, rotation, 90, *SIZE)
+    return (np.abs(image - (hits.distance if client.camera == 0 else planar)) < 1e-4).mean() > 0.98
+
+
+def crate(scene):
+    """Where the protocol says that the crate is, cm: its box's middle, Y to the right."""
+    (x0, y0, z0), (x1, y1, z1) = scene.bounds("Crate")
+    return [50 * (x0 + x1), -50 * (y0 + y1), 50 * (z0 + z1)]
+
+
+def place_of(client, name="Crate"):
+    return [float(each) for each in client.text(f"vget /object/{name}/location").split()]
+
+
+# The clock
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_the_clock_advances_by_a_step_in_each_frame_and_captures_show_its_time(world, dialect):
+    server, client = world(dialect)
+    look(client, (0, 60, 0))
+    for _ in range(4):
+        now = next_time(server)
+        image = depth(client)
+        assert shows(client, image, SCENE.at(now), (0, 60, 0))
+        assert not shows(client, image, SCENE.at(now + 4 * STEP), (0, 60, 0))
+
+
+def test_images_of_l_are_of_the_frame_before(world):
+    """The last one that is finished while the next is being rendered."""
+    server, client = world("L")
+    look(client, (0, 60, 0))
+    now = next_time(server)
+    image = depth(client)
+    assert shows(client, image, SCENE.at(now - STEP), (0, 60, 0))
+    assert not shows(client, image, SCENE.at(now + 4 * STEP), (0, 60, 0))
+
+
+@pytest.mark.parametrize("dialect", ["L", *MODERN])
+def test_faces_of_a_running_world_are_torn_and_those_of_a_paused_one_are_not(world, dialect):
+    server, client = world(dialect, time_step_s=0.25)
+    running, start = [], 0.25 * server.statistics.total("")
+    for face in FACES[:4]:
+        look(client, face)
+        running.append(depth(client))
+    assert not all(
+        shows(client, image, SCENE.at(start), face) for face, image in zip(FACES, running, strict=False)
+    )
+    client.ask("vset /action/game/pause")
+    settle(client)
+    now = server.world.time_s
+    for face in FACES:
+        look(client, face)
+        assert shows(client, depth(client), SCENE.at(now), face)
+    assert server.world.time_s == now
+
+
+def test_frames_end_by_themselves(start, open_raw):
+    server = start("workshop", frames_per_s=1000, time_step_s=0.25, size=(8, 8))
+    open_raw(server)
+    while server.world.time_s < 1:  # else the suite's time limit is over
+        time.sleep(0.001)
+
+
+def test_a_clock_begins_at_the_scenes_time(open_raw):
+    with mock_server.serve(SCENE.at(2.5), size=(8, 8), frames_per_s=1e-3) as server:
+        assert place_of(open_raw(server)) == pytest.approx(crate(SCENE.at(2.5)), abs=1e-3)
+
+
+@pytest.mark.parametrize("dialect", ["L", *MODERN])
+def test_slow_motion(world, dialect):
+    """The engine's slowest is a ten-thousandth. The tick after a reply may not have come yet."""
+    server, client = world(dialect)
+    for factor, slowed in (("0.1", 0.1), ("0", 1e-4), ("1.0", 1.0)):
+        client.ask(f"vrun slomo {factor}")
+        settle(client)
+        before = server.world.time_s
+        settle(client)
+        assert round((server.world.time_s - before) / (slowed * STEP), 6) in (2, 3, 4)
+
+
+# Pause
+
+
+def test_pause_of_l_goes_on_when_it_is_sent_again(world):
+    server, client = world("L")
+    unknown = "error Can not find a handler for URI 'vset /action/game/resume'"
+    assert client.text("vset /action/game/resume") == unknown
+    assert client.text("vget /action/game/is_paused") == unknown.replace("vset", "vget").replace(
+        "resume", "is_paused"
+    )
+    for paused in (True, False, True):
+        assert client.text("vset /action/game/pause") == "ok"
+        assert stands(server, client) == paused
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_pause_of_the_others_stays_until_it_is_resumed(world, dialect):
+    server, client = world(dialect)
+    for command, paused in (("pause", True), ("pause", True), ("resume", False), ("resume", False)):
+        assert client.text(f"vset /action/game/{command}") == "ok"
+        assert client.text("vget /action/game/is_paused") == str(paused).lower()
+        assert stands(server, client) == paused
+
+
+def stands(server, client):
+    settle(client)
+    before = server.world.time_s
+    settle(client)
+    return server.world.time_s == before
+
+
+def test_the_camera_of_l_follows_its_pawn_while_paused_and_its_rotation_is_not_limited(world):
+    _, client = world("L")
+    client.ask("vset /action/game/pause")
+    look(client, (-90, 0, 0))
+    assert client.text("vget /camera/0/rotation") == "-90.000 0.000 0.000"
+    floor = depth(client)[SIZE[1] // 2 - 1 : SIZE[1] // 2 + 1]
+    assert np.ptp(floor, axis=0).max() < 1e-4
+    client.ask("vset /action/game/pause")
+    settle(client)
+    assert client.text("vget /camera/0/rotation") == "270.100 0.000 0.000"
+
+
+# Objects that move
+
+
+@pytest.mark.parametrize("dialect", ["L", *MODERN])
+def test_where_moving_objects_are(world, dialect):
+    server, client = world(dialect)
+    client.ask("vset /action/game/pause")
+    settle(client)
+    there = SCENE.at(server.world.time_s)
+    assert place_of(client) == pytest.approx(crate(there), abs=6e-3)
+    yaw = -45 * server.world.time_s  # of the turntable, by its description; Unreal's yaw is to the right
+    turn = [float(each) for each in client.text("vget /object/Turntable/rotation").split()]
+    assert turn == pytest.approx([0, yaw, 0], abs=6e-3)
+
+
+@pytest.mark.parametrize("dialect", ["L", *MODERN])
+def test_a_moving_object_stays_where_it_is_put_until_the_clock_goes_on(world, dialect):
+    server, client = world(dialect)
+    client.ask("vset /action/game/pause")
+    assert client.text("vset /object/Crate/location 150.0 -20.0 130.0") == "ok"
+    assert client.text("vset /object/Crate/rotation 0 30.0 0") == "ok"
+    look(client)
+    c, s = np.cos(np.radians(-30)), np.sin(np.radians(-30))
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    placed = SCENE.at(server.world.time_s, {"Crate": (R, (1.5, 0.2, 1.3))})
+    assert shows(client, depth(client), placed)
+    assert place_of(client) == [150, -20, 130]
+    client.ask("vset /action/game/pause" if dialect == "L" else "vset /action/game/resume")
+    settle(client)
+    before = server.world.time_s
+    x = place_of(client)[0]
+    assert crate(SCENE.at(before + STEP))[0] - 0.01 <= x <= crate(SCENE.at(before - STEP))[0] + 0.01
+
+
+def test_a_move_in_l_is_seen_in_the_frame_after_the_next(world):
+    _, client = world("L")
+    client.ask("vset /action/game/pause")
+    look(client)
+    before = depth(client)
+    client.ask("vset /object/Crate/location 150.0 0.0 130.0")
+    assert np.array_equal(depth(client), before)
+    assert not np.array_equal(depth(client), before)
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_a_move_in_the_others_is_seen_at_once(world, dialect):
+    _, client = world(dialect)
+    client.ask("vset /action/game/pause")
+    before = depth(client)
+    client.ask("vset /object/Crate/location 150.0 0.0 130.0")
+    assert not np.array_equal(depth(client), before)
+
+
+def test_a_batch_of_n2_is_of_one_time(world):
+    server, client = world("N2")
+    look(client, (0, 60, 0))
+    now = next_time(server) + STEP  # a frame for the announcement
+    images = batch(client, 5)
+    assert all(np.array_equal(image, images[0]) for image in images)
+    assert any(shows(client, images[0] / 100, SCENE.at(now + k * STEP), (0, 60, 0)) for k in range(6))
+
+
+def batch(client, count):
+    """Images of one camera in one frame, after a frame for the announcement."""
+    client.send(b"1:vbatch %d" % count)
+    assert client.frame() == b"1:ok"
+    client.send(*(b"%d:vget /camera/1/depth npy" % (2 + k) for k in range(count)))
+    return [npy(client.frame().partition(b":")[2]) for _ in range(count)]
+
+
+# Faults
+
+
+def test_a_tick_in_the_middle_of_a_batch(world):
+    server, client = world("N2", time_step_s=0.5, faults=["torn@0.5"], seed=2)
+    client.ask("vset /camera/1/rotation 0 60 0")
+    images = batch(client, 8)
+    changes = [not np.array_equal(a, b) for a, b in itertools.pairwise(images)]
+    assert 0 < sum(changes) < 7
+    assert server.faults.struck["torn"] == pytest.approx(sum(changes), abs=1)
+    client.ask("vset /action/game/pause")
+    first, *others = batch(client, 8)
+    assert all(np.array_equal(first, each) for each in others)
+
+
+@pytest.mark.parametrize(("dialect", "frames"), [("L", 5), ("N1", 4)])
+def test_a_world_that_lags_behind_moves(world, dialect, frames):
+    _, client = world(dialect, faults=["late-objects=4"])
+    client.ask("vset /action/game/pause")
+    look(client)
+    for _ in range(6):
+        before = depth(client)
+    client.ask("vset /object/Crate/location 150.0 0.0 130.0")
+    same = [np.array_equal(depth(client), before) for _ in range(8)]
+    assert same == [True] * frames + [False] * (8 - frames)
+
+
+@pytest.mark.parametrize("dialect", ["L", "N1"])
+def test_a_world_that_ignores_pause(world, dialect):
+    server, client = world(dialect, faults=["ignore-pause"])
+    assert client.text("vset /action/game/pause") == "ok"
+    assert not stands(server, client)
+    if dialect != "L":
+        assert client.text("vget /action/game/is_paused") == "true"
+
+
+# Objects that are added, and scaled
+
+
+@pytest.mark.parametrize(("dialect", "taken"), [("M", "exsit"), ("N1", "exsit"), ("N2", "exists")])
+def test_objects_are_spawned_and_destroyed(world, dialect, taken):
+    _, client = world(dialect)
+    assert client.text("vset /objects/spawn CubeActor Box") == "Box"
+    assert client.text("vget /objects").endswith(" Box ")
+    assert client.text("vset /objects/spawn CubeActor Box") == f"error Failed to spawn Box, object {taken}."
+    assert client.text("vset /objects/spawn CubeActor") == "CubeActor_1"
+    assert client.text("vset /objects/spawn_cube") == ("CubeActor_2" if dialect == "N2" else "ok")
+    named = client.text("vset /objects/spawn_cube Dice")
+    assert (named, "Dice" in client.text("vget /objects").split()) == (
+        ("Dice", True) if dialect == "N2" else ("ok", False)
+    )
+    assert client.text("vget /object/Box/bounds") == "-50.00 -50.00 -50.00 50.00 50.00 50.00"
+    assert client.text("vget /object/Box/uclass_name") == ("CubeActor" if dialect == "N2" else "Actor")
+    assert client.text("vget /object/Box/mobility") == "Movable"
+    assert client.text("vset /object/Box/destroy") == "ok"
+    assert "Box" not in client.text("vget /objects").split()
+    assert client.text("vget /object/Box/location").startswith("error Can")
+    assert client.text("vset /objects/spawn CubeActor Box") == "Box"
+
+
+def test_a_spawned_box_is_in_lit_at_once_and_in_depth_and_masks_once_it_has_a_colour(world):
+    _, client = world("N1")
+    client.ask("vset /action/game/pause")
+    client.ask("vset /objects/spawn CubeActor Box")
+    before, lit = depth(client), client.ask("vget /camera/1/lit png")
+    client.ask("vset /object/Box/location 200 0 130")
+    assert np.array_equal(depth(client), before)
+    assert client.ask("vget /camera/1/lit png") != lit
+    client.ask("vset /object/Box/color 7 8 9")
+    seen = (png(client.ask("vget /camera/1/object_mask png"))[..., :3] == (7, 8, 9)).all(axis=-1)
+    # The cube's front is 1.5 m away and 1 m wide, of 3 m that the view spans there.
+    width = SIZE[0] / 3
+    assert seen.sum() == pytest.approx(width**2, rel=0.3)
+    assert depth(client)[seen] == pytest.approx(1.5, abs=1e-5)
+    assert (np.abs(depth(client) - before)[~seen] < 1e-5).all()
+
+
+def test_labels_of_other_objects_are_the_same_with_a_spawned_one(world):
+    _, client = world("N1")
+    client.ask("vset /action/game/pause")
+    before = client.ask("vget /camera/1/object_mask png")
+    client.ask("vset /objects/spawn CubeActor AAA")
+    assert client.ask("vget /camera/1/object_mask png") == before
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_scales(world, dialect):
+    _, client = world(dialect)
+    assert client.text("vget /object/Bench/scale") == "1.000 1.000 1.000"
+    client.ask("vset /objects/spawn CubeActor Box")
+    assert client.text("vset /object/Box/scale 0.5 1.0 2.0") == "ok"
+    assert client.text("vget /object/Box/scale") == "0.500 1.000 2.000"
+    assert client.text("vget /object/Box/bounds") == "-25.00 -50.00 -100.00 25.00 50.00 100.00"
+    client.ask("vset /object/Box/rotation 0 90 0")  # scales are along the object's own axes
+    assert client.text("vget /object/Box/bounds") == "-50.00 -25.00 -100.00 50.00 25.00 100.00"
+    client.ask("vset /object/Box/scale 0 0 0")
+    client.ask("vset /object/Lamp/scale 0 0 0")
+    assert client.text("vget /object/Box/bounds") == "0.00 0.00 0.00 0.00 0.00 0.00".replace(
+        "0.00", "-0.00", 3
+    )
+    assert depth(client).shape == SIZE[::-1]
+    client.ask("vset /object/Box/scale 1 1 1")
+    assert client.text("vget /object/Box/bounds") == "-50.00 -50.00 -50.00 50.00 50.00 50.00"
+
+
+def test_l_spawns_nothing(world):
+    _, client = world("L")
+    for command in (
+        "vset /objects/spawn CubeActor Box",
+        "vset /objects/spawn_cube",
+        "vset /object/Crate/scale 1 1 1",
+    ):
+        assert client.text(command) == f"error Can not find a handler for URI '{command}'"
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_a_name_that_is_taken_is_not_given_again(world, dialect):
+    _, client = world(dialect)
+    refused = "error Renaming an object to overwrite an existing object is not allowed, Bench"
+    assert client.text("vset /object/Crate/name Bench") == refused
+    assert client.text("vset /object/Crate/name Crate") == "The name has already been set"
+
+
+@pytest.mark.parametrize(
+    ("dialect", "command", "reply"),
+    [
+        ("L", "vexec Crate Jump", "error Fail to execute the function 'Jump' of Crate"),
+        ("L", "vexec Cow Jump", "error Can not find actor with id 'Cow'"),
+        ("N1", "vexec Crate Jump", "ok"),
+        ("N1", "vbp Crate Jump high", "error Fail to execute the function 'Jump' of Crate"),
+        ("N2", "vbp Cow Jump", "error Can not find actor with id 'Cow'"),
+        ("N2", "vexec Crate Jump 1 2 3", "ok"),
+    ],
+)
+def test_functions_that_plain_actors_do_not_have(world, dialect, command, reply):
+    assert world(dialect)[1].text(command) == reply
