@@ -39,7 +39,6 @@ class CameraDriver(ABC):
         self.scene_identity = SceneIdentity()
         self._restore: list[str] = []  # the commands that leave the game as it was
         self.one_tick = False  # whether requests that come together are answered in one tick of the game
-        self.again: dict[Request, Capture] = {}  # what was captured a second time in the last such tick
         self._aimed: View | None = None
 
     @abstractmethod

@@ -14,8 +14,6 @@ from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
 
 _CAMERAS = "vget /cameras"
 
-_PROOFS = ("depth", "object_mask")
-
 Use = Literal["check", "skip", "reference", "keep"]
 
 
@@ -85,14 +83,10 @@ class ModernDriver(CameraDriver):
             yield complete
 
     def _at_once(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> list[Capture]:
-        """Return the captures of all requests, answered in one tick; in it no frame gets fresher.
-
-        What shows where things are is captured again last, as the proof that it was one tick.
-        """
+        """Return the captures of all requests, answered in one tick; in it no frame gets fresher."""
         aimed, commands = self._aimed, list[str]()
         pictures: list[int] = []
-        proofs = [request for request in requests if request.mode in _PROOFS]
-        for request in (*requests, *proofs):
+        for request in requests:
             commands += self.aim(aimed, request.view)
             aimed = request.view
             pictures.append(len(commands))
@@ -106,13 +100,12 @@ class ModernDriver(CameraDriver):
                 self._expect("ok", command, reply)
         captures = [
             self._capture(request, request.view, replies[number])
-            for request, number in zip((*requests, *proofs), pictures, strict=True)
+            for request, number in zip(requests, pictures, strict=True)
         ]
         for capture in captures:
             stale_frames.note(capture.view, {capture.mode: capture.payload or b""})
         self._aimed = aimed
-        self.again = {capture.request: capture for capture in captures[len(requests) :]}
-        return captures[: len(requests)]
+        return captures
 
     def _steps(self, requests: Requests, stale_frames: StaleFrames) -> list[Step]:
         """Return the commands for captures, in order.

@@ -82,16 +82,6 @@ class UnrealSource(Source):
         for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
             yield from self._delivered(turn)
 
-    def recapture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """As :meth:`Source.recapture`; where one tick answers a viewpoint, what was made last in that tick.
-
-        Requests that were not all made in the last tick are made now, in another.
-        """
-        wanted, again = list(requests), self._driver.again
-        if all(request in again for request in wanted):
-            return (again[request] for request in wanted)
-        return self.capture(wanted)
-
     def objects(self) -> ObjectTable:
         with self._exchange.turn():
             return object_table(self._connection, self._driver.table.vertex_colors)
