@@ -1,10 +1,12 @@
 """Run a job: render its images, capture what they need, or count what that would cost."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -111,22 +113,30 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
         job, renderer = job.posed(source), Renderer(source)
         modes = planning.sampled(job.modes, job.options)
 
-        def capture_round(round_: Round) -> Kept:
-            kept, total = [], len(needed.keys() | round_.requests(modes))
-            for viewpoint, captures in planning.captured(round_, source, modes, skip=needed):
-                needed.update(dict.fromkeys(viewpoint.requests(modes)))
+        def capture_round(source: Source, fresh: dict[Request, None], round_: Round) -> Kept:
+            here = dict.fromkeys(each for each in round_.requests(modes) if each not in needed)
+            kept, total = [], len(needed) + len(fresh | here)
+            skip = ChainMap(needed, fresh)
+            for viewpoint, captures in planning.captured(round_, source, modes, skip=skip):
+                fresh.update(dict.fromkeys(r for r in viewpoint.requests(modes) if r not in needed))
                 if viewpoint.keep:
                     kept.append(captures)
                 if progress:
-                    progress(len(needed), total)
+                    progress(len(needed) + len(fresh), total)
             return kept
+
+        def capture_all(tasks: Sequence[Task], source: Source) -> dict[Request, None]:
+            fresh: dict[Request, None] = {}
+            for task in tasks:
+                drive(planning.rounds(task), partial(capture_round, source, fresh))
+            return fresh
 
         for frame in job.frames():
             tasks = [
                 renderer.task(camera, pose, job.options, border_px=border_px) for _, camera, pose in frame
             ]
-            for task in planning.together(tasks, modes)[0]:
-                drive(planning.rounds(task), capture_round)
+            tasks = planning.together(tasks, modes)[0]
+            needed |= planning.proven(source, modes, partial(capture_all, tasks))
     return len(needed)
 
 
@@ -169,7 +179,7 @@ def _request_seconds(source: Source) -> float:
         return 0.0
     size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
-    requests = [Request(View(pose, 90.0, *size), "lit") for pose in turned]
+    requests = [Request(View(pose, 90.0, *size), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view
     started = time.perf_counter()
     for request in requests:  # one at a time: a source reads ahead

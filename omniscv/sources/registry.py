@@ -55,7 +55,9 @@ class SourceOptions(Deadlines, total=False):
     Attributes:
         retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
-        freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`).
+        freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
+            ``auto`` if not given. Where it is given, the world moves, and all captures are proven to show one
+            instant.
     """
 
     retries: int

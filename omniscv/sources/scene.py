@@ -103,6 +103,7 @@ class SceneSource(Source):
         provenance = {"server": "in-process", "scene": self.scene.name, "dialect": "scene"}
         for request in requests:
             self._check_open()
+            request.check_state(self.state, f"scene {self.scene.name}")
             if request.mode not in _CAPABILITIES.modes:
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
@@ -127,6 +128,10 @@ class SceneSource(Source):
     @property
     def state(self) -> str:
         return self._instant.state
+
+    @property
+    def instant(self) -> Instant:
+        return self._instant
 
     def at(self, instant: Instant) -> SceneSource:
         """As :meth:`Source.at`; both may be used at the same time. No time is the scene's start."""

@@ -1,18 +1,18 @@
 """Replay of a recording, and a source that records what it captures."""
 
+import contextlib
 import logging
 import threading
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, NoReturn
-
-import numpy as np
+from typing import Any, NoReturn, TypeVar
 
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import (
@@ -27,11 +27,20 @@ from omniscv.sources.base import (
     not_picklable,
 )
 from omniscv.sources.recording.object_tables import labelled_modes
+from omniscv.sources.recording.recorded_views import (
+    NOTHING,
+    RecordedState,
+    differences,
+    in_words,
+    states_in_words,
+)
 from omniscv.sources.recording.rows import view_from_json
+from omniscv.sources.recording.state_table import HeldState
 from omniscv.sources.recording.store import Store
 
+S = TypeVar("S", bound=Source)
+
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
-_AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
 _log = logging.getLogger("omniscv")
 _RECORDED_AHEAD = 24  # requests in a row that the file holds, which are replayed before more are read
 
@@ -39,31 +48,40 @@ _RECORDED_AHEAD = 24  # requests in a row that the file holds, which are replaye
 class RecordedSource(Source):
     """Replays a recording, without any network.
 
+    Args:
+        path: the file.
+        state: of the world, in which images are planned; requests of any other are replayed too.
+
     Raises:
-        RecordingError: the file is not there, is something else, newer, or damaged.
+        RecordingError: the file is not there, is something else, newer, or damaged, or lacks the state.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        self._store = Store(path)
-        modes: dict[View, set[str]] = defaultdict(set)
+    def __init__(self, path: Path | str, state: str = "") -> None:
+        self._store, self._state, self._owner = Store(path), state, True
+        modes: dict[str, dict[View, set[str]]] = defaultdict(lambda: defaultdict(set))
         for row in self._store.listing():
-            modes[view_from_json(row.asked)].add(row.mode_name)
-        self._modes = dict(modes)
-        self._along: dict[tuple[Any, ...], list[View]] = defaultdict(list)
-        for view in self._modes:
-            self._along[_axis_key(view)].append(view)
+            modes[row.state][view_from_json(row.asked)].add(row.mode_name)
+        self._views = {state: RecordedState(held) for state, held in modes.items()}
+        known = self._store.states()
+        # The last one counts of several states that the world was found in.
+        self._found = {known[each].asked: each for each in modes if each and known[each].asked is not None}
         # Planned as on the server that was recorded: it may have made no view higher than wide.
-        tall = any(view.height > view.width for view in self._modes)
-        self._capabilities = Capabilities(
-            modes=frozenset().union(*modes.values()), can_set_tall=tall, dialect="recording"
-        )
+        tall = any(view.height > view.width for held in modes.values() for view in held)
+        every = frozenset().union(*(each for held in modes.values() for each in held.values()))
+        self._capabilities = Capabilities(modes=every, can_set_tall=tall, dialect="recording")
+        try:
+            self._check_held(state)
+        except MissingCaptureError:
+            self._store.close()
+            raise
 
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities
 
     def recorded_views(self) -> tuple[View, ...]:
-        return tuple(self._modes)
+        """The views of the state that is replayed."""
+        return self._held.views
 
     @property
     def scene_identity(self) -> SceneIdentity:
@@ -75,9 +93,7 @@ class RecordedSource(Source):
         Servers that cannot capture straight up and down are recorded in two such views. Views that were
         recorded in fewer modes than this one are left out.
         """
-        wanted = self._modes.get(view, set())
-        turned = (each for each in self._along.get(_axis_key(view), ()) if each != view)
-        return (view, *(each for each in turned if self._modes[each] >= wanted))
+        return (view, *self._held.turned(view))
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         coming = iter(requests)
@@ -88,14 +104,51 @@ class RecordedSource(Source):
         return self._store.objects()
 
     def geometry(self) -> SceneGeometry:
-        """As recorded with the objects; empty in files of omniscv 0.1, and of sources that know no shapes."""
-        return self._store.geometry()
+        """As recorded with the objects, and with the state; empty in files of omniscv 0.1, and of sources
+        that know no shapes."""
+        still = self._store.geometry()
+        return (self._store.state(self._state) or HeldState()).geometry(still)
+
+    @property
+    def state(self) -> str:
+        return self._state
+
+    @property
+    def instant(self) -> Instant:
+        held = self._store.state(self._state)
+        return held.instant if held and held.instant else Instant()
+
+    def states(self) -> tuple[str, ...]:
+        """The states that captures show, in the order of recording; the still one is empty."""
+        return tuple(self._views)
+
+    def at(self, instant: Instant) -> "RecordedSource":
+        """As :meth:`Source.at`; several may be used at the same time, as long as this source is open.
+
+        Where poses were not set but read when it was recorded, it is the state that was found then.
+        """
+        state = instant.state
+        if state not in self._views:
+            state = self._found.get(state, state)
+        self._check_held(state)
+        return _with(self, _state=state, _owner=False)
 
     def close(self) -> None:
-        self._store.close()
+        if self._owner:
+            self._store.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return RecordedSource, (self._store.path.absolute(),)
+        return RecordedSource, (self._store.path.absolute(), self._state)
+
+    @property
+    def _held(self) -> RecordedState:
+        return self._views.get(self._state, NOTHING)
+
+    def _check_held(self, state: str) -> None:
+        if state and state not in self._views:
+            wanted = f"expected captures of the world in state {shown(state)}"
+            held = states_in_words(self._views)
+            raise MissingCaptureError(f"{self._store.path}: {wanted}, the recording holds {held}")
 
     def _replayed(self, request: Request) -> Capture:
         if capture := self._store.get(request):
@@ -103,17 +156,18 @@ class RecordedSource(Source):
         raise MissingCaptureError(f"{self._store.path}: {self._explain(request)}")
 
     def _explain(self, request: Request) -> str:
-        wanted = f"expected a {request.mode} capture of {_describe(request.view)}"
-        views = [view for view, modes in self._modes.items() if request.mode in modes]
-        if not views:
+        """What is not there, and what is."""
+        wanted = f"expected a {request.mode} capture of {in_words(request.view)}"
+        held = self._views.get(request.state)
+        if held is None:
+            of = f" in state {shown(request.state)}" if request.state else ""
+            return f"{wanted}{of}; the recording holds {states_in_words(self._views)}"
+        nearest = held.nearest(request)
+        if nearest is None:
             known = modalities.names()
-            modes = ", ".join(
-                mode if mode in known else shown(mode) for mode in sorted(self._capabilities.modes)[:20]
-            )
-            modes = modes or "nothing"
-            return f"{wanted}; the recording holds no {request.mode}, only {modes}"
-        nearest = min(views, key=lambda view: sum(_distances(view, request.view)))
-        return f"{wanted}; the nearest recorded view differs in {_differences(nearest, request.view)}"
+            modes = (mode if mode in known else shown(mode) for mode in sorted(held.modes)[:20])
+            return f"{wanted}; the recording holds no {request.mode}, only {', '.join(modes)}"
+        return f"{wanted}; the nearest recorded view differs in {differences(nearest, request.view)}"
 
 
 open_recording = RecordedSource
@@ -145,9 +199,12 @@ class Recording(SourceWrapper):
             self._store.close()
             raise
         self._renewed: set[Request] | None = set() if anew else None
-        self._objects: ObjectTable | None = None
+        self._objects: tuple[str, ObjectTable] | None = None  # and the state in which they were read
+        self._noted = ""  # the state of which the file has what is known
+        self._instant: Instant | None = None  # that was to be set
+        self._owner = True
         self._labelled = set(labelled_modes())
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; a new capture is in the file before it is yielded."""
@@ -156,11 +213,7 @@ class Recording(SourceWrapper):
         while True:
             waiting: deque[Request] = deque()
             for fresh in self._source.capture(self._missing(coming, waiting)):
-                if fresh.mode in self._labelled:
-                    self.objects()  # a mask without them would take the names of others
-                self._store.add(fresh)
-                if self._renewed is not None:
-                    self._renewed.add(fresh.request)
+                self._add(fresh)
                 while (request := waiting.popleft()) != fresh.request:
                     yield self._stored(request)
                 yield fresh
@@ -173,17 +226,70 @@ class Recording(SourceWrapper):
         """The objects, with those that the file had before; written to it by :meth:`Store.set_objects`, and
         with them what is known of shapes."""
         with self._lock:
-            if self._objects is None:
+            state = self._source.state
+            if self._objects is None or self._objects[0] != state:
                 self._store.set_objects(self._source.objects())
-                if self._renewed is not None or not self._store.geometry():
+                if not state and (self._renewed is not None or not self._store.geometry()):
                     self._store.set_geometry(self._known_geometry())
-                self._objects = self._store.objects()
-            return self._objects
+                self._objects = state, self._store.objects()
+            return self._objects[1]
 
     def geometry(self) -> SceneGeometry:
         """What is known of shapes, as written to the file."""
         self.objects()
-        return self._store.geometry()
+        still, state = self._store.geometry(), self._source.state
+        if not state:
+            return still
+        self._note_state(state)
+        return (self._store.state(state) or HeldState()).geometry(still)
+
+    @property
+    def instant(self) -> Instant:
+        known = (self._source.instant, self._instant or Instant())
+        return next((each for each in known if each.state == self.state), Instant())
+
+    def at(self, instant: Instant) -> Source:
+        """As :meth:`Source.at`; records into the same file. What is known of shapes is read before."""
+        objects = self.objects()
+        source = self._source.at(instant)
+        known = source.state, objects  # which are the same, elsewhere
+        return _with(self, _source=source, _instant=instant, _objects=known, _owner=False)
+
+    @contextlib.contextmanager
+    def one_instant(self) -> Iterator[None]:
+        """As :meth:`Source.one_instant`: one change of the file, which others wait for."""
+        renewed = None if self._renewed is None else set(self._renewed)
+        with self._lock, self._source.one_instant(), self._store.all_or_none():
+            try:
+                yield
+            except BaseException:
+                self._renewed, self._objects, self._noted = renewed, None, ""
+                raise
+
+    def _add(self, fresh: Capture) -> None:
+        """Write a new capture, and before it what it depends on."""
+        if fresh.request.again:
+            return
+        if fresh.mode in self._labelled:
+            self.objects()  # a mask without them would take the names of others
+        if fresh.request.state:
+            self._note_state(fresh.request.state)
+        self._store.add(fresh)
+        if self._renewed is not None:
+            self._renewed.add(fresh.request)
+
+    def _note_state(self, state: str) -> None:
+        """Write what is known of a state, once: the boxes of all objects that are elsewhere too."""
+        if self._noted == state:
+            return
+        if self._renewed is not None or self._store.state(state) is None:
+            still = self._store.geometry().to_dict()["boxes"]
+            boxes = self._known_geometry().boxes
+            moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
+            known = self.instant if self.instant.state == state else None
+            asked = None if self._instant is None or self._instant.state == state else self._instant.state
+            self._store.set_state(state, HeldState(known, moved, asked))
+        self._noted = state
 
     def _known_geometry(self) -> SceneGeometry:
         """What the source knows of shapes; a fault is no reason not to record captures."""
@@ -195,7 +301,8 @@ class Recording(SourceWrapper):
 
     def close(self) -> None:
         try:
-            self._store.close()
+            if self._owner:
+                self._store.close()
         finally:
             super().close()
 
@@ -208,8 +315,7 @@ class Recording(SourceWrapper):
         in_a_row = 0
         for request in coming:
             waiting.append(request)
-            held = self._store.holds(request) if self._renewed is None else request in self._renewed
-            if held or request in captured:
+            if not request.again and (request in captured or self._holds(request)):
                 in_a_row += 1
                 if in_a_row == _RECORDED_AHEAD:
                     return
@@ -217,6 +323,9 @@ class Recording(SourceWrapper):
                 in_a_row = 0
                 captured.add(request)
                 yield request
+
+    def _holds(self, request: Request) -> bool:
+        return self._store.holds(request) if self._renewed is None else request in self._renewed
 
     def _stored(self, request: Request) -> Capture:
         if stored := self._store.get(request):
@@ -228,50 +337,8 @@ record = Recording
 """``record(source, path)``: record what a source captures into a file, and replay what the file holds."""
 
 
-def _axis_key(view: View) -> tuple[Any, ...]:
-    width, height, *numbers, fov_deg = view.key()
-    axis = np.round(view.pose.R_w_c[:, 2], _AXIS_DECIMALS) + 0.0
-    return (width, height, fov_deg, *numbers[:3], *axis.tolist())
-
-
-def _distances(a: View, b: View) -> tuple[float, float, float, float]:
-    """Of position in metres, orientation and field of view in radians, size as a log ratio."""
-    chord = float(np.linalg.norm(a.pose.R_w_c - b.pose.R_w_c)) / np.sqrt(8)
-    return (
-        float(np.linalg.norm(a.pose.position - b.pose.position)),
-        2 * float(np.arcsin(min(chord, 1.0))),
-        abs(float(np.radians(a.fov_deg - b.fov_deg))),
-        float(np.abs(np.log([a.width / b.width, a.height / b.height])).sum()),
-    )
-
-
-def _differences(a: View, b: View) -> str:
-    """What differs of a recorded and a requested view: by how much, and both values."""
-    metres, *radians, _ = _distances(a, b)
-    angle, opening = np.degrees(radians)
-    angles = a.pose.angles(), b.pose.angles()
-    parts = (
-        (slice(2, 5), f"position by {metres:.3g} m", (a.pose.position, b.pose.position)),
-        (slice(5, 14), f"orientation by {angle:.3g} deg of yaw, pitch, roll", angles),
-        (slice(14, 15), f"field of view by {opening:.3g} deg", ((a.fov_deg,), (b.fov_deg,))),
-    )
-    found = [text + _both(*both) for part, text, both in parts if a.key()[part] != b.key()[part]]
-    if a.key()[:2] != b.key()[:2]:
-        found.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
-    return "; ".join(found)
-
-
-def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
-    """Two tuples of numbers with as few digits as tell them apart; empty where no digits do."""
-    for digits in range(4, 18):
-        a, b = (", ".join(f"{number + 0.0:.{digits}g}" for number in each) for each in (recorded, requested))
-        if a != b:
-            return f": ({a}) recorded, ({b}) requested"
-    return ""
-
-
-def _describe(view: View) -> str:
-    size = f"{view.width} x {view.height} px, fov {view.fov_deg:.6g} deg"
-    place = "at ({:.6g}, {:.6g}, {:.6g}) m".format(*view.pose.position)
-    angles = (angle + 0.0 for angle in view.pose.angles())  # no negative zero
-    return f"{size}, {place}, " + "yaw {:.6g}, pitch {:.6g}, roll {:.6g} deg".format(*angles)
+def _with(source: S, **changes: object) -> S:
+    """The same source, which shares all else."""
+    found = object.__new__(type(source))
+    vars(found).update(vars(source), **changes)
+    return found

@@ -46,9 +46,9 @@ def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
         patience_s: float = PATIENCE_S,
         retries: int = RETRIES,
         fix_exposure: bool = False,
-        freeze: Freeze = "auto",
+        freeze: Freeze | None = None,
     ) -> Source:
-        how = one_of("freeze", freeze, get_args(Freeze))
+        how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
 
         def connected(where: Endpoint) -> Source:
             return connect(Connection(where, timeout_s, patience_s, retries), fix_exposure, how)
@@ -85,6 +85,12 @@ class MockSource(HostedSource):
     def __init__(self, source: Source, host: ExitStack, scene: Scene) -> None:
         super().__init__(source, host)
         self._scene = scene
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Those of the server; the world moves where its scene has objects that do."""
+        known = super().capabilities
+        return replace(known, moves=True) if self._scene.moving else known
 
     def geometry(self) -> SceneGeometry:
         return replace(super().geometry(), room=room_of(self._scene))

@@ -7,6 +7,7 @@ import contextlib
 import functools
 import re
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from types import MappingProxyType
 
 from omniscv.arguments import shown
@@ -58,21 +59,23 @@ class UnrealSource(Source):
     SourceError, as do requests of another state than the world is in.
     """
 
-    def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze = "auto") -> None:
+    def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
         self._connection, self._driver = connection, driver
         self._stale_frames = StaleFrames(each_mode=driver.each_mode_lags)
         self._exchange = Exchange(connection, driver, self._stale_frames)
         self._journal = Journal()
         self._world = UnrealWorld(self._exchange, self._journal, self._renew_camera)
         self._placing = Placing(self._exchange, self._journal)
-        self._freezing = Freezing(self._exchange, self._journal, self._world, freeze)
+        self._freezing = Freezing(self._exchange, self._journal, self._world, freeze or "auto")
+        self._moves = freeze is not None
         self._driver.one_tick = self._freezing.how == "batch"
         self._attached: Client | None = None
         self._client()
 
     @property
     def capabilities(self) -> Capabilities:
-        return self._driver.capabilities
+        """Those of the driver; the world moves where it is changed, or is to be frozen."""
+        return replace(self._driver.capabilities, moves=self._moves or self.state != "")
 
     @property
     def scene_identity(self) -> SceneIdentity:
@@ -229,7 +232,7 @@ class ChangedSource(SourceWrapper):
         self._undo()
 
 
-def connect(connection: Connection, fix_exposure: bool = False, freeze: Freeze = "auto") -> UnrealSource:
+def connect(connection: Connection, fix_exposure: bool = False, freeze: Freeze | None = None) -> UnrealSource:
     """Return a server as a source, whatever its dialect; the connection is closed with it.
 
     The connection that probes the dialect is the one that is used: some servers serve only one (protocol
