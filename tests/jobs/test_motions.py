@@ -254,6 +254,12 @@ def test_wrong_keys_are_refused_before_a_source_is_opened(more, says, tmp_path):
     assert len(str(failed.value)) <= 300
 
 
+def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
+    with pytest.raises(ArgumentError, match="freeze: expected auto, puppet, batch or none for a job with m"):
+        job_of(tmp_path, f"times: [0]\nmotions: {{Cabinet: {SLIDE}}}\nfreeze: pause")
+    assert job_of(tmp_path, "freeze: pause").source_options == {"freeze": "pause"}
+
+
 def test_numbers_of_poses_and_times_agree(tmp_path):
     poses = "poses: [{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
     with pytest.raises(ArgumentError, match="times: expected one for each of 2 poses, got 3"):
