@@ -120,9 +120,7 @@ class RecordedSource(Source):
         return held.instant if held and held.instant else Instant()
 
     def object_poses(self) -> Mapping[str, Pose]:
-        """As recorded with the state."""
-        held = self._store.state(self._state) or HeldState()
-        return {**held.poses, **self.instant.poses}
+        return (self._store.state(self._state) or HeldState()).poses
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""
@@ -294,8 +292,7 @@ class Recording(SourceWrapper):
             moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
             known = self.instant if self.instant.state == state else None
             asked = None if self._instant is None or self._instant.state == state else self._instant.state
-            set_there = known.poses if known else {}
-            poses = {name: p for name, p in self._source.object_poses().items() if name not in set_there}
+            poses = self._source.object_poses()
             self._store.set_state(state, HeldState(known, moved, asked, poses))
         self._noted = state
 

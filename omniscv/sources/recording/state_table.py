@@ -29,7 +29,7 @@ class HeldState:
         instant: what was set, or read back; None where nothing is known.
         boxes: by name, of the objects whose boxes are not those of the still world.
         asked: the state that was to be set, where the world was found in this one; else None.
-        poses: of objects that move by themselves, which are not in the instant.
+        poses: of all objects that move: the instant's, and those that move by themselves.
     """
 
     instant: Instant | None = None
@@ -80,7 +80,8 @@ def from_dict(name: str, data: object) -> HeldState:
     instant = found["instant"]
     if instant is not None and instant.state != name:
         raise ArgumentError(f"{name}: expected the instant of this state, got that of {instant.state!r}")
-    return HeldState(instant, found["boxes"], found.get("asked"), found.get("poses", {}))
+    poses = {**found.get("poses", {}), **(instant.poses if instant else {})}
+    return HeldState(instant, found["boxes"], found.get("asked"), poses)
 
 
 def to_dict(state: HeldState) -> dict[str, Any]:
@@ -89,8 +90,9 @@ def to_dict(state: HeldState) -> dict[str, Any]:
     found: dict[str, Any] = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
     if state.asked is not None:
         found["asked"] = state.asked
-    if state.poses:
-        found["poses"] = Instant(state.poses).to_dict()["poses"]
+    known = state.instant.poses if state.instant else {}
+    if further := {name: pose for name, pose in state.poses.items() if name not in known}:
+        found["poses"] = Instant(further).to_dict()["poses"]
     return found
 
 
