@@ -73,8 +73,9 @@ class Job:
         check_times(self.times, self.motions, self.clock or self.exposure.seconds > 0, self.poses)
         if self.moves:
             self.exposure.check(self.cameras)
-        if self.motions and self.source_options.get("freeze") == "pause":
-            wanted = "expected auto, puppet, batch or none for a job with motions"
+        chosen = self.motions or self.exposure.seconds
+        if chosen and self.source_options.get("freeze") == "pause":
+            wanted = "expected auto, puppet, batch or none for motions and exposures"
             raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
         if self.moves and "poses" not in self.recipe.truth:
             recipe = replace(self.recipe, truth={**self.recipe.truth, "poses": {}})
@@ -166,25 +167,26 @@ class Job:
         """Whether images are of the world at their times."""
         return self.clock or bool(self.motions)
 
-    def _instant(self, time: float | None) -> Instant:
+    def _instant(self, time: float | None, late: float = 0.0) -> Instant:
+        """The instant of a time, or some seconds later."""
         if not self.moves:
             return Instant()
-        return Instant({name: motion.at(time) for name, motion in self.motions.items()}, time=time)
+        at = None if time is None else time + late
+        return Instant({name: motion.at(at) for name, motion in self.motions.items()}, time=at)
 
     def _takes(self, i: int, pictures: Sequence[Picture]) -> Iterator[Take]:
         """What is captured for images of one instant: that of their time first."""
         (_, _, camera, pose, time), *_ = pictures
         if self.moves and isinstance(camera, RollingShutter):
             for seconds, lines in self.exposure.lines(camera):
-                instant = self._instant(None if time is None else time + seconds)
-                yield Take(instant, ((lines, pose),), self.modes)
+                yield Take(self._instant(time, seconds), ((lines, pose),), self.modes)
             return
         yield Take(self._instant(time), tuple((each.camera, each.pose) for each in pictures), self.modes)
         stems = {picture.stem for picture in pictures}
         for offset in self.exposure.offsets()[1:] if "lit" in self.modes else ():
-            moved = [each for each in self._pictures(i, offset) if each.stem in stems]
-            shots = tuple((each.camera, each.pose) for each in moved)
-            yield Take(self._instant(moved[0].time), shots, ("lit",))
+            moved = self._pictures(i, offset if self.exposure.camera == "moves" else 0.0)
+            shots = tuple((each.camera, each.pose) for each in moved if each.stem in stems)
+            yield Take(self._instant(time, offset), shots, ("lit",))
 
     def _pictures(self, i: int, late: float = 0.0) -> Iterator[Picture]:
         """The images at a pose; or, some seconds later, along the poses as along a trajectory."""
