@@ -37,7 +37,7 @@ def examined(**options):
 
 def motion(change=None, **options):
     """What the doctor finds about a world that moves, by name, and the server's world afterwards."""
-    with serve(**options) as server:
+    with serve(**{"time_step_s": 0.02, **options}) as server:
         relay = relayed(server, change or (lambda command, forward: forward(command)))
         with relay as uri, open_connection(uri) as connection:
             with RawCamera(connection) as camera:
