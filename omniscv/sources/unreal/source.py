@@ -168,7 +168,10 @@ class UnrealSource(Source):
     def _client(self) -> Client:
         while self._attached is None or self._attached.broken:
             self._stale_frames.reset()
+            spawned = self._driver.spawned
             self._driver.attach(self._stale_frames)
+            if self._attached is not None and self._driver.spawned != spawned:
+                self._world.check_lost()
             self._world.set_again()
             self._attached = self._connection.client
         return self._attached

@@ -189,6 +189,36 @@ def test_a_game_that_is_started_anew_is_brought_to_the_instant_again(dialect):
             assert not again.world.paused
 
 
+def test_what_cannot_be_set_again_in_a_game_that_is_started_anew_is_an_error_and_then_another_state():
+    server = serve(**RUNNING)
+    with omniscv.open_source(server.uri, freeze="pause") as source:
+        source.command("vrun slomo 0.5")
+        requests = ahead(source)
+        list(source.capture(requests))
+        server.stop()
+        with serve(port=server.port, time_step_s=0.5):
+            with pytest.raises(SourceError, match="in which these were changed: commands; got one"):
+                list(source.capture(requests))
+            assert source.state == ""
+            assert len(list(source.capture(ahead(source)))) == 1
+
+
+def test_objects_that_were_read_are_where_they_were_after_a_fault_or_it_is_an_error():
+    server = serve(**RUNNING)
+    with omniscv.open_source(server.uri, freeze="pause", retries=8) as source:
+        there = source.at(Instant({"Ball": MOVED}))
+        requests = ahead(there)
+        server.faults.start("reset@0.05")
+        for _ in range(5):
+            list(there.capture(requests))
+        server.stop()
+        with serve(port=server.port, time_step_s=0.0731):
+            with pytest.raises(SourceError, match="expected objects where they were read"):
+                list(there.capture(requests))
+            assert source.state != requests[0].state
+            there.close()
+
+
 # What is refused.
 
 
