@@ -82,7 +82,7 @@ class UnrealSource(Source):
         return self._driver.scene_identity
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
+        for turn in turns(requests, self._check, alone=self._driver.one_tick):
             yield from self._delivered(turn)
 
     def objects(self) -> ObjectTable:
@@ -145,6 +145,11 @@ class UnrealSource(Source):
                 self._exchange.closed = True
                 self._driver.release()
                 self._connection.close()
+
+    def _check(self, request: Request) -> None:
+        """Raise ArgumentError for a request of another state, or one that the driver cannot fulfil."""
+        request.check_state(self.state, self._connection.address)
+        self._driver.check(request)
 
     def _changed(self, change: Callable[[], None]) -> Source:
         """Return this source, with a change of the world until it is closed."""
