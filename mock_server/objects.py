@@ -20,6 +20,7 @@ Pose = tuple[Triple, Triple]
 
 _ORIGIN: Triple = (0.0, 0.0, 0.0)
 _WHOLE: Triple = (1.0, 1.0, 1.0)
+_MOST_SPAWNED = 1000
 _CUBE: Mapping[str, object] = {"solids": [{"box": [1.0, 1.0, 1.0], "at": [0.0, 0.0, 0.0]}]}
 _LAST = "\U0010ffff"  # sorts behind every name, so that new objects leave the labels of the others
 
@@ -128,8 +129,10 @@ class Objects:
         self.by_name = {name if each is actor else key: each for key, each in self.by_name.items()}
         actor.name = name
 
-    def spawn_cube(self, name: str = "") -> SceneObject:
-        """Add a cube of one metre at the origin; it is not annotated until it has a colour."""
+    def spawn_cube(self, name: str = "") -> SceneObject | None:
+        """Add a cube of one metre at the origin, not annotated until it has a colour; None: too many."""
+        if self._spawned == _MOST_SPAWNED:
+            return None
         key = f"{_LAST}{self._spawned:06}"
         self._unscaled = self._unscaled.joined(key, _CUBE)
         cube = SceneObject(name or f"CubeActor_{self._spawned}", next(self._palette), key, _ORIGIN)

@@ -9,6 +9,7 @@ from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
 
 Array = NDArray[np.float64]
 
+_THINNEST = 1e-9  # of factors: a solid of no size at all could not be traced
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
 _RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
@@ -64,12 +65,12 @@ def scaled(rows: Array, factors: Array, pivot: Array) -> Array:
     Boxes and rectangles take the factors of the axes that theirs are nearest to. What is round stays round,
     by the least factor across its axis, as an engine scales its collision shapes.
     """
-    result = rows.copy()
+    result, sizes = rows.copy(), np.maximum(np.abs(factors), _THINNEST)
     result[:, 2:5] = (rows[:, 2:5] - pivot) * factors + pivot
     for row in result:
-        along = np.abs(factors)[np.abs(row[5:14].reshape(3, 3)).argmax(axis=1)]
+        along = sizes[np.abs(row[5:14].reshape(3, 3)).argmax(axis=1)]
         if row[0] == SPHERE:
-            along[:] = np.abs(factors).min()
+            along[:] = sizes.min()
         elif row[0] == CYLINDER:
             along[:2] = along[:2].min()
         row[14:17] *= along

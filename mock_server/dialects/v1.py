@@ -148,15 +148,16 @@ class Plugin1(Dialect):
         return form
 
     def _spawn_cube(self, _: str = "") -> Reply:
-        self._spawn("CubeActor")  # whatever the name
-        return None
+        reply = str(self._spawn("CubeActor"))  # whatever the name
+        return reply if reply.startswith("error") else None
 
     def _spawn(self, class_name: str, name: str = "") -> Reply:
         if name in self.world.objects:
             return f"error Failed to spawn {name}, {self.taken}."
         if class_name != "CubeActor":
             return f"error Can not find a class with name '{class_name}'"
-        return self.world.things.spawn_cube(name).name
+        cube = self.world.things.spawn_cube(name)
+        return "error Failed to spawn actor" if cube is None else cube.name
 
     def _class_of(self, o: SceneObject) -> str:
         return "Actor"  # of all: the plugin asks the wrong class

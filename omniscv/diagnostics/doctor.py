@@ -1,5 +1,6 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
+from contextlib import ExitStack
 from typing import Unpack
 
 import numpy as np
@@ -51,7 +52,10 @@ def examine_address(
     """
     with open_connection(address, **deadlines) as connection:
         mode = view_mode(connection)
-        with RawCamera(connection, position) as camera:
+        with RawCamera(connection, position) as camera, ExitStack() as paused:
+            world = MovingWorld(connection, camera)
+            motion = world.findings()
+            paused.enter_context(world.still())
             settled = settle(camera)
             pairs = turned_pairs(camera)
             kind, meaning = depth_kind(pairs, camera)
@@ -70,7 +74,7 @@ def examine_address(
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
                 *seams.findings(seams.measure(camera)),
-                *MovingWorld(connection, camera).findings(),
+                *motion,
             ]
 
 

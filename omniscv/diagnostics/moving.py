@@ -1,7 +1,7 @@
 """Whether the world moves, whether it can be paused, and how late captures show a move."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
@@ -33,16 +33,24 @@ class MovingWorld:
         self._connection, self._camera, self._placing = connection, camera, Placing(exchange, Journal())
         self._toggles = TABLES[camera.driver.capabilities.dialect].pause_toggles
         self._clock = clock_of(exchange, self._toggles)
+        self._stops = False  # whether it moves, but not while it is paused
 
     def findings(self) -> list[Finding]:
         """Return what was found: the world moves, the world pauses, captures follow a move."""
         moves = self._moves()
         try:
             with self._paused():
+                self._stops = moves.verdict != "ok"
                 return [moves, self._pauses(), self._follows()]
         except ServerRefusedError as refused:
             pauses = Finding("world pauses", f"no: {refused}", "warning", "freeze: batch or none")
             return [moves, pauses, self._follows()]
+
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """A context in which a world that moves, as was found, is paused; all else can be measured in it."""
+        with self._paused() if self._stops else nullcontext():
+            yield
 
     def _moves(self) -> Finding:
         moving = self._moving()
@@ -53,6 +61,7 @@ class MovingWorld:
     def _pauses(self) -> Finding:
         moving = self._moving()
         if moving:
+            self._stops = False
             value = f"no: {_listed(moving)} still moving"
             return Finding("world pauses", value, "bad", "freeze: batch, with branch 5.2; or stop them")
         return Finding("world pauses", f"yes, by a command that {'toggles' if self._toggles else 'pauses'}")

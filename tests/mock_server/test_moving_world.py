@@ -346,6 +346,12 @@ def test_scales(world, dialect):
     assert client.text("vget /object/Box/bounds") == "-25.00 -50.00 -100.00 25.00 50.00 100.00"
     client.ask("vset /object/Box/rotation 0 90 0")  # scales are along the object's own axes
     assert client.text("vget /object/Box/bounds") == "-50.00 -25.00 -100.00 50.00 25.00 100.00"
+    client.ask("vset /object/Box/scale 0 0 0")
+    client.ask("vset /object/Lamp/scale 0 0 0")
+    assert client.text("vget /object/Box/bounds") == "0.00 0.00 0.00 0.00 0.00 0.00".replace(
+        "0.00", "-0.00", 3
+    )
+    assert depth(client).shape == SIZE[::-1]
     client.ask("vset /object/Box/scale 1 1 1")
     assert client.text("vget /object/Box/bounds") == "-50.00 -50.00 -50.00 50.00 50.00 50.00"
 

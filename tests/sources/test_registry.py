@@ -22,6 +22,7 @@ WRONG = {
     "unreal://host:nine": "expected unreal://host:port",
     "mock://moon": "expected one of .*four-wall.*got 'moon'",
     "mock://four-wall?speed=3": "expected options among .*latency_ms.* got 'speed'",
+    "mock://workshop?time_step_s=-1": "time_step_s: expected a number from 0 to 3600, got -1.0",
     "mock://four-wall?latency_ms=fast": "expected a value of latency_ms, got 'fast'",
 }
 

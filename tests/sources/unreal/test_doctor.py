@@ -228,6 +228,20 @@ def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
     }
 
 
+def test_a_world_that_moves_is_paused_for_what_else_is_measured():
+    with (
+        serve(time_step_s=0.1) as server,
+        open_connection(server.uri) as connection,
+        RawCamera(connection) as camera,
+    ):
+        world = MovingWorld(connection, camera)
+        world.findings()
+        with world.still():
+            assert server.world.paused
+            assert doctor.settle(camera).verdict == "ok"
+        assert not server.world.paused
+
+
 @pytest.mark.parametrize(("late", "verdict"), [(2, "warning"), (5, "bad")])
 def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
     finding = motion(time_step_s=0.0, faults=[f"late-objects={late}"])[0]["captures follow a move"]
