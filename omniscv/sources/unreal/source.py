@@ -56,7 +56,7 @@ class UnrealSource(Source):
     in flight are requested again. A picture counts once it has the right id, signature, length and size, the
     reply behind it is in step, and it is no stale frame. Threads take turns: the captures of a viewpoint, or
     commands that belong together. Too many faults in a row, or a server that refuses what is needed, raise a
-    SourceError, as do requests of another state than the world is in.
+    SourceError.
     """
 
     def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
@@ -82,7 +82,7 @@ class UnrealSource(Source):
         return self._driver.scene_identity
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for turn in turns(requests, self._check, alone=self._driver.one_tick):
+        for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
             yield from self._delivered(turn)
 
     def objects(self) -> ObjectTable:
@@ -146,11 +146,6 @@ class UnrealSource(Source):
                 self._driver.release()
                 self._connection.close()
 
-    def _check(self, request: Request) -> None:
-        """Raise ArgumentError for a request of another state, or one that the driver cannot fulfil."""
-        request.check_state(self.state, self._connection.address)
-        self._driver.check(request)
-
     def _changed(self, change: Callable[[], None]) -> Source:
         """Return this source, with a change of the world until it is closed."""
         layer = self._journal.open()
@@ -184,7 +179,9 @@ class UnrealSource(Source):
         fault: SourceError | None = None
         try:
             with self._exchange.turn():
-                self._check_state(requests)
+                state = self.state  # which does not change within a turn
+                for request in requests:
+                    request.check_state(state, self._connection.address)
                 while len(captures) < len(requests):
                     left = requests[len(captures) :]
                     some, fault = self._some(left if self._driver.one_tick else in_flight(left), fault)
@@ -196,13 +193,6 @@ class UnrealSource(Source):
             if self._exchange.closed:
                 raise closed_error(self._connection.address)
             yield capture
-
-    def _check_state(self, requests: list[Request]) -> None:
-        state = self.state
-        for request in requests:
-            if request.state != state:
-                wanted = f"expected requests of the world's state {state!r}, which it is in"
-                raise SourceError(f"{self._connection.address}: {wanted}, got {request.state!r}")
 
     def _some(
         self, batch: list[Request], fault: SourceError | None
