@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, fields
 from typing import Self
@@ -11,6 +11,7 @@ from typing import Self
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.requests import Capture as Capture
@@ -158,6 +159,11 @@ class Source(ABC):
         """What is known of the shapes in the scene; empty for sources that only give pictures."""
         return SceneGeometry()
 
+    def object_poses(self) -> Mapping[str, Pose]:
+        """The poses of the objects that move, at this source's instant: ``R_w_o`` and position; those that
+        are not known are left out."""
+        return self.instant.poses
+
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene in which objects are hidden.
 
@@ -250,6 +256,9 @@ class SourceWrapper(Source):
 
     def geometry(self) -> SceneGeometry:
         return self._source.geometry()
+
+    def object_poses(self) -> Mapping[str, Pose]:
+        return self._source.object_poses()
 
     def without(self, objects: Iterable[str]) -> Source:
         return self._source.without(objects)

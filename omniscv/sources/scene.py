@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
 from omniscv.sources.base import (
@@ -119,6 +120,11 @@ class SceneSource(Source):
         """The boxes of all objects, each turned as its object, and the room."""
         self._check_open()
         return geometry_of(self.scene)
+
+    def object_poses(self) -> dict[str, Pose]:
+        """The poses of objects that move by themselves, and of those that the instant places."""
+        found = {name: self.scene.pose(name) for name in {*self.scene.moving, *self._instant.poses}}
+        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in sorted(found.items())}
 
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""

@@ -1,7 +1,8 @@
 """Optical flow between consecutive frames of each camera: ``flow/STEM.flo`` and ``flow/STEM.exr``.
 
 Frames are in the order of their times, or of their keys where a frame has no time. Between frames of
-different scenes there is no flow, unless both have poses of objects, which then are what differs.
+different scenes, or states of a world that moves, there is no flow, unless both have poses of objects, which
+then are what differs.
 
 ``.flo`` (Middlebury)
     float32, px; 1e10 where the flow is not known.
@@ -109,7 +110,8 @@ def _flows(frames: Sequence[Frame], given: Mapping[str, Any]) -> Iterator[tuple[
         return
     rays = unproject(frames[0].camera, frames[0].camera.pixels())
     for before, after in zip(frames, frames[gap:], strict=False):
-        if before.scene != after.scene and not (_object_poses(before) and _object_poses(after)):
+        changed = (before.scene, before.state) != (after.scene, after.state)
+        if changed and not (_object_poses(before) and _object_poses(after)):
             continue
         yield before.key, after.key, between(before, after, rays, given)
         if given["backward"]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from omniscv.arguments import Reader, fields, shown, text, within
 from omniscv.errors import ArgumentError, DamagedRecordingError, RecordingNotWritableError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.sources.recording import geometry_table, schema
@@ -28,11 +29,17 @@ class HeldState:
         instant: what was set, or read back; None where nothing is known.
         boxes: by name, of the objects whose boxes are not those of the still world.
         asked: the state that was to be set, where the world was found in this one; else None.
+        poses: of objects that moved by themselves: those that the instant has not.
     """
 
     instant: Instant | None = None
     boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
     asked: str | None = None
+    poses: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
+
+    def object_poses(self) -> dict[str, Pose]:
+        """Return the poses of all objects that are known."""
+        return {**self.poses, **(self.instant or Instant()).poses}
 
     def geometry(self, still: SceneGeometry) -> SceneGeometry:
         """Return the shapes in this state, given those of the still world."""
@@ -77,14 +84,15 @@ def from_dict(name: str, data: object) -> HeldState:
     instant = found["instant"]
     if instant is not None and instant.state != name:
         raise ArgumentError(f"{name}: expected the instant of this state, got that of {instant.state!r}")
-    return HeldState(instant, found["boxes"], found.get("asked"))
+    return HeldState(instant, found["boxes"], found.get("asked"), found.get("poses", {}))
 
 
 def to_dict(state: HeldState) -> dict[str, Any]:
     """Return plain values for JSON: the inverse of :func:`from_dict`."""
     boxes = SceneGeometry(state.boxes).to_dict()["boxes"]
     found = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
-    return found if state.asked is None else {**found, "asked": state.asked}
+    found |= {} if state.asked is None else {"asked": state.asked}
+    return found | ({"poses": Instant(state.poses).to_dict()["poses"]} if state.poses else {})
 
 
 def _read(recording: str, name: Any, content: Any, crc: Any) -> HeldState:
@@ -107,8 +115,13 @@ def _boxes(name: str, value: object) -> Mapping[str, ObjectBox]:
         return SceneGeometry.from_dict({"boxes": value, "room": None}).boxes
 
 
+def _poses(name: str, value: object) -> Mapping[str, Pose]:
+    with within(name):
+        return Instant.from_dict({**Instant().to_dict(), "poses": value}).poses
+
+
 def _asked(name: str, value: object) -> str:
     return text(name, value) if value != "" else ""
 
 
-_STATE: Mapping[str, Reader] = {"instant": _instant, "boxes": _boxes, "asked": _asked}
+_STATE: Mapping[str, Reader] = {"instant": _instant, "boxes": _boxes, "asked": _asked, "poses": _poses}

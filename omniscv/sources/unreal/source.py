@@ -56,7 +56,7 @@ class UnrealSource(Source):
     in flight are requested again. A picture counts once it has the right id, signature, length and size, the
     reply behind it is in step, and it is no stale frame. Threads take turns: the captures of a viewpoint, or
     commands that belong together. Too many faults in a row, or a server that refuses what is needed, raise a
-    SourceError; requests of another state than the world is in are refused.
+    SourceError.
     """
 
     def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
@@ -182,7 +182,7 @@ class UnrealSource(Source):
         fault: SourceError | None = None
         try:
             with self._exchange.turn():
-                state = self.state
+                state = self.state  # which does not change within a turn
                 for request in requests:
                     request.check_state(state, self._connection.address)
                 while len(captures) < len(requests):
