@@ -14,7 +14,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
 
-MODES = ("depth", "object_mask")
+MODES = ("depth",)
 RUNNING = {"time_step_s": 0.02}
 
 
