@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -24,6 +23,9 @@ from mock_server.textures import Texture
 Array = NDArray[np.float64]
 Poses = Mapping[str, tuple[ArrayLike, ArrayLike]]
 """By object, ``R_w_o`` (3, 3) and the place (3,) of the middle of its box, metres, world frame."""
+
+LATEST_S = 1e9
+"""The greatest time of a scene, seconds: no motion overflows until then."""
 
 _CHUNK = 1 << 13
 _THREADS = 2
@@ -164,10 +166,10 @@ class Scene:
             poses: of objects that are elsewhere, moving ones too.
 
         Raises:
-            ValueError: no finite time, or no object of a name.
+            ValueError: a time beyond ``LATEST_S``, or no object of a name.
         """
-        if not math.isfinite(time_s):
-            raise ValueError(f"time: expected a finite number of seconds, got {time_s!r}")
+        if not abs(time_s) <= LATEST_S:
+            raise ValueError(f"time: expected -{LATEST_S:g} to {LATEST_S:g} seconds, got {time_s!r}")
         if not (poses or self.moving or self._poses):
             return self
         result = copy.copy(self)

@@ -18,7 +18,7 @@ from mock_server.faults import Faults
 from mock_server.objects import Moment, Objects, Pose, SceneObject
 from mock_server.render import ViewHits, pinhole_rays, render_view
 from mock_server.rotator import MIRROR, Triple, camera_to_world
-from mock_server.scene import Scene
+from mock_server.scene import LATEST_S, Scene
 from mock_server.settings import Settings
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ class World:
         return runs
 
     def _advance(self) -> None:
-        self.time_s += self._step_s * self._slomo
+        self.time_s = min(self.time_s + self._step_s * self._slomo, LATEST_S)
         self.things.set_time(self.time_s)
         self._touched |= bool(self.scene.moving)
 

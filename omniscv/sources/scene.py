@@ -57,7 +57,7 @@ class SceneSource(Source):
         made: how many views were traced.
 
     Raises:
-        ArgumentError: another ``lit`` or ``masks``, no object of a name, or no finite time.
+        ArgumentError: another ``lit`` or ``masks``, no object of a name, or a time out of bounds.
     """
 
     def __init__(

@@ -68,6 +68,8 @@ JOB = {
     },
     "source_options": {"timeout_s": 5, "retries": 0},
 }
+WAYPOINTS = {"kind": "waypoints", "points": [[0, 0, 0, 0, 0], [2, 1, 0, 0, 90]], "repeat": True}
+SWING = {"kind": "swing", "by": [0.1, 0, 0], "turn_deg": 30, "period_s": 2, "about": [1.5, 1]}
 TEXTURE = {"kind": "checker", "colors": [[0.1, 0.2, 0.3], [1, 1, 1]], "scale": 0.2, "angle_deg": 10}
 SCENE = {
     "sky": [0.1, 0.2, 0.3],
@@ -82,7 +84,8 @@ SCENE = {
     "objects": {
         "Table": {"texture": TEXTURE, "solids": [{"box": [1, 1, 0.1], "at": [1, 0, 0.7], "turn_deg": 20}]},
         "Ball": {"solids": [{"sphere": 0.2, "at": [1, 1, 1], "texture": TEXTURE}]},
-        "Post": {"solids": [{"cylinder": [0.1, 1], "at": [-1, 1, 0.5]}]},
+        "Post": {"solids": [{"cylinder": [0.1, 1], "at": [-1, 1, 0.5]}], "moving": WAYPOINTS},
+        "Door": {"solids": [{"box": [1, 0.1, 2], "at": [2, 1, 1]}], "moving": SWING},
     },
 }
 

@@ -135,7 +135,7 @@ def test_an_address_may_have_a_time():
 def test_an_instant_of_another_scene_is_refused():
     with pytest.raises(ArgumentError, match="scene workshop: expected objects of the scene, got 'Cow'"):
         SceneSource(MOVING).at(Instant({"Cow": CRATE}))
-    with pytest.raises(ArgumentError, match="scene workshop: time: expected a finite number"):
+    with pytest.raises(ArgumentError, match=r"scene workshop: time: expected -1e\+09 to 1e\+09 s"):
         SceneSource(MOVING).at(Instant(time=float("inf")))
 
 

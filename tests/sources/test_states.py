@@ -70,6 +70,10 @@ def recorded(scene, tmp_path):
     return record(scene, tmp_path / "room.sqlite", STATES)
 
 
+def poses_of(source):
+    return {name: pose.to_dict() for name, pose in source.object_poses().items()}
+
+
 def record(scene, path, instants):
     with omniscv.record(scene.at(Instant()), path) as recording:
         for instant in instants:
@@ -126,6 +130,8 @@ def test_images_are_replayed_of_their_own_state(scene, recorded):
                 assert all(np.array_equal(image[name], wanted[name]) for name in ("depth", "lit"))
                 assert there.geometry().to_dict()["boxes"] == live.geometry().to_dict()["boxes"]
                 assert (there.state, there.instant.to_dict()) == (instant.state, instant.to_dict())
+                if instant.state:
+                    assert poses_of(there) == poses_of(live)
                 shown.append(image.depth.tobytes())
     assert len(set(shown)) == len(STATES)
 

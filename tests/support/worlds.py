@@ -50,5 +50,6 @@ def at_time(time_s):
     return Instant({"Ball": Pose(place, rotation)}, time=time_s)
 
 
-def serve(dialect="N1", **options):
-    return mock_server.serve(SCENE, dialect=dialect, size=(SIZE, SIZE), **options)
+def serve(dialect="N1", scene=SCENE, frames_per_s=2000, **options):
+    """Start a server of a scene; frames are so short that what takes some of them is fast."""
+    return mock_server.serve(scene, dialect=dialect, size=(SIZE, SIZE), frames_per_s=frames_per_s, **options)

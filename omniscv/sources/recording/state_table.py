@@ -29,13 +29,17 @@ class HeldState:
         instant: what was set, or read back; None where nothing is known.
         boxes: by name, of the objects whose boxes are not those of the still world.
         asked: the state that was to be set, where the world was found in this one; else None.
-        poses: of all objects that move: the instant's, and those that move by themselves.
+        poses: of objects that moved by themselves: those that the instant has not.
     """
 
     instant: Instant | None = None
     boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
     asked: str | None = None
     poses: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
+
+    def object_poses(self) -> dict[str, Pose]:
+        """Return the poses of all objects that are known."""
+        return {**self.poses, **(self.instant or Instant()).poses}
 
     def geometry(self, still: SceneGeometry) -> SceneGeometry:
         """Return the shapes in this state, given those of the still world."""
@@ -80,20 +84,15 @@ def from_dict(name: str, data: object) -> HeldState:
     instant = found["instant"]
     if instant is not None and instant.state != name:
         raise ArgumentError(f"{name}: expected the instant of this state, got that of {instant.state!r}")
-    poses = {**found.get("poses", {}), **(instant.poses if instant else {})}
-    return HeldState(instant, found["boxes"], found.get("asked"), poses)
+    return HeldState(instant, found["boxes"], found.get("asked"), found.get("poses", {}))
 
 
 def to_dict(state: HeldState) -> dict[str, Any]:
     """Return plain values for JSON: the inverse of :func:`from_dict`."""
     boxes = SceneGeometry(state.boxes).to_dict()["boxes"]
-    found: dict[str, Any] = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
-    if state.asked is not None:
-        found["asked"] = state.asked
-    known = state.instant.poses if state.instant else {}
-    if further := {name: pose for name, pose in state.poses.items() if name not in known}:
-        found["poses"] = Instant(further).to_dict()["poses"]
-    return found
+    found = {"instant": state.instant and state.instant.to_dict(), "boxes": boxes}
+    found |= {} if state.asked is None else {"asked": state.asked}
+    return found | ({"poses": Instant(state.poses).to_dict()["poses"]} if state.poses else {})
 
 
 def _read(recording: str, name: Any, content: Any, crc: Any) -> HeldState:
@@ -116,13 +115,13 @@ def _boxes(name: str, value: object) -> Mapping[str, ObjectBox]:
         return SceneGeometry.from_dict({"boxes": value, "room": None}).boxes
 
 
-def _asked(name: str, value: object) -> str:
-    return text(name, value) if value != "" else ""
-
-
 def _poses(name: str, value: object) -> Mapping[str, Pose]:
     with within(name):
         return Instant.from_dict({**Instant().to_dict(), "poses": value}).poses
+
+
+def _asked(name: str, value: object) -> str:
+    return text(name, value) if value != "" else ""
 
 
 _STATE: Mapping[str, Reader] = {"instant": _instant, "boxes": _boxes, "asked": _asked, "poses": _poses}

@@ -37,6 +37,7 @@ class CameraDriver(ABC):
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()
+        self.spawned = 0  # how many cameras: another one means that the game was started anew
         self._restore: list[str] = []  # the commands that leave the game as it was
         self.one_tick = False  # whether requests that come together are answered in one tick of the game
         self._aimed: View | None = None

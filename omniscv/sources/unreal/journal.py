@@ -1,6 +1,6 @@
 """What was changed in a running world, which state that is, and how it is put back."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -84,6 +84,15 @@ class Journal:
             self._values = values
             self.instant = _instant(values)
             raise
+
+    def lose(self, kinds: Collection[str]) -> list[str]:
+        """Forget what was changed in some ways, as it is so no more; return what that was."""
+        lost = [key for key in self._values if key[0] in kinds]
+        for key in lost:
+            self._set(key, None)
+            for layer in self.layers:
+                layer.pop(key, None)
+        return [" ".join(filter(None, key)) for key in lost]
 
     def forget(self, name: str) -> None:
         """Forget all about an object that is gone."""

@@ -44,6 +44,7 @@ class ModernDriver(CameraDriver):
         if not self._restore or self.camera >= count:
             self._prepare()
             self.camera = count
+            self.spawned += 1
             self._restore = [f"vset /object/{name(self._connection.text('vset /cameras/spawn'))}/destroy"]
 
     def aim(self, before: View | None, view: View) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from omniscv.arguments import shown
 from omniscv.errors import ServerRefusedError
-from omniscv.geometry import Array, Pose
+from omniscv.geometry import Pose
 from omniscv.geometry.unreal_frame import (
     position_from_unreal,
     position_to_unreal,
@@ -84,7 +84,11 @@ class Placing:
 
     def set_again(self) -> None:
         """Place and hide what is placed and hidden: the game may have been started anew."""
-        poses = self._journal.named("pose")
+        seen, poses = dict(self._journal.named("seen")), self._journal.named("pose")
+        if any(not _same(pose, seen[name]) for name, pose in self.poses(seen).items()):
+            self._journal.lose(["seen"])
+            where = self._exchange.connection.address
+            raise ServerRefusedError(f"{where}: expected objects where they were read, got them elsewhere")
         hidden = [*self._journal.named("hidden"), *self._journal.named("left out")]
         self._exchange.do([c for name, pose in poses for c in _commands(name, *_placed(pose))])
         self._exchange.do([f"vset /object/{name}/hide" for name, _ in hidden])
@@ -97,9 +101,7 @@ class Placing:
     def _check_placed(self, poses: Mapping[str, Pose]) -> None:
         """Raise ServerRefusedError for an object that is not where it was put, as it can never be moved."""
         for name, found in self.poses(poses).items():
-            if not _alike(found.position, poses[name].position, _PRINTED_M) or not _alike(
-                found.rotation, poses[name].rotation, _PRINTED
-            ):
+            if not _same(found, poses[name]):
                 (mobility,) = self._exchange.ask([f"vget /object/{name}/mobility"])
                 if mobility != "Movable":
                     wanted = f"expected an object that can be moved, got {shown(name)}"
@@ -107,8 +109,10 @@ class Placing:
                     raise ServerRefusedError(f"{where}: {wanted}, whose mobility is {shown(mobility)}")
 
 
-def _alike(a: Array, b: Array, tolerance: float) -> bool:
-    return bool(np.abs(a - b).max() <= tolerance)
+def _same(a: Pose, b: Pose) -> bool:
+    """Return whether poses are equal as far as servers print them."""
+    moved, turned = np.abs(a.position - b.position).max(), np.abs(a.rotation - b.rotation).max()
+    return bool(moved <= _PRINTED_M and turned <= _PRINTED)
 
 
 def _commands(name: str, location: str, rotation: str) -> tuple[str, str]:

@@ -56,7 +56,7 @@ class UnrealSource(Source):
     in flight are requested again. A picture counts once it has the right id, signature, length and size, the
     reply behind it is in step, and it is no stale frame. Threads take turns: the captures of a viewpoint, or
     commands that belong together. Too many faults in a row, or a server that refuses what is needed, raise a
-    SourceError, as do requests of another state than the world is in.
+    SourceError.
     """
 
     def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
@@ -168,7 +168,10 @@ class UnrealSource(Source):
     def _client(self) -> Client:
         while self._attached is None or self._attached.broken:
             self._stale_frames.reset()
+            spawned = self._driver.spawned
             self._driver.attach(self._stale_frames)
+            if self._attached is not None and self._driver.spawned != spawned:
+                self._world.check_lost()
             self._world.set_again()
             self._attached = self._connection.client
         return self._attached
@@ -179,7 +182,9 @@ class UnrealSource(Source):
         fault: SourceError | None = None
         try:
             with self._exchange.turn():
-                self._check_state(requests)
+                state = self.state  # which does not change within a turn
+                for request in requests:
+                    request.check_state(state, self._connection.address)
                 while len(captures) < len(requests):
                     left = requests[len(captures) :]
                     some, fault = self._some(left if self._driver.one_tick else in_flight(left), fault)
@@ -191,13 +196,6 @@ class UnrealSource(Source):
             if self._exchange.closed:
                 raise closed_error(self._connection.address)
             yield capture
-
-    def _check_state(self, requests: list[Request]) -> None:
-        state = self.state
-        for request in requests:
-            if request.state != state:
-                wanted = f"expected requests of the world's state {state!r}, which it is in"
-                raise SourceError(f"{self._connection.address}: {wanted}, got {request.state!r}")
 
     def _some(
         self, batch: list[Request], fault: SourceError | None

@@ -27,6 +27,8 @@ from omniscv.sources.unreal.world_commands import TABLES, changes_world, checked
 from omniscv.sources.world import ExposureMethod, World
 
 _CUBE = "CubeActor"  # the plugin's own: its command for cubes takes a name in the newest dialect only
+_LOST = ("spawned", "destroyed", "shown", "commands", "exposure")
+"""Changes that a game that is started anew has not, and that are not made again."""
 
 
 class UnrealWorld(World):
@@ -192,6 +194,13 @@ class UnrealWorld(World):
         if self._stands:
             self._clock.set(True)
         self._placing.set_again()
+
+    def check_lost(self) -> None:
+        """Raise SourceError, once, if a game that was started anew lacks what cannot be set again."""
+        if lost := self._journal.lose(_LOST):
+            where = self._exchange.connection.address
+            wanted = f"expected the game in which these were changed: {', '.join(lost)}"
+            raise SourceError(f"{where}: {wanted}; got one that was started anew")
 
     @contextmanager
     def _of_object(self, name: str) -> Iterator[None]:

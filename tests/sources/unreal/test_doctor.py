@@ -37,7 +37,7 @@ def examined(**options):
 
 def motion(change=None, **options):
     """What the doctor finds about a world that moves, by name, and the server's world afterwards."""
-    with serve(**options) as server:
+    with serve(**{"time_step_s": 0.02, **options}) as server:
         relay = relayed(server, change or (lambda command, forward: forward(command)))
         with relay as uri, open_connection(uri) as connection:
             with RawCamera(connection) as camera:
@@ -219,8 +219,8 @@ def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
     assert findings["world moves"].value == "yes: Ball"
     assert findings["world moves"].verdict == "warning"
     assert findings["world pauses"].verdict == "ok"
-    late = "stale ticks: 1" if dialect == "0.3.10" else "at once"
-    assert findings["captures follow a move"].value == late
+    late = {"at once", "stale ticks: 1"} if dialect == "0.3.10" else {"at once"}
+    assert findings["captures follow a move"].value in late
     assert not world.paused
     assert {name: each.location for name, each in world.objects.items() if name != "Ball"} == {
         "Box": (200.0, -50.0, 140.0),
@@ -244,7 +244,8 @@ def test_a_world_that_moves_is_paused_for_what_else_is_measured():
 
 @pytest.mark.parametrize(("late", "verdict"), [(2, "warning"), (5, "bad")])
 def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
-    finding = motion(time_step_s=0.0, faults=[f"late-objects={late}"])[0]["captures follow a move"]
+    options = {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
+    finding = motion(**options, faults=[f"late-objects={late}"])[0]["captures follow a move"]
     assert (finding.value, finding.verdict) == (f"stale ticks: {late}", verdict)
 
 

@@ -80,7 +80,7 @@ def test_the_state_is_that_of_the_instant_and_empty_when_all_is_put_back(source)
 def test_requests_of_another_state_are_refused(source, world):
     before = ahead(source)
     world.move("Box", MOVED)
-    with pytest.raises(SourceError, match="expected requests of the world's state"):
+    with pytest.raises(ArgumentError, match="expected requests of the world as it is"):
         list(source.capture(before))
 
 

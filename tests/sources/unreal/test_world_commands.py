@@ -8,7 +8,7 @@ from support.unreal import relayed
 from support.worlds import CENTER, MOVED, SIZE, ahead, serve
 
 import omniscv
-from omniscv.errors import ArgumentError, ServerConnectionError, ServerRefusedError, SourceError
+from omniscv.errors import ArgumentError, ServerConnectionError, ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
 from omniscv.sources.pool import SourcePool
@@ -186,5 +186,5 @@ def test_a_pool_changes_all_its_replicas():
         assert pool.command("vset /object/Box/hide") == "ok"
         assert first.world.objects["Box"].hidden
         assert second.world.objects["Box"].hidden
-        with pytest.raises(SourceError, match="state"):
+        with pytest.raises(ArgumentError, match="state"):
             list(pool.capture(requests))

@@ -1,17 +1,20 @@
 """A live source at an instant: captures show exactly the scene then, and the game is as it was afterwards."""
 
+import dataclasses
+
+import numpy as np
 import pytest
 from support.unreal import agrees, face_requests, relayed
 from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, THINGS, ahead, at_time, placed, serve
 
 import mock_server
 import omniscv
-from omniscv.errors import ArgumentError, ServerRefusedError, SourceError
+from omniscv.errors import ArgumentError, ServerRefusedError, SourceError, TornSetError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
 
-MODES = ("depth", "object_mask")
+MODES = ("depth",)
 RUNNING = {"time_step_s": 0.02}
 
 
@@ -104,6 +107,42 @@ def test_nothing_is_paused_where_nothing_is_to_be_kept():
         assert server.statistics.total("vset /action/game") == 0
 
 
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_images_of_a_world_that_moves_are_refused_unless_it_is_kept_still(dialect):
+    """The clock advances before every picture, but for a game that is paused."""
+    camera = omniscv.cameras.create("fisheye-equidistant", width=24, height=24, fov_deg=100)
+    instant, later = at_time(0.35), at_time(0.6)
+
+    def depth(source):
+        options = {"modes": ("depth",), "strategy": "faces", "face_size": SIZE}
+        return omniscv.render(camera, Pose.from_angles(CENTER, 20.0), source, **options).depth
+
+    with serve(dialect, time_step_s=0.0317, faults=["torn"]) as server:
+        with omniscv.open_source(server.uri, freeze="none") as source, pytest.raises(TornSetError):
+            depth(source)
+        with omniscv.open_source(server.uri) as source:
+            with source.at(instant) as there:
+                found = depth(there)
+            with source.at(later) as there:
+                assert not np.allclose(found, depth(there), rtol=1e-3)
+    ball = {"solids": [{"sphere": 0.6, "at": instant.poses["Ball"].position.tolist()}]}
+    still = mock_server.Scene("yard", {"objects": {**THINGS, "Ball": ball}})
+    with serve(dialect, still) as server, omniscv.open_source(server.uri) as source:
+        wanted = depth(source)
+    close = np.isclose(found, wanted, rtol=1e-3) | (np.isinf(found) & np.isinf(wanted))
+    assert close.mean() > 0.99  # on an edge a last digit decides
+
+
+def test_a_picture_that_proves_is_another_picture():
+    """Also where it follows what it proves at once, and a camera gives several modes together."""
+    with serve("0.3.10", **RUNNING) as server, omniscv.open_source(server.uri) as source:
+        (first,) = ahead(source)
+        before = server.statistics.counts["vget /camera/0/depth npy"]
+        captures = list(source.capture([first, dataclasses.replace(first, again=True)]))
+        assert len(captures) == 2
+        assert server.statistics.counts["vget /camera/0/depth npy"] >= before + 2
+
+
 @pytest.mark.parametrize("late", [1, 3])
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_captures_right_after_a_move_show_it_also_where_frames_lag(dialect, late):
@@ -148,6 +187,36 @@ def test_a_game_that_is_started_anew_is_brought_to_the_instant_again(dialect):
             assert agrees(capture, source, fewer)
             source.close()
             assert not again.world.paused
+
+
+def test_what_cannot_be_set_again_in_a_game_that_is_started_anew_is_an_error_and_then_another_state():
+    server = serve(**RUNNING)
+    with omniscv.open_source(server.uri, freeze="pause") as source:
+        source.command("vrun slomo 0.5")
+        requests = ahead(source)
+        list(source.capture(requests))
+        server.stop()
+        with serve(port=server.port, time_step_s=0.5):
+            with pytest.raises(SourceError, match="in which these were changed: commands; got one"):
+                list(source.capture(requests))
+            assert source.state == ""
+            assert len(list(source.capture(ahead(source)))) == 1
+
+
+def test_objects_that_were_read_are_where_they_were_after_a_fault_or_it_is_an_error():
+    server = serve(**RUNNING)
+    with omniscv.open_source(server.uri, freeze="pause", retries=8) as source:
+        there = source.at(Instant({"Ball": MOVED}))
+        requests = ahead(there)
+        server.faults.start("reset@0.05")
+        for _ in range(5):
+            list(there.capture(requests))
+        server.stop()
+        with serve(port=server.port, time_step_s=0.0731):
+            with pytest.raises(SourceError, match="expected objects where they were read"):
+                list(there.capture(requests))
+            assert source.state != requests[0].state
+            there.close()
 
 
 # What is refused.
