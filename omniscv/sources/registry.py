@@ -17,6 +17,7 @@ from urllib.parse import parse_qsl
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.sources.base import Capabilities, Source
+from omniscv.sources.world import Freeze
 
 Opener = Callable[..., Source]
 """``opener(address, **options)``: ``address`` is the whole text, its scheme included."""
@@ -37,20 +38,32 @@ _openers: dict[str, Opener | str] = {
 """By scheme; ``module:function`` is imported when the scheme is first opened."""
 
 
-class SourceOptions(TypedDict, total=False):
-    """Options of :func:`open_source`; an opener refuses those that it does not know.
+class Deadlines(TypedDict, total=False):
+    """How long to wait for a live server.
 
     Attributes:
         timeout_s: how long connecting, and each reply, may take; 15 s if not given.
         patience_s: for how long to connect and send again after a fault, until there is a reply; 10 s.
-        retries: how often, with exponential backoff; 5 times.
-        fix_exposure: switch off vignette and auto exposure in the running game.
     """
 
     timeout_s: float
     patience_s: float
+
+
+class SourceOptions(Deadlines, total=False):
+    """Options of :func:`open_source`; an opener refuses those that it does not know.
+
+    Attributes:
+        retries: how often, with exponential backoff; 5 times.
+        fix_exposure: switch off vignette and auto exposure in the running game.
+        freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
+            ``auto`` if not given. Where it is given, the world moves, and all captures are proven to show one
+            instant.
+    """
+
     retries: int
     fix_exposure: bool
+    freeze: Freeze
 
 
 def register(scheme: str, opener: Opener) -> None:
