@@ -1,0 +1,83 @@
+"""A layout from one panorama without learned weights: lines propose rooms, lines and colours judge them.
+
+1. straight segments, and the room's heading from them (:mod:`panorama_lines`, :mod:`manhattan`);
+2. how much speaks for an edge at each pixel (:mod:`layout_evidence`);
+3. the best rooms of 4 and of 6 walls (:mod:`room_search`);
+4. again, with the colours that the surfaces of the best room have (:mod:`surface_colors`);
+5. distances between those of the search's grid (:func:`refined`).
+
+Only the colour image goes in. It is upright and shows a room of upright walls at right angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.evaluate.layout_evidence import Evidence, evidence
+from omniscv.evaluate.room_hypotheses import Hypothesis, Support, score
+from omniscv.evaluate.room_search import best_rooms
+from omniscv.evaluate.surface_colors import region_support
+from omniscv.geometry.pose import Array
+
+_WIDTH = 512
+_UPPER, _LOWER = 1.0, 0.6  # furniture hides lower edges more than upper ones
+_PER_CORNER, _CHANCE = 0.08, 0.3  # of the width; of the pixels of an upright edge
+_MORE_WALLS = 0.03  # of the width: what two more walls must add to the score
+_ROUNDS = 2
+_STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)
+
+
+def predict(lit: NDArray[np.uint8]) -> Array:
+    """Return the corners of the room in a panorama as :mod:`omniscv.truth.cor_id` orders them, (2N, 2) px.
+
+    Args:
+        lit: (H, W, 3) RGB, W = 2 H.
+    """
+    seen = evidence(lit, _WIDTH)
+    edges = edge_support(seen)
+    room = chosen(edges)
+    for _ in range(_ROUNDS):
+        room = chosen(region_support(edges, seen.colors, room))
+    return corner_pixels(room, seen.azimuth, lit.shape[1])
+
+
+def edge_support(seen: Evidence) -> Support:
+    """Return what lines alone say."""
+    across = seen.lines[[1, 0, 1, 0]]  # the edges of a wall run across its direction
+    upright = np.concatenate([np.zeros((1, seen.lines.shape[2])), np.cumsum(seen.lines[2], axis=0)])
+    return Support(_UPPER * across, _LOWER * across, upright, _PER_CORNER * seen.lines.shape[2], _CHANCE)
+
+
+def chosen(support: Support) -> Hypothesis:
+    """Return the best room; one of six walls must be better by a margin, for it can follow more of the lines."""
+    margin = _MORE_WALLS * support.upper.shape[2]
+    rooms = [refined(room, support) for room in best_rooms(support)]
+    return max(rooms, key=lambda room: score(room, support) - margin * (room.quadrant is not None))
+
+
+def refined(room: Hypothesis, support: Support) -> Hypothesis:
+    """Return the room with its distances changed one by one, in steps that become smaller."""
+    best, values = score(room, support), np.array([*room.walls, room.height])
+    for step in _STEPS:
+        changed = True
+        while changed:
+            changed = False
+            for i, sign in np.ndindex(len(values), 2):
+                moved = values.copy()
+                moved[i] += step * (2 * sign - 1) * (abs(values[i]) + 0.1)
+                other = Hypothesis(room.quadrant, tuple(moved[:-1].tolist()), float(moved[-1]))
+                if other.is_room() and (value := score(other, support)) > best + 1e-9:
+                    best, values, room, changed = value, moved, other, True
+    return room
+
+
+def corner_pixels(room: Hypothesis, azimuth: float, width: int) -> Array:
+    """Return (2N, 2) px: pairs of ceiling and floor, clockwise from above, the leftmost first."""
+    plan = room.corners()
+    theta = np.arctan2(plan[:, 1], plan[:, 0]) + azimuth
+    u = (theta / (2 * np.pi) + 0.5) % 1.0 * width
+    away = np.hypot(*plan.T)
+    rows = [(0.5 - np.arctan(z / away) / np.pi) * width / 2 for z in (room.height, -1.0)]
+    pairs = np.stack([np.column_stack([u, v]) for v in rows], axis=1) - 0.5
+    return np.asarray(np.roll(pairs, -int(u.argmin()), axis=0).reshape(-1, 2))
