@@ -22,9 +22,10 @@ from omniscv.geometry.pose import Array
 
 _WIDTH = 512
 _UPPER, _LOWER = 1.0, 0.6  # furniture hides lower edges more than upper ones
-_PER_CORNER, _CHANCE = 0.08, 0.3  # of the width; of the pixels of an upright edge
-_MORE_WALLS = 0.03  # of the width: what two more walls must add to the score
+_PER_CORNER, _CHANCE = 0.03, 0.4  # of the width; of the pixels of an upright edge
+_MORE_WALLS = 0.1  # of the width: what two more walls must add to the score
 _ROUNDS = 2
+_REFINED = 2  # rooms of six walls
 _STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 
@@ -50,10 +51,15 @@ def edge_support(seen: Evidence) -> Support:
 
 
 def chosen(support: Support) -> Hypothesis:
-    """Return the best room; one of six walls must be better by a margin, for it can follow more of the lines."""
+    """Return the best room; six walls, which can follow more lines, must be better by a margin."""
     margin = _MORE_WALLS * support.upper.shape[2]
-    rooms = [refined(room, support) for room in best_rooms(support)]
-    return max(rooms, key=lambda room: score(room, support) - margin * (room.quadrant is not None))
+
+    def merit(room: Hypothesis) -> float:
+        return score(room, support) - (margin if room.quadrant is not None else 0.0)
+
+    four, *six = best_rooms(support)
+    likely = [four, *sorted(six, key=merit)[-_REFINED:]]
+    return max((refined(room, support) for room in likely), key=merit)
 
 
 def refined(room: Hypothesis, support: Support) -> Hypothesis:

@@ -38,7 +38,8 @@ def evidence(lit: NDArray[np.uint8], width: int) -> Evidence:
     azimuth = manhattan.heading(segments)
     member = manhattan.classes(segments, azimuth)
     lines = np.stack([_drawn(segments, each, azimuth, width) for each in member])
-    return Evidence(lines, _turned(cv2.resize(lit, (width, width // 2), None, 0, 0, cv2.INTER_AREA), azimuth), azimuth)
+    small = cv2.resize(lit, (width, width // 2), interpolation=cv2.INTER_AREA)
+    return Evidence(lines, _turned(small, azimuth), azimuth)
 
 
 def _drawn(segments: Segments, chosen: NDArray[np.bool_], azimuth: float, width: int) -> Array:
@@ -47,7 +48,8 @@ def _drawn(segments: Segments, chosen: NDArray[np.bool_], azimuth: float, width:
 
     camera = create("equirectangular", width, width // 2)
     marked = np.ones((width // 2, width), np.uint8)
-    for start, end, length in zip(*(each[chosen] for each in (segments.starts, segments.ends, segments.lengths)), strict=True):
+    for i in np.flatnonzero(chosen):
+        start, end, length = segments.starts[i], segments.ends[i], segments.lengths[i]
         share = np.linspace(0, 1, int(np.ceil(2 * length * width / (2 * np.pi))) + 1)[:, None]
         pixels, _ = camera.project((1 - share) * start + share * end)
         u = (pixels[:, 0] - _columns(azimuth, width)) % width

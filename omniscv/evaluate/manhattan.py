@@ -47,7 +47,7 @@ def directions(azimuth: float) -> Array:
 
 
 def classes(segments: Segments, azimuth: float) -> NDArray[np.bool_]:
-    """Return (3, S) which segments run along which direction: their great circle meets its vanishing point."""
+    """Return (3, S) which segments run along which direction: the great circle meets its vanishing point."""
     towards = directions(azimuth)
     middle = segments.starts + segments.ends
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)

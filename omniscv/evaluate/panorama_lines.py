@@ -47,7 +47,7 @@ def line_segments(lit: NDArray[np.uint8]) -> Segments:
     face = create("pinhole", size, size, fov_deg=_FACE_FOV_DEG)
     rays = face.unproject().directions
     detector = cv2.createLineSegmentDetector()
-    starts, ends = [], []
+    starts, ends = list[Array](), list[Array]()
     padded = cv2.copyMakeBorder(lit, 1, 1, 1, 1, cv2.BORDER_WRAP)
     padded[0], padded[-1] = padded[1], padded[-2]
     for yaw_deg, pitch_deg in _SIDES:

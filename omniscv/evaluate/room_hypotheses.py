@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from omniscv.geometry.pose import Array
 
 AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+LARGEST_INNER = 0.85
+"""Of the distance of an L's outer walls: a smaller step in a wall is not told from furniture at a wall."""
 _SAME = 1e-9
 
 
@@ -68,11 +70,15 @@ class Hypothesis(NamedTuple):
             return True
         a, b, c, d = (self.walls[(self.quadrant + i) % 4] for i in range(4))
         inner_a, inner_b = self.walls[4:]
-        return -c < inner_a < a and -d < inner_b < b and max(inner_a, inner_b) > 0
+        return (
+            -c < inner_a < LARGEST_INNER * a
+            and -d < inner_b < LARGEST_INNER * b
+            and max(inner_a, inner_b) > 0
+        )
 
 
 def visible_walls(corners: Array, azimuths: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return (W,) the direction of the wall that is seen at azimuths (W,), and (W,) how far it is on the plan."""
+    """Return the direction of the wall that is seen at azimuths (W,), and how far it is on the plan; (W,)."""
     ahead = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
     nearest, direction = np.full(len(azimuths), np.inf), np.zeros(len(azimuths), np.intp)
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):

@@ -35,7 +35,7 @@ def region_support(edges: Support, colors: NDArray[np.uint8], room: Hypothesis) 
 
 
 def surfaces(room: Hypothesis, rows: int, columns: int) -> NDArray[np.intp]:
-    """Return (H, W) which surface of a room a pixel shows: 0 to 3 the walls by direction, 4 ceiling, 5 floor."""
+    """Return (H, W) the surface that a pixel shows: 0 to 3 walls by direction, 4 ceiling, 5 floor."""
     azimuths = (np.arange(columns) + 0.5) * 2 * np.pi / columns
     direction, away = visible_walls(room.corners(), azimuths)
     v = np.arange(rows)[:, None] + 0.5
@@ -58,7 +58,9 @@ def _likely(codes: NDArray[np.intp], shown: NDArray[np.intp]) -> Array:
     from scipy.ndimage import gaussian_filter
 
     rows = len(codes)
-    weights = np.broadcast_to(np.cos((np.arange(rows)[:, None] + 0.5) / rows * np.pi - np.pi / 2), codes.shape)
+    weights = np.broadcast_to(
+        np.cos((np.arange(rows)[:, None] + 0.5) / rows * np.pi - np.pi / 2), codes.shape
+    )
     counts = np.zeros((6, _LEVELS**3))
     for surface in range(6):
         on = shown == surface
