@@ -11,6 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from omniscv.arguments import within
+from omniscv.errors import ArgumentError
 from omniscv.evaluate import layout_chart, layout_predictions, layout_set
 from omniscv.evaluate.figures import Report
 from omniscv.evaluate.layout_baseline import predict
@@ -30,9 +32,11 @@ def evaluate(settings: Settings) -> Report:
 
     Raises:
         ArgumentError: a source without a known room, or predictions that are missing or are none.
-        OmniscvError: of the source.
+        OmniscvError: of the source; shapely is not installed.
     """
     folder, given = settings.out / "layout", settings.options.get("predictions")
+    if given is not None and not Path(given).is_dir():
+        raise ArgumentError(f"predictions: expected a folder, got {given}")
     shots, total = list[Shot](), 2 * layout_set.count(settings)
     for shot in layout_set.shots(settings):
         layout_set.write(shot, folder)
@@ -48,8 +52,9 @@ def evaluate(settings: Settings) -> Report:
         if shot.name in others:
             predicted["predictions"] = others[shot.name]
         for method, prediction in predicted.items():
-            where = {"image": shot.name, "group": shot.group, "method": method}
-            rows.append({**where, **scores(prediction, shot)})
+            with within(f"{method} of {shot.name}"):
+                measured = scores(prediction, shot)
+            rows.append({"image": shot.name, "group": shot.group, "method": method, **measured})
         settings.progress(len(shots) + i + 1, total)
     about = {
         "size": [width, width // 2],

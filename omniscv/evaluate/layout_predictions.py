@@ -49,11 +49,9 @@ def read(folder: Path, names: Sequence[str], width: int) -> dict[str, Prediction
     """Return the predictions for panoramas of a width, px, by name.
 
     Raises:
-        ArgumentError: no folder, a panorama without a file that others have, two files for one, or a file
+        ArgumentError: a panorama without a file that others have, two files for one, or a file
             that is none of the forms.
     """
-    if not folder.is_dir():
-        raise ArgumentError(f"predictions: expected a folder, got {folder}")
     found = {}
     for name, files in _files(folder, names).items():
         parts = {}
@@ -88,7 +86,7 @@ def _files(folder: Path, names: Sequence[str]) -> Mapping[str, Mapping[str, Path
         missing = [name for name in names if form not in found[name]]
         if missing:
             wanted = " or ".join(missing[0] + suffix for suffix in _FORMS[form])
-            lack = f"missing for {len(missing)} of {len(names)} panoramas"
+            lack = f"missing for {len(missing)} of the {len(names)} panoramas in layout/img"
             raise ArgumentError(f"predictions: expected {wanted}, {lack}; got {strange or 'no other file'}")
     return found
 
