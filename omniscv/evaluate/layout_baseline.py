@@ -23,7 +23,7 @@ from omniscv.geometry.pose import Array
 _WIDTH = 512
 _UPPER, _LOWER = 1.0, 0.6  # furniture hides lower edges more than upper ones
 _PER_CORNER, _CHANCE = 0.03, 0.4  # of the width; of the pixels of an upright edge
-_MORE_WALLS = 0.1  # of the width: what two more walls must add to the score
+_MORE_WALLS = 0.06  # of the width: what two more walls must add to the score
 _ROUNDS = 2
 _REFINED = 2  # rooms of six walls
 _STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)
