@@ -2,8 +2,9 @@
 
 1. straight segments, and the room's heading from them (:mod:`panorama_lines`, :mod:`manhattan`);
 2. how much speaks for an edge at each pixel (:mod:`layout_evidence`);
-3. the best rooms of 4 and of 6 walls (:mod:`room_search`);
-4. again, with the colours that the surfaces of the best room have (:mod:`surface_colors`);
+3. the best room of 4 walls (:mod:`room_search`);
+4. the best rooms of 4 and of 6, with the colours that the surfaces of the last room have
+   (:mod:`surface_colors`);
 5. distances between those of the search's grid (:func:`refined`).
 
 Only the colour image goes in. It is upright and shows a room of upright walls at right angles.
@@ -23,7 +24,7 @@ from omniscv.geometry.pose import Array
 _WIDTH = 512
 _UPPER, _LOWER = 1.0, 0.6  # furniture hides lower edges more than upper ones
 _PER_CORNER, _CHANCE = 0.03, 0.4  # of the width; of the pixels of an upright edge
-_MORE_WALLS = 0.06  # of the width: what two more walls must add to the score
+_MORE_WALLS = 0.08  # of the width: what two more walls must add to the score
 _ROUNDS = 2
 _REFINED = 2  # rooms of six walls
 _STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)
@@ -37,7 +38,7 @@ def predict(lit: NDArray[np.uint8]) -> Array:
     """
     seen = evidence(lit, _WIDTH)
     edges = edge_support(seen)
-    room = chosen(edges)
+    room = refined(best_rooms(edges)[0], edges)
     for _ in range(_ROUNDS):
         room = chosen(region_support(edges, seen.colors, room))
     return corner_pixels(room, seen.azimuth, lit.shape[1])
