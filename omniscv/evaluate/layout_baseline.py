@@ -2,15 +2,17 @@
 
 1. straight segments, and the room's heading from them (:mod:`panorama_lines`, :mod:`manhattan`);
 2. how much speaks for an edge at each pixel (:mod:`layout_evidence`);
-3. the best room of 4 walls (:mod:`room_search`);
-4. the best rooms of 4 and of 6, with the colours that the surfaces of the last room have
-   (:mod:`surface_colors`);
-5. distances between those of the search's grid (:func:`refined`).
+3. the best room of 4 walls, and that of 6, by lines (:mod:`room_search`);
+4. from each of the two, again and again the best room by lines and by the colours that the surfaces of the
+   last one have (:mod:`surface_colors`), with distances between those of the search's grid (:func:`refined`);
+5. the one of the two whose own surfaces differ more in colour, and whose edges show more.
 
 Only the colour image goes in. It is upright and shows a room of upright walls at right angles.
 """
 
 from __future__ import annotations
+
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +40,15 @@ def predict(lit: NDArray[np.uint8]) -> Array:
     """
     seen = evidence(lit, _WIDTH)
     edges = edge_support(seen)
-    room = refined(best_rooms(edges)[0], edges)
-    for _ in range(_ROUNDS):
-        room = chosen(region_support(edges, seen.colors, room))
-    return corner_pixels(room, seen.azimuth, lit.shape[1])
+    four, *six = best_rooms(edges)
+    found = []
+    for start in (four, *sorted(six, key=lambda room: score(room, edges))[-1:]):
+        room = refined(start, edges)
+        for _ in range(_ROUNDS):
+            room = chosen(region_support(edges, seen.colors, room))
+        found.append((merit(room, region_support(edges, seen.colors, room)), room))
+    _, best = max(found, key=itemgetter(0))
+    return corner_pixels(best, seen.azimuth, lit.shape[1])
 
 
 def edge_support(seen: Evidence) -> Support:
@@ -51,16 +58,16 @@ def edge_support(seen: Evidence) -> Support:
     return Support(_UPPER * across, _LOWER * across, upright, _PER_CORNER * seen.lines.shape[2], _CHANCE)
 
 
+def merit(room: Hypothesis, support: Support) -> float:
+    """Return the score of a room, less a margin for six walls, which can follow more lines by chance."""
+    return score(room, support) - (0 if room.quadrant is None else _MORE_WALLS * support.upper.shape[2])
+
+
 def chosen(support: Support) -> Hypothesis:
-    """Return the best room; six walls, which can follow more lines, must be better by a margin."""
-    margin = _MORE_WALLS * support.upper.shape[2]
-
-    def merit(room: Hypothesis) -> float:
-        return score(room, support) - (margin if room.quadrant is not None else 0.0)
-
+    """Return the best room."""
     four, *six = best_rooms(support)
-    likely = [four, *sorted(six, key=merit)[-_REFINED:]]
-    return max((refined(room, support) for room in likely), key=merit)
+    likely = [four, *sorted(six, key=lambda room: score(room, support))[-_REFINED:]]
+    return max((refined(room, support) for room in likely), key=lambda room: merit(room, support))
 
 
 def refined(room: Hypothesis, support: Support) -> Hypothesis:

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from omniscv.evaluate.room_hypotheses import Hypothesis, Support, row_of, upright_score
 from omniscv.geometry.pose import Array
 
-_STEP = 0.07
+_STEP = 0.08
 """Distances, and heights, of the grid differ by this share."""
 DISTANCES = np.exp(np.arange(np.log(0.3), np.log(7.0), _STEP))
 HEIGHTS = np.exp(np.arange(np.log(0.45), np.log(2.0), _STEP))
 
-_APART = 3  # steps that an L's inner corner is nearer than the outer one along both axes: see LARGEST_INNER
+_APART = 2  # steps that an L's inner corner is nearer than the outer one along both axes: see LARGEST_INNER
 _NEAR = 3  # steps of height that the best L is off the best room of 4 walls, whose ceiling is the same
 _EVERY = 4  # columns from one where an L's wall may hide the one behind it to the next
 
