@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omniscv.geometry.pose import Array
 
 AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-LARGEST_INNER = 0.85
+LARGEST_INNER = 0.86
 """Of the distance of an L's outer walls: a smaller step in a wall is not told from furniture at a wall."""
 _SAME = 1e-9
 

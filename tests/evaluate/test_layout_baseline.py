@@ -8,7 +8,8 @@ import mock_server
 from omniscv import Pose, cameras
 from omniscv.evaluate import manhattan
 from omniscv.evaluate.layout import scores
-from omniscv.evaluate.layout_baseline import corner_pixels, predict, refined
+from omniscv.evaluate.layout_baseline import corner_pixels, edge_support, predict, refined
+from omniscv.evaluate.layout_evidence import evidence
 from omniscv.evaluate.layout_predictions import Prediction
 from omniscv.evaluate.layout_set import known_shot
 from omniscv.evaluate.panorama_lines import line_segments
@@ -20,6 +21,7 @@ from omniscv.truth.room_surfaces import first_hits
 
 PANORAMA = cameras.create("equirectangular", 512, 256)
 ROWS, COLUMNS = 64, 128
+YAWS_DEG = {"four-wall": 3.0, "six-wall": 50.0}
 ROOMS = {
     "four": Hypothesis(None, (1.2, 2.0, 0.9, 1.5), 0.9),
     "open": Hypothesis(1, (1.2, 2.0, 2.4, 1.5, 0.8, 1.1), 0.9),
@@ -28,9 +30,18 @@ ROOMS = {
 }
 
 
-def rendered(scene, room, pose):
+def pose_at(yaw_deg):
+    return Pose.from_angles((0.4, -0.3, 1.5), yaw_deg=yaw_deg)
+
+
+@pytest.fixture(scope="module")
+def shots():
+    return {name: rendered(name, pose_at(yaw_deg)) for name, yaw_deg in YAWS_DEG.items()}
+
+
+def rendered(name, pose):
     """A traced panorama and its truth."""
-    rays = PANORAMA.unproject()
+    scene, room, rays = mock_server.load_scene(name), room_of_scene(name), PANORAMA.unproject()
     origins = np.broadcast_to(pose.position, rays.directions.shape)
     hits = scene.trace(origins, rays.directions @ pose.R_w_c.T)
     return known_shot("shot", np.round(255 * hits.color).astype(np.uint8), room, PANORAMA, pose)
@@ -92,33 +103,26 @@ def test_corner_pixels_are_those_of_the_room_projected():
     assert found == pytest.approx(cor_id(room, PANORAMA, pose), abs=1e-6)
 
 
-@pytest.mark.parametrize("yaw_deg", [3.0, 50.0])
-def test_the_heading_is_that_of_the_walls(yaw_deg):
-    shot = rendered(mock_server.load_scene("four-wall"), room_of_scene("four-wall"), pose_at(yaw_deg))
-    segments = line_segments(shot.lit)
+@pytest.mark.parametrize("name", YAWS_DEG)
+def test_the_heading_is_that_of_the_walls(shots, name):
+    segments = line_segments(shots[name].lit)
     assert np.linalg.norm(segments.normals, axis=1) == pytest.approx(1)
-    apart = (np.degrees(manhattan.heading(segments)) - yaw_deg + 45) % 90 - 45
-    assert abs(apart) < 0.3  # half a pixel
+    apart = (np.degrees(manhattan.heading(segments)) - YAWS_DEG[name] + 45) % 90 - 45
+    assert abs(apart) < 360 / 512 / 2  # half a pixel
 
 
-def pose_at(yaw_deg):
-    return Pose.from_angles((0.4, -0.3, 1.5), yaw_deg=yaw_deg)
-
-
-@pytest.mark.parametrize("name", ["four-wall", "six-wall"])
-def test_the_baseline_is_far_better_than_a_guess(name):
+@pytest.mark.parametrize("name", YAWS_DEG)
+def test_the_baseline_is_far_better_than_a_guess(shots, name):
     """The floors are what edges 2 px off, of 512, would have; the guess is a box around the camera, which
-    shows where edges are in most rooms. Rolled by columns, the prediction is rolled."""
-    shot = rendered(mock_server.load_scene(name), room_of_scene(name), pose_at(25.0))
-    corners = predict(shot.lit)
-    found = scores(Prediction(corners), shot)
-    guess = scores(Prediction(cor_id(room_of_plan(PLAIN), PANORAMA, pose_at(0.0))), shot)
+    shows where edges are in most rooms."""
+    found = scores(Prediction(predict(shots[name].lit)), shots[name])
+    guess = scores(Prediction(cor_id(room_of_plan(PLAIN), PANORAMA, pose_at(0.0))), shots[name])
     assert found["iou_3d"] > 0.85
     assert found["edges_f1"] > 0.7 > guess["edges_f1"] + 0.2
     assert found["corners_f1"] > 0.6 > guess["corners_f1"] + 0.2
 
 
 def test_a_picture_without_lines_still_has_some_room():
-    grey = np.full((256, 512, 3), 128, np.uint8)
-    corners = predict(grey)
-    assert layout_scores(corners, corners, 512, 256).iou_3d == pytest.approx(1)
+    seen = evidence(np.full((64, 128, 3), 128, np.uint8), 64)
+    assert not seen.lines.any()
+    assert all(room.is_room() for room in best_rooms(edge_support(seen)))
