@@ -85,7 +85,7 @@ def _bars(axes: Axes, rows: Sequence[Mapping[str, Any]], kind: str, group: str) 
         color, label = _BARS[method]
         at = np.arange(len(MAP_SCORES)) + (i - (len(shown) - 1) / 2) * width
         bars = axes.bar(at, heights[method], width, color=color, label=label)
-        axes.bar_label(bars, [f"{value:.2f}"[1:] if value < 1 else "1" for value in heights[method]], size=6)
+        axes.bar_label(bars, [f"{value:.2f}".lstrip("0") for value in heights[method]], size=6)
     axes.set_xticks(np.arange(len(MAP_SCORES)), list(MAP_SCORES.values()), size=8)
     axes.set_ylim(0, 1.12)
     axes.tick_params(labelsize=7)

@@ -18,6 +18,7 @@ AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 LARGEST_INNER = 0.86
 """Of the distance of an L's outer walls: a smaller step in a wall is not told from furniture at a wall."""
 _SAME = 1e-9
+_ON_WALL = 1.02  # of a wall's distance: a corner so far away is not behind it
 
 
 class Support(NamedTuple):
@@ -109,7 +110,7 @@ def score(hypothesis: Hypothesis, support: Support) -> float:
     total = support.upper[direction, above, at].sum() + support.lower[direction, below, at].sum()
     distance, azimuth = np.hypot(*corners.T), np.arctan2(corners[:, 1], corners[:, 0])
     column = (azimuth / (2 * np.pi) * columns).astype(np.intp) % columns
-    seen = distance <= np.maximum(away[column - 1], away[(column + 1) % columns]) * 1.02
+    seen = distance <= np.maximum(away[column - 1], away[(column + 1) % columns]) * _ON_WALL
     return float(total + upright_score(support, distance, column, hypothesis.height)[seen].sum())
 
 
