@@ -3,8 +3,8 @@
 Panoramas of a room of four walls and of an L of six, from 5 places in 2 orientations each, are written with
 their truth into ``OUT/layout``. A baseline without learned weights predicts their layouts; a folder of other
 predictions (option ``predictions``, see :mod:`omniscv.evaluate.layout_predictions`) is scored beside it.
-``perfect`` is the true layout, drawn as a prediction is: what one without an error scores, for CFL counts truth
-and prediction from two thresholds.
+``perfect`` is the true layout, drawn as a prediction is: what one without an error scores, for CFL counts
+truth and prediction from two thresholds.
 """
 
 from __future__ import annotations

@@ -29,6 +29,7 @@ _PER_CORNER, _CHANCE = 0.03, 0.4  # of the width; of the pixels of an upright ed
 _MORE_WALLS = 0.08  # of the width: what two more walls must add to the score
 _ROUNDS = 2
 _REFINED = 2  # rooms of six walls
+_LEAST_LENGTH, _BETTER = 0.1, 1e-9  # an inner corner's coordinate may be near 0; no steps back and forth
 _STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 
@@ -71,17 +72,20 @@ def chosen(support: Support) -> Hypothesis:
 
 
 def refined(room: Hypothesis, support: Support) -> Hypothesis:
-    """Return the room with its distances changed one by one, in steps that become smaller."""
+    """Return the room with its lengths changed one by one, and all at once, in steps that become smaller.
+
+    All at once moves the lower edges and leaves the upper ones.
+    """
     best, values = score(room, support), np.array([*room.walls, room.height])
     for step in _STEPS:
         changed = True
         while changed:
             changed = False
-            for i, sign in np.ndindex(len(values), 2):
-                moved = values.copy()
-                moved[i] += step * (2 * sign - 1) * (abs(values[i]) + 0.1)
+            alone = np.diag(np.abs(values) + _LEAST_LENGTH)
+            for way in (*alone, *-alone, values, -values):
+                moved = values + step * way
                 other = Hypothesis(room.quadrant, tuple(moved[:-1].tolist()), float(moved[-1]))
-                if other.is_room() and (value := score(other, support)) > best + 1e-9:
+                if other.is_room() and (value := score(other, support)) > best + _BETTER:
                     best, values, room, changed = value, moved, other, True
     return room
 
