@@ -23,7 +23,7 @@ from omniscv.evaluate.room_search import best_rooms
 from omniscv.evaluate.surface_colors import region_support
 from omniscv.geometry.pose import Array
 
-_WIDTH = 512
+_WIDTH = 512  # at most, or half the panorama's, in 16ths
 _UPPER, _LOWER = 1.0, 0.6  # furniture hides lower edges more than upper ones
 _PER_CORNER, _CHANCE = 0.03, 0.4  # of the width; of the pixels of an upright edge
 _MORE_WALLS = 0.08  # of the width: what two more walls must add to the score
@@ -39,7 +39,7 @@ def predict(lit: NDArray[np.uint8]) -> Array:
     Args:
         lit: (H, W, 3) RGB, W = 2 H.
     """
-    seen = evidence(lit, _WIDTH)
+    seen = evidence(lit, min(_WIDTH, lit.shape[1] // 32 * 16))
     edges = edge_support(seen)
     four, *six = best_rooms(edges)
     found = []
