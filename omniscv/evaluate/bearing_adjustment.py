@@ -11,6 +11,7 @@ Source: B. Triggs et al., "Bundle adjustment, a modern synthesis", 1999.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,9 +124,7 @@ def _minimise(
     return [Pose(position, rotation) for position, rotation in zip(t, R, strict=True)], X
 
 
-def _jacobian(
-    R: Array, t: Array, X: Array, seen: Observations, held: int, move_points: bool
-) -> coo_array:
+def _jacobian(R: Array, t: Array, X: Array, seen: Observations, held: int, move_points: bool) -> coo_array:
     """(2M, N) of turns in the camera's frame and moves in the world's of each camera, then of the points."""
     q = _rotated(R, t, X, seen)
     length = np.maximum(np.linalg.norm(q, axis=1), _TINY)[:, None, None]
@@ -142,7 +141,9 @@ def _jacobian(
     return coo_array((values, (rows, columns)), shape=(2 * len(q), cameras + 3 * len(X) * move_points))
 
 
-def _entries(blocks: Array, observation: NDArray[np.int64], column: NDArray[np.int64]) -> tuple[Array, ...]:
+def _entries(
+    blocks: Array, observation: NDArray[np.int64], column: NDArray[np.int64]
+) -> tuple[NDArray[Any], ...]:
     """Values, rows, columns of blocks (M, 2, N) that begin at columns."""
     _, height, width = blocks.shape
     rows = (2 * observation[:, None, None] + np.arange(height)[:, None]) + np.zeros(width, np.int64)

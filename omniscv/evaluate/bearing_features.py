@@ -1,4 +1,4 @@
-"""Points that can be found again in the images of a central camera, and the bearings that they are seen along."""
+"""Features in the images of a central camera: the bearings of points, and what they look like."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from omniscv.cameras import Camera
 from omniscv.geometry import Array
 
 _RATIO = 0.8  # D. G. Lowe, IJCV 60, 2004, 7.1
-_CONTRAST = 0.02
+_CONTRAST = 0.01
 _RIM_PX = 6  # SIFT finds the rim of the image circle; what is this near to it is left out
 
 
@@ -36,16 +36,15 @@ def inner_mask(camera: Camera) -> NDArray[np.uint8]:
     return np.asarray(cv2.erode(valid, around, borderType=cv2.BORDER_CONSTANT, borderValue=255), np.uint8)
 
 
-def detect(image: NDArray[np.uint8], camera: Camera, most: int) -> Features:
+def detect(grey: NDArray[np.uint8], camera: Camera, most: int) -> Features:
     """Return the SIFT features of an image.
 
     Args:
-        image: (H, W, 3) uint8 RGB.
+        grey: (H, W) uint8.
         camera: that took it, central.
         most: how many, the strongest.
     """
-    sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=_CONTRAST)
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    sift = cv2.SIFT.create(nfeatures=most, contrastThreshold=_CONTRAST)
     points, found = sift.detectAndCompute(grey, inner_mask(camera))
     if found is None:
         return Features(np.zeros((0, 3)), np.zeros((0, 128), np.float32))

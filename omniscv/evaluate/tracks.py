@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ def follow(features: Sequence[Features], limit_rad: float) -> Tracks:
     steps: list[Pose] = []
     ids = [np.arange(len(features[0].bearings))]
     count = len(ids[0])
-    for before, after in zip(features, features[1:], strict=False):
+    for before, after in pairwise(features):
         pairs = match(before, after)
         found = relative_pose(before.bearings[pairs[:, 0]], after.bearings[pairs[:, 1]], limit_rad)
         if found is None or np.count_nonzero(found.agree) < FEWEST:

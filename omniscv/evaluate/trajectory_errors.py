@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +110,7 @@ def trajectory_errors(
     similarity = umeyama(_positions([found[i] for i in frames]), positions)
     aligned = [similarity.of(found[i]) for i in frames]
     reached = _positions(aligned)
-    following = [i for i, (a, b) in enumerate(zip(frames, frames[1:], strict=False)) if b == a + 1]
+    following = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
     steps = [_step(true[i : i + 2]).inverse() @ _step(aligned[i : i + 2]) for i in following]
     return TrajectoryErrors(
         frames=frames,

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from omniscv.geometry import Array, Pose
 
@@ -21,7 +21,8 @@ SAMPLE = 8
 """Pairs of bearings that determine E linearly."""
 
 _SAMPLES = 1000
-_REFITS = 3
+_REFITTED = 32  # best samples, which are fitted to all pairs that agree
+_REFITS = 5
 _PARALLEL = 1e-9  # squared sine of the angle between rays that meet nowhere
 
 
@@ -32,13 +33,19 @@ class RelativePose(NamedTuple):
     agree: NDArray[np.bool_]
 
 
-def essential(first: Array, second: Array) -> Array:
+def essential(first: Array, second: Array, weights: ArrayLike = 1.0) -> Array:
     """Return the essential matrices (..., 3, 3) of bearings (..., N, 3), N >= 8.
 
     The linear least squares solution, with its singular values replaced by 1, 1, 0.
+
+    Args:
+        first, second: (..., N, 3) unit bearings.
+        weights: (..., N) of the pairs.
     """
     rows = (second[..., :, None] * first[..., None, :]).reshape(*first.shape[:-1], 9)
-    solution = np.linalg.eigh(np.swapaxes(rows, -1, -2) @ rows)[1][..., 0].reshape(*rows.shape[:-2], 3, 3)
+    weighted = rows * np.asarray(weights)[..., None]
+    solution = np.linalg.eigh(np.swapaxes(rows, -1, -2) @ weighted)[1][..., 0]
+    solution = solution.reshape(*solution.shape[:-1], 3, 3)
     U, _, Vt = np.linalg.svd(solution)
     return np.asarray(U[..., :2] @ Vt[..., :2, :])
 
@@ -88,7 +95,8 @@ def relative_pose(first: Array, second: Array, limit_rad: float, seed: int = 0) 
     """Return the motion that most pairs of bearings agree with; None of too few pairs.
 
     RANSAC over a fixed number of samples of eight, scored by the sum of squared epipolar angles cut off at a
-    limit; then fits to all that agree.
+    limit. The best samples are then fitted to all pairs, weighted by how well they agree; the best fit is
+    returned.
 
     Args:
         first, second: (N, 3) unit bearings, pairs of which some may be wrong.
@@ -99,22 +107,23 @@ def relative_pose(first: Array, second: Array, limit_rad: float, seed: int = 0) 
         return None
     order = np.random.default_rng(seed).random((_SAMPLES, len(first)))
     drawn = np.argpartition(order, SAMPLE - 1, axis=1)[:, :SAMPLE]
-    candidates = essential(first[drawn], second[drawn])
-    best = candidates[int(np.argmin(_costs(candidates, first, second, limit_rad)))]
+    fits = essential(first[drawn], second[drawn])
+    angles = epipolar_angles(fits, first, second)
+    best = np.argsort(_costs(angles, limit_rad), kind="stable")[:_REFITTED]
+    fits, angles = fits[best], angles[best]
+    found, agreement = fits[0], angles[0]
     for _ in range(_REFITS):
-        agree = epipolar_angles(best, first, second) < limit_rad
-        if np.count_nonzero(agree) < SAMPLE:
-            return None
-        fitted = essential(first[agree], second[agree])
-        better = _costs(np.stack([best, fitted]), first, second, limit_rad)
-        best = fitted if better[1] < better[0] else best
-    agree = epipolar_angles(best, first, second) < limit_rad
-    T_1_2 = pose_of(best, first[agree], second[agree])
+        fits = essential(first, second, 1 / (1 + (angles / limit_rad) ** 2) ** 2)
+        angles = epipolar_angles(fits, first, second)
+        least = int(np.argmin(_costs(angles, limit_rad)))
+        if _costs(angles[least], limit_rad) < _costs(agreement, limit_rad):
+            found, agreement = fits[least], angles[least]
+    agree = agreement < limit_rad
+    T_1_2 = pose_of(found, first[agree], second[agree])
     return RelativePose(T_1_2, agree & _both_positive(T_1_2, first, second))
 
 
-def _costs(candidates: Array, first: Array, second: Array, limit_rad: float) -> Array:
-    angles = epipolar_angles(candidates, first, second)
+def _costs(angles: Array, limit_rad: float) -> Array:
     return np.asarray((np.minimum(angles, limit_rad) ** 2).sum(axis=-1))
 
 

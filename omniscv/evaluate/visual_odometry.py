@@ -61,7 +61,7 @@ class Chain:
         self._steps, self._seen, self._limit = tracks.steps, tracks.seen, limit_rad
 
     def start(self) -> bool:
-        """Place the frames up to the first one with enough parallax to frame 0; return whether there is one."""
+        """Place the frames up to the first with enough parallax to frame 0; return whether there is one."""
         for frame in range(1, len(self._steps) + 1):
             rows, others = self._pairs(0, frame)
             first, second = self._seen.bearings[rows], self._seen.bearings[others]
@@ -144,7 +144,7 @@ class Chain:
     def _known(self, first: int, last: int) -> Rows:
         """Of these, the observations of known points."""
         rows = self._rows(first, last)
-        return rows[np.isfinite(self.points[self._seen.point[rows], 0])]
+        return np.asarray(rows[np.isfinite(self.points[self._seen.point[rows], 0])])
 
     def _pairs(self, one: int, other: int) -> tuple[Rows, Rows]:
         """Observations of the same points in two frames."""
