@@ -23,7 +23,7 @@ from omniscv.evaluate.bearing_features import inner_mask
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 
-_ERRORS_ONLY = 2  # of glog's levels
+_FATAL_ONLY = 3  # of glog's levels; that no model came about is a result
 _MASK = Modality("mask", ("uint8",))
 
 
@@ -105,9 +105,9 @@ def _poses(model: Any, names: Sequence[str]) -> dict[int, Pose]:
 
 @contextmanager
 def _quiet(pycolmap: Any) -> Iterator[None]:
-    """Print errors only."""
+    """Print nothing but what ends the process."""
     before = pycolmap.logging.minloglevel
-    pycolmap.logging.minloglevel = _ERRORS_ONLY
+    pycolmap.logging.minloglevel = _FATAL_ONLY
     try:
         yield
     finally:

@@ -90,7 +90,7 @@ def test_frame_and_scale_of_an_estimate_do_not_count():
 
 def test_eps_t_depends_on_the_origin():
     found = estimated()
-    near = trajectory_errors(TRUTH, found, TRUTH[7].position + (1e-3, 0, 0)).eps_t_deg
+    near = trajectory_errors(TRUTH, found, TRUTH[7].position + 1e-3).eps_t_deg
     far = trajectory_errors(TRUTH, found, (100, 0, 0)).eps_t_deg
     assert near[7] > 10 > 0.2 > far.max()
 
