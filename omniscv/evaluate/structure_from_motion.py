@@ -9,6 +9,8 @@ Source: J. L. Schoenberger, J.-M. Frahm, "Structure-from-motion revisited", CVPR
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,10 +35,11 @@ def load_pycolmap() -> Any:
     Raises:
         OmniscvError: it is not installed, or too old for panoramas.
     """
-    try:
-        import pycolmap
-    except ImportError as cause:
-        raise OmniscvError("odometry: expected pycolmap; install omniscv[evaluate]") from cause
+    with _own_handler(signal.SIGTERM):
+        try:
+            import pycolmap
+        except ImportError as cause:
+            raise OmniscvError("odometry: expected pycolmap; install omniscv[evaluate]") from cause
     if not hasattr(pycolmap.CameraModelId, "EQUIRECTANGULAR"):
         got = f"pycolmap {pycolmap.__version__}"
         raise OmniscvError(f"odometry: expected pycolmap 4.1 or later, got {got}; install omniscv[evaluate]")
@@ -101,6 +104,17 @@ def _poses(model: Any, names: Sequence[str]) -> dict[int, Pose]:
         if image.has_pose
     }
     return {i: Pose(matrix[:, 3], matrix[:, :3]) for i, matrix in sorted(matrices.items())}
+
+
+@contextmanager
+def _own_handler(number: int) -> Iterator[None]:
+    """Keep the handler of a signal: pycolmap sets one of its own, which prints a stack and ends the process."""
+    before = signal.getsignal(number)
+    try:
+        yield
+    finally:
+        if before is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(number, before)
 
 
 @contextmanager

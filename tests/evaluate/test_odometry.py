@@ -2,6 +2,7 @@
 
 import csv
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -125,6 +126,19 @@ def test_without_pycolmap(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(OmniscvError, match=r"expected pycolmap; install omniscv\[evaluate\]"):
         registry.run("odometry", Settings(tmp_path))
+
+
+def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
+    """Importing it alone makes SIGTERM print a stack and end the process at once."""
+    script = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))\n"
+        "from omniscv.evaluate.structure_from_motion import load_pycolmap\n"
+        "load_pycolmap()\n"
+        "os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (7, "")
 
 
 def test_a_trajectory_that_is_none(tmp_path):
