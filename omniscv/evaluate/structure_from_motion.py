@@ -108,7 +108,7 @@ def _poses(model: Any, names: Sequence[str]) -> dict[int, Pose]:
 
 @contextmanager
 def _own_handler(number: int) -> Iterator[None]:
-    """Keep the handler of a signal: pycolmap sets one of its own, which prints a stack and ends the process."""
+    """Keep the handler of a signal: pycolmap sets one that prints a stack and ends the process."""
     before = signal.getsignal(number)
     try:
         yield
