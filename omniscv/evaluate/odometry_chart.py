@@ -26,7 +26,7 @@ def draw(
     bound_deg: float,
     path: Path,
 ) -> Path:
-    """Draw the errors of runs into a PNG of 1600 x 560 px; return its path.
+    """Draw the errors of runs into a PNG of 1200 x 460 px; return its path.
 
     Args:
         runs: by camera and method, a line each, the second method of a camera dashed; None is left out.
@@ -37,7 +37,7 @@ def draw(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(16, 5.6), dpi=100, layout="constrained")
+    figure = Figure(figsize=(12, 4.6), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     position, orientation, above = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
     above.plot(*_from_above(truth), "-", color=_TRUE, lw=4, alpha=0.5, label="truth")

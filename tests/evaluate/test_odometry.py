@@ -117,7 +117,7 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path):
     assert {row["eps_t_deg"] for row in rows} == {""}
     assert json.loads((tmp_path / "odometry.json").read_text())["about"]["poses"] == 2
     assert read_trajectory(tmp_path / "odometry" / "truth.tum").times == (5.0, 6.5)
-    for name, size in (("odometry.png", (1600, 560)), ("odometry/mirror/0001.png", (512, 512))):
+    for name, size in (("odometry.png", (1200, 460)), ("odometry/mirror/0001.png", (512, 512))):
         with Image.open(tmp_path / name) as picture:
             assert picture.size == size
 
