@@ -28,7 +28,7 @@ from omniscv.sources.registry import open_source
 
 OPTIONS: frozenset[str] = frozenset()
 
-Kind = Literal["exact points", "noisy points", "rendered images"]
+Kind = Literal["exact", "noisy", "rendered"]
 
 NOISE_PX = 0.5
 _LINES, _POINTS = 8, 60
@@ -64,7 +64,7 @@ class Extent(NamedTuple):
 
 
 _FULL = Extent(512, tuple(np.linspace(0.55, 1.45, 10).round(2).tolist()), 5)
-_QUICK = Extent(192, (0.6, 1.0, 1.4), 1)
+_QUICK = Extent(384, (0.6, 1.0, 1.4), 1)
 
 Row = Mapping[str, Any]
 
@@ -87,7 +87,7 @@ def evaluate(settings: Settings) -> Report:
         for image in range(extent.images):
             exact = line_points(model.camera(2 * extent.unit_px, value * extent.unit_px), rng)
             noisy = [each + NOISE_PX * rng.normal(size=each.shape) for each in exact]
-            for kind, lines in (("exact points", exact), ("noisy points", noisy)):
+            for kind, lines in (("exact", exact), ("noisy", noisy)):
                 rows.append(_row(kind, model, value, image, calibrate(lines, model, *extent.sought), extent))
         done += 1
         settings.progress(done, total)
@@ -127,7 +127,7 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
         means = means_of(rows, kind, model)
         worst = max(abs(100 * (mean / value - 1)) for value, mean, _ in means)
         count = sum(row["input"] == kind and row["model"] == model for row in rows)
-        found.append(Figure(f"r_vl, {model}, {kind}: largest error of a mean", worst, "%", n=count))
+        found.append(Figure(f"r_vl error, {model}, {kind}", worst, "%", n=count))
     return found
 
 
@@ -153,7 +153,7 @@ def _rendered(
                 camera = model.camera(2 * extent.unit_px, value * extent.unit_px)
                 pose = _facing(camera, position, angles)
                 estimate = calibrated_image(renderer, camera, pose, model, extent, options)
-                yield _row("rendered images", model, value, image, estimate, extent)
+                yield _row("rendered", model, value, image, estimate, extent)
 
 
 def calibrated_image(

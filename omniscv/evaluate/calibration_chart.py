@@ -20,7 +20,7 @@ def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    mine = [row for row in rows if row["input"] == "rendered images"]
+    mine = [row for row in rows if row["input"] == "rendered"]
     names = list(dict.fromkeys(row["model"] for row in mine))
     values = sorted({row["r_vl"] for row in mine})
     images = 1 + max(row["image"] for row in mine)
