@@ -141,9 +141,7 @@ def means_of(rows: Sequence[Row], kind: Kind, model: str) -> list[tuple[float, f
     return found
 
 
-def _rendered(
-    cases: Sequence[tuple[LineImages, float]], extent: Extent, source: str | None
-) -> Iterator[Row]:
+def _rendered(cases: Sequence[tuple[LineImages, float]], extent: Extent, source: str | None) -> Iterator[Row]:
     """Estimates from pictures of rooms. All cameras of a place share its captures."""
     options = RenderOptions(strategy="cube", face_size=2 * extent.unit_px)
     for image, (address, position, angles) in enumerate(_PLACES[: extent.images]):
@@ -171,9 +169,7 @@ def calibrated_image(
     return calibrate(lines, model, *extent.sought)
 
 
-def _facing(
-    camera: Camera, position: tuple[float, float, float], angles: tuple[float, float, float]
-) -> Pose:
+def _facing(camera: Camera, position: tuple[float, float, float], angles: tuple[float, float, float]) -> Pose:
     """The pose in which the image's middle sees in a direction: a mirror's shows what is behind."""
     yaw, pitch, roll = angles
     if camera.unproject(camera.center + 0.5).directions[2] < 0:

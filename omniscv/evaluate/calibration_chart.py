@@ -33,7 +33,9 @@ def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     errors.axhline(0, color="#1c2330", lw=1)
     worst = 0.0
     for i, name in enumerate(names):
-        table = np.array([[r["estimate"] for r in mine if r["model"] == name and r["r_vl"] == v] for v in values])
+        table = np.array(
+            [[r["estimate"] for r in mine if r["model"] == name and r["r_vl"] == v] for v in values]
+        )
         mean, spread, true = table.mean(axis=1), table.std(axis=1), np.array(values)
         style = {"color": COLORS[i], "marker": _MARKERS[i], "ms": 5, "capsize": 2, "elinewidth": 1}
         axes.errorbar(true, mean, spread, ls="", label=name, **style)

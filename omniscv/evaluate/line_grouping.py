@@ -60,9 +60,7 @@ def _most_agreed(
     triples, r_vl = triples[np.isfinite(r_vl)], r_vl[np.isfinite(r_vl), None]
     if not len(triples):
         return np.zeros(len(points), np.bool_)
-    rows = np.concatenate(
-        [triples, -model.alpha(np.linalg.norm(triples, axis=-1), r_vl)[..., None]], axis=-1
-    )
+    rows = np.concatenate([triples, -model.alpha(np.linalg.norm(triples, axis=-1), r_vl)[..., None]], axis=-1)
     normals = np.linalg.svd(rows)[2][:, 2]
     r = np.maximum(np.linalg.norm(points, axis=-1), 1e-9)
     with np.errstate(invalid="ignore"):

@@ -1,0 +1,243 @@
+"""Lines in space from one non-central image: the paper's section on 3D line reconstruction.
+
+The edges of a room, where the exact labels of an image change, are reconstructed from that image alone and
+compared with the truth: free, with known gravity, and along the directions of a Manhattan world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omniscv import cameras
+from omniscv.cameras import Camera
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
+from omniscv.errors import ArgumentError
+from omniscv.evaluate import line_priors, lines_chart, plucker
+from omniscv.evaluate.figures import Figure, Report
+from omniscv.evaluate.label_boundaries import boundary
+from omniscv.evaluate.line_refinement import ObservedLine
+from omniscv.evaluate.noncentral_lines import effective_baseline, free_line
+from omniscv.evaluate.registry import Settings
+from omniscv.geometry import Pose
+from omniscv.geometry.pose import Array
+from omniscv.geometry.scene_geometry import Room
+from omniscv.planning import RenderOptions
+from omniscv.sources.base import Source
+from omniscv.sources.registry import open_source
+
+OPTIONS: frozenset[str] = frozenset()
+
+_SCENE = "scene://four-wall"
+_LEAST_POINTS = 40
+_EXACT_POINTS = 60
+_DOWN_W = np.array([0.0, 0.0, -1.0])
+_AXIS = {"noncentral-panorama": np.array([0.0, 1.0, 0.0]), "noncentral-conical-mirror": np.array([0, 0, 1.0])}
+_WELL = {"vertical": 0.05, "horizontal": 0.4}
+"""Effective baselines, metres, from which on an edge counts in the figures."""
+
+Row = Mapping[str, Any]
+
+
+class Shot(NamedTuple):
+    """An image to take: its camera, and from where."""
+
+    name: str
+    camera: Camera
+    pose: Pose
+
+    @property
+    def axis(self) -> Array:
+        return _AXIS[self.camera.name]
+
+    @property
+    def gravity(self) -> Array:
+        return _DOWN_W @ self.pose.R_w_c
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """An edge of a room.
+
+    Attributes:
+        kind: ``vertical`` or ``horizontal``.
+        surfaces: the names of the two that meet there.
+        ends_w: (2, 3) metres, world frame.
+    """
+
+    kind: str
+    surfaces: tuple[str, str]
+    ends_w: Array
+
+    def line_c(self, pose: Pose) -> Array:
+        """Return the line (6,), camera frame."""
+        start, end = pose.to_camera(self.ends_w)
+        return plucker.through(start, end - start)
+
+
+def evaluate(settings: Settings) -> Report:
+    """Reconstruct, and compare with the truth.
+
+    Args:
+        settings: with a source, images are taken around its origin; it knows its room.
+
+    Raises:
+        ArgumentError: a source without a room.
+        OmniscvError: of the source.
+    """
+    shots = _shots(settings.quick)
+    rows: list[Row] = []
+    exact: list[tuple[float, float]] = []
+    with open_source(settings.source or _SCENE) as source:
+        room = source.geometry().room
+        if room is None:
+            raise ArgumentError(
+                "source: expected one that knows its room, got one without; try scene://four-wall"
+            )
+        renderer = Renderer(source)
+        options = RenderOptions(strategy="strips")
+        for done, shot in enumerate(shots):
+            exact += exact_errors(room, shot)
+            image = renderer.render(shot.camera, shot.pose, ("lit", "object_mask", "depth"), options)
+            seen = observed_edges(room, image, source)
+            found = reconstructed(seen, shot)
+            rows += scored(seen, found, shot)
+            if done == 0:
+                pictures = [
+                    lines_chart.draw_cloud(image, _segments(seen, found), settings.out / "lines-cloud.png")
+                ]
+            settings.progress(done + 1, len(shots))
+    pictures.insert(0, lines_chart.draw_errors(rows, settings.out / "lines.png"))
+    about = {shot.name: {"camera": shot.camera.to_dict(), "pose": shot.pose.to_dict()} for shot in shots}
+    return Report([_exact_figure(exact), *figures(rows)], rows, about, pictures)
+
+
+def room_edges(room: Room) -> Iterator[Edge]:
+    """Yield where walls meet each other, the floor and the ceiling."""
+    low, high = (
+        np.column_stack([room.corners_w, np.full(len(room.corners_w), z)])
+        for z in (room.floor_z, room.ceiling_z)
+    )
+    for i, wall in enumerate(room.walls):
+        after = (i + 1) % len(room.walls)
+        yield Edge("vertical", (room.walls[i - 1], wall), np.array([low[i], high[i]]))
+        yield Edge("horizontal", (wall, room.floor), np.array([low[i], low[after]]))
+        yield Edge("horizontal", (wall, room.ceiling), np.array([high[i], high[after]]))
+
+
+def observed_edges(room: Room, image: OmniImage, source: Source) -> list[tuple[Edge, ObservedLine]]:
+    """Return the edges that an image shows, and where its labels do."""
+    label = {name: 1 + i for i, name in enumerate(source.objects().names())}
+    found = []
+    for edge in room_edges(room):
+        a, b = (label.get(name, 0) for name in edge.surfaces)
+        pixels = boundary(image["labels"], a, b)
+        if a and b and len(pixels) >= _LEAST_POINTS:
+            found.append((edge, ObservedLine(image.camera, pixels)))
+    return found
+
+
+def reconstructed(seen: Sequence[tuple[Edge, ObservedLine]], shot: Shot) -> Mapping[str, list[Array]]:
+    """Return the lines (6,), camera frame, by what is known beforehand."""
+    observed = [each for _, each in seen]
+    level = [line_priors.with_gravity(each, shot.gravity) for each in observed]
+    return {
+        "free": [line_priors.free(each, shot.axis) for each in observed],
+        "gravity": level,
+        "Manhattan": line_priors.manhattan(observed, level, shot.gravity),
+    }
+
+
+def scored(
+    seen: Sequence[tuple[Edge, ObservedLine]], found: Mapping[str, list[Array]], shot: Shot
+) -> Iterator[Row]:
+    """Yield the errors of all lines; distances are between the points of the line that was found and of the
+    true one which the same pixel sees, the largest of all pixels."""
+    for prior, lines in found.items():
+        for (edge, observed), line in zip(seen, lines, strict=True):
+            true = edge.line_c(shot.pose)
+            rays = observed.origins, observed.directions
+            off = plucker.nearest_to_rays(line, *rays) - plucker.nearest_to_rays(true, *rays)
+            yield {
+                "image": shot.name,
+                "camera": shot.camera.name,
+                "prior": prior,
+                "kind": edge.kind,
+                "edge": " | ".join(edge.surfaces),
+                "points": len(observed.pixels),
+                "baseline_m": effective_baseline(*rays),
+                "direction_deg": plucker.angle_deg(line[:3], true[:3]),
+                "distance_m": float(np.linalg.norm(off, axis=1).max()),
+                "rms_px": observed.rms_px(line),
+            }
+
+
+def exact_errors(room: Room, shot: Shot) -> list[tuple[float, float]]:
+    """Return (effective baseline, largest distance), metres, of lines from exact points of the edges."""
+    found = []
+    for edge in room_edges(room):
+        start, end = shot.pose.to_camera(edge.ends_w)
+        points = start + np.linspace(0, 1, _EXACT_POINTS)[:, None] * (end - start)
+        pixels, valid = shot.camera.project(points)
+        rays = shot.camera.unproject(pixels[valid])
+        if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
+            line = free_line(plucker.incidence(rays.origins, rays.directions), shot.axis)
+            baseline = effective_baseline(rays.origins, rays.directions)
+            found.append((baseline, float(plucker.distance_to(line, points[valid]).max())))
+    return found
+
+
+def figures(rows: Sequence[Row]) -> list[Figure]:
+    """Return the worst and the median errors of edges of a sufficient effective baseline."""
+    found = []
+    for camera in dict.fromkeys(row["camera"] for row in rows):
+        for kind, least in _WELL.items():
+            for prior in dict.fromkeys(row["prior"] for row in rows):
+                mine = [r for r in rows if (r["camera"], r["kind"], r["prior"]) == (camera, kind, prior)]
+                well = [row for row in mine if row["baseline_m"] >= least]
+                what = f"{camera}, {kind} edges of {least:g} m, {prior}"
+                if well:
+                    for key, unit in (("distance_m", "m"), ("direction_deg", "deg")):
+                        worst = max(row[key] for row in well)
+                        found.append(Figure(f"{what}: largest {key.split('_')[0]}", worst, unit, n=len(well)))
+    return found
+
+
+def _exact_figure(exact: Sequence[tuple[float, float]]) -> Figure:
+    well = [distance for baseline, distance in exact if baseline >= _WELL["vertical"]]
+    return Figure("exact points, free: largest distance", max(well), "m", n=len(well))
+
+
+def _segments(
+    seen: Sequence[tuple[Edge, ObservedLine]], found: Mapping[str, list[Array]]
+) -> list[lines_chart.Segment]:
+    """What is drawn: of the lines with gravity those of a sufficient effective baseline, from the first to
+    the last of their points that the image shows."""
+    segments = []
+    for (edge, observed), line in zip(seen, found["gravity"], strict=True):
+        rays = observed.origins, observed.directions
+        points = plucker.nearest_to_rays(line, *rays)
+        along = points @ line[:3]
+        if effective_baseline(*rays) >= _WELL["vertical"]:
+            ends = points[[along.argmin(), along.argmax()]]
+            segments.append(lines_chart.Segment(ends, edge.ends_w, observed.pixels))
+    return segments
+
+
+def _shots(quick: bool) -> list[Shot]:
+    """The paper's panorama, tilted by 10 degrees, and a cone that looks up."""
+    width = 768 if quick else 2048
+    panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
+    shots = [Shot("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))]
+    if quick:
+        return shots
+    cone = cameras.create(
+        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
+    )
+    shots.append(Shot("panorama-2", panorama, Pose.from_angles((-0.3, 0.2, 1.3), 75, 10, 0)))
+    shots.append(Shot("panorama-3", panorama, Pose.from_angles((0.2, -0.2, 1.6), 130, 8, -6)))
+    return [*shots, Shot("cone", cone, Pose.from_angles((0.0, 0.0, 1.0), 20, 80, 0))]
