@@ -42,7 +42,7 @@ _PLACES: tuple[tuple[str, tuple[float, float, float], tuple[float, float, float]
     ("scene://six-wall", (0.0, 0.2, 1.4), (20, 20, 8)),
     ("scene://six-wall", (-0.3, -0.2, 1.6), (-130, -15, -15)),
 )
-"""Scenes, positions in metres, and yaw, pitch and roll in degrees of the axis that the image's middle sees."""
+"""Scenes, positions in metres, and yaw, pitch, roll in degrees of the axis that the image's middle sees."""
 
 
 class Extent(NamedTuple):

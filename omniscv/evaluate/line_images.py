@@ -1,10 +1,11 @@
 """Images of straight lines in central cameras of revolution, by one parameter.
 
 A camera of revolution sees a point at the angle phi from its axis at the radius r. A line and the optical
-centre span a plane with the normal n = (nx, ny, nz), in which z is the axis that the image's middle sees; with
+centre span a plane with the normal n = (nx, ny, nz), where z is the axis that the image's middle sees; with
 ``alpha(r) = -r cot phi(r)`` the line's image is ``nx x + ny y - nz alpha(r) = 0``, where (x, y) counts from
 the image's middle. ``r_vl`` is the radius at phi = 90 degrees: where images of lines parallel to the image
-plane vanish. It alone determines alpha, for hyper-catadioptric systems together with the camera's focal length.
+plane vanish. It alone determines alpha; of hyper-catadioptric systems together with the camera's focal
+length.
 
 Source: Bermudez-Cameo, Lopez-Nicolas, Guerrero 2015, Automatic line extraction in uncalibrated
 omnidirectional cameras with revolution symmetry; f as in the paper of OmniSCV.

@@ -1,7 +1,7 @@
 """The lines of one non-central image in three ways: free, with known gravity, and along a room's directions.
 
-With gravity a line is upright or level, whichever its image fits: the paper's soft Manhattan constraint. Level
-lines then also give the directions of the room, which are those of a Manhattan world.
+With gravity a line is upright or level, whichever its image fits: the paper's soft Manhattan constraint. The
+level lines then also give the directions of the room, which are those of a Manhattan world.
 """
 
 from __future__ import annotations

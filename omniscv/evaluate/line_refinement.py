@@ -7,6 +7,8 @@ rays, so that it is the same for panoramas and mirrors.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -62,12 +64,9 @@ class ObservedLine:
         def moved(x: Array) -> Array:
             return plucker.through(middle + x[:2] @ across, line[:3] + x[2:] @ turns)
 
-        found = least_squares(
-            lambda x: self.distances_px(moved(x)),
-            np.zeros(2 + len(turns)),
-            loss="soft_l1",
-            f_scale=_ROBUST_PX,
-            x_scale="jac",
-            xtol=1e-12,
-        )
+        def residuals(x: Array) -> Array:
+            return self.distances_px(moved(x))
+
+        robust: dict[str, Any] = {"loss": "soft_l1", "f_scale": _ROBUST_PX}
+        found = least_squares(residuals, np.zeros(2 + len(turns)), x_scale="jac", xtol=1e-12, **robust)
         return moved(found.x)

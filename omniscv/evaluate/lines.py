@@ -14,12 +14,11 @@ import numpy as np
 
 from omniscv import cameras
 from omniscv.cameras import Camera
-from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.evaluate import line_priors, lines_chart, plucker
 from omniscv.evaluate.figures import Figure, Report
-from omniscv.evaluate.label_boundaries import boundary
+from omniscv.evaluate.label_boundaries import Labels, boundary
 from omniscv.evaluate.line_refinement import ObservedLine
 from omniscv.evaluate.noncentral_lines import effective_baseline, free_line
 from omniscv.evaluate.registry import Settings
@@ -27,7 +26,6 @@ from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
 from omniscv.planning import RenderOptions
-from omniscv.sources.base import Source
 from omniscv.sources.registry import open_source
 
 OPTIONS: frozenset[str] = frozenset()
@@ -103,7 +101,7 @@ def evaluate(settings: Settings) -> Report:
         for done, shot in enumerate(shots):
             exact += exact_errors(room, shot)
             image = renderer.render(shot.camera, shot.pose, ("lit", "object_mask", "depth"), options)
-            seen = observed_edges(room, image, source)
+            seen = observed_edges(room, shot.camera, image["labels"], source.objects().names())
             found = reconstructed(seen, shot)
             rows += scored(seen, found, shot)
             if done == 0:
@@ -129,15 +127,24 @@ def room_edges(room: Room) -> Iterator[Edge]:
         yield Edge("horizontal", (wall, room.ceiling), np.array([high[i], high[after]]))
 
 
-def observed_edges(room: Room, image: OmniImage, source: Source) -> list[tuple[Edge, ObservedLine]]:
-    """Return the edges that an image shows, and where its labels do."""
-    label = {name: 1 + i for i, name in enumerate(source.objects().names())}
+def observed_edges(
+    room: Room, camera: Camera, labels: Labels, names: Sequence[str]
+) -> list[tuple[Edge, ObservedLine]]:
+    """Return the edges that an image shows, and where its labels do.
+
+    Args:
+        room: whose edges.
+        camera: what sees it.
+        labels: (H, W) the image's.
+        names: of the labels from 1 on.
+    """
+    label = {name: 1 + i for i, name in enumerate(names)}
     found = []
     for edge in room_edges(room):
         a, b = (label.get(name, 0) for name in edge.surfaces)
-        pixels = boundary(image["labels"], a, b)
+        pixels = boundary(labels, a, b)
         if a and b and len(pixels) >= _LEAST_POINTS:
-            found.append((edge, ObservedLine(image.camera, pixels)))
+            found.append((edge, ObservedLine(camera, pixels)))
     return found
 
 
@@ -230,7 +237,7 @@ def _segments(
 
 def _shots(quick: bool) -> list[Shot]:
     """The paper's panorama, tilted by 10 degrees, and a cone that looks up."""
-    width = 768 if quick else 2048
+    width = 640 if quick else 2048
     panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
     shots = [Shot("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))]
     if quick:

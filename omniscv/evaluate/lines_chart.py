@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _COLORS = {"free": "#d55e00", "gravity": "#0072b2", "Manhattan": "#009e73"}
 _MARKERS = {"vertical": "^", "horizontal": "o"}
 _INK, _FOUND, _CENTERS, _UP = "#1c2330", "#d55e00", "#0072b2", "#009e73"
+_PANORAMA = "noncentral-panorama"
+_LEAST_SHOWN = 1e-3  # m or degrees
 _MOST_POINTS = 15000
 
 
@@ -42,31 +44,25 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
     figure = Figure(figsize=(10, 4.8), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2)
-    for axes, key, label in zip(
-        panels, ("distance_m", "direction_deg"), ("largest distance, m", "direction, deg"), strict=True
-    ):
-        for prior, color in _COLORS.items():
-            for kind, marker in _MARKERS.items():
-                mine = [r for r in rows if (r["prior"], r["kind"]) == (prior, kind)]
-                shown = [
-                    (r["baseline_m"], max(r[key], 1e-3)) for r in mine if r["camera"] == "noncentral-panorama"
-                ]
-                axes.scatter(*np.array(shown).reshape(-1, 2).T, s=28, c=color, marker=marker, lw=0)
-                cone = [
-                    (r["baseline_m"], max(r[key], 1e-3)) for r in mine if r["camera"] != "noncentral-panorama"
-                ]
-                axes.scatter(
-                    *np.array(cone).reshape(-1, 2).T, s=28, fc="none", ec=color, marker=marker, lw=0.9
-                )
+    labels = "largest distance, m", "direction, deg"
+    for axes, key, label in zip(panels, ("distance_m", "direction_deg"), labels, strict=True):
+        for row in rows:
+            color, mirror = _COLORS[row["prior"]], row["camera"] != _PANORAMA
+            face = "none" if mirror else color
+            at = row["baseline_m"], max(row[key], _LEAST_SHOWN)
+            axes.scatter(*at, s=28, fc=face, ec=color, marker=_MARKERS[row["kind"]], lw=0.9)
         axes.set(xscale="log", yscale="log", xlabel="effective baseline, m", ylabel=label)
-        axes.grid(True, lw=0.4, alpha=0.5)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.grid(True, which="both", lw=0.4, alpha=0.4)
     for prior, color in _COLORS.items():
         panels[0].scatter([], [], s=28, c=color, label=prior, lw=0)
     for kind, marker in _MARKERS.items():
         panels[0].scatter([], [], s=28, c=_INK, marker=marker, label=f"{kind} edge", lw=0)
-    panels[0].scatter([], [], s=28, fc="none", ec=_INK, label="conical mirror", lw=0.9)
+    panels[0].scatter([], [], s=28, fc="none", ec=_INK, label="outlined: conical mirror", lw=0.9)
     panels[0].legend(fontsize=8)
-    panels[1].set_title("vertical edges with gravity, and what is below 0.001, at the bottom", size=9)
+    panels[1].set_title(f"what is below {_LEAST_SHOWN:g} is at the bottom", size=9)
     figure.suptitle(
         "Lines from one non-central image need baseline; gravity makes up for much of it", size=11
     )

@@ -45,7 +45,8 @@ def level_line(rows: Array, gravity: Array) -> Array:
     """Return the line (6,) across gravity (3,), unit, that rays meet: five unknowns, and Klein's quadric.
 
     The two last singular vectors span what noise cannot tell apart; of its lines, which ``l . m = 0`` picks
-    out, that which the rays meet best is returned. Args as of :func:`free_line`; N >= 3.
+    out, that which the rays meet best is returned. Args as of :func:`free_line`; N >= 4: of three
+    rays, two lines are as good.
     """
     basis = np.zeros((5, 6))
     basis[:2, :3] = np.linalg.svd(gravity[None])[2][1:]

@@ -13,8 +13,8 @@ from omniscv.geometry.pose import Array
 
 def through(points: Array, directions: Array) -> Array:
     """Return lines (..., 6) through points (..., 3) along directions (..., 3), of unit direction."""
-    l = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-    return np.concatenate([l, np.cross(points, l)], axis=-1)
+    along = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    return np.concatenate([along, np.cross(points, along)], axis=-1)
 
 
 def incidence(origins: Array, directions: Array) -> Array:
@@ -24,9 +24,9 @@ def incidence(origins: Array, directions: Array) -> Array:
 
 def on_klein(line: Array) -> Array:
     """Return the line (6,) of unit direction nearest to six numbers with the same direction."""
-    l, m = line[:3], line[3:]
-    length = np.linalg.norm(l)
-    return np.concatenate([l, m - l * (l @ m) / length**2]) / length
+    length = float(np.linalg.norm(line[:3]))
+    along, moment = line[:3] / length, line[3:] / length
+    return np.concatenate([along, moment - along * (along @ moment)])
 
 
 def nearest_to_origin(line: Array) -> Array:
@@ -36,11 +36,10 @@ def nearest_to_origin(line: Array) -> Array:
 
 def nearest_to_rays(line: Array, origins: Array, directions: Array) -> Array:
     """Return (N, 3) the points of a line (6,) of unit direction that are nearest to rays (N, 3), unit."""
-    l, p = line[:3], nearest_to_origin(line)
-    along = directions @ l
-    offset = origins - p
-    s = (offset @ l - along * (offset * directions).sum(axis=-1)) / (1 - along**2)
-    return np.asarray(p + s[:, None] * l)
+    middle = nearest_to_origin(line)
+    cosine, offset = directions @ line[:3], origins - middle
+    along = (offset @ line[:3] - cosine * (offset * directions).sum(axis=-1)) / (1 - cosine**2)
+    return np.asarray(middle + along[:, None] * line[:3])
 
 
 def distance_to(line: Array, points: Array) -> Array:
