@@ -1,0 +1,100 @@
+"""The edges of a room from one non-central image, against the room."""
+
+import numpy as np
+import pytest
+
+import mock_server
+import omniscv
+from omniscv.errors import ArgumentError
+from omniscv.evaluate import lines
+from omniscv.evaluate.label_boundaries import boundary
+from omniscv.evaluate.registry import Settings, run
+
+
+def test_boundaries_lie_between_the_pixels_of_two_labels():
+    labels = np.array([[1, 1, 2, 2], [1, 3, 3, 2], [1, 1, 1, 2]], np.uint16)
+    assert sorted(map(tuple, boundary(labels, 1, 2))) == [(2.0, 0.5), (3.0, 2.5)]
+    assert sorted(map(tuple, boundary(labels, 3, 1))) == [(1.0, 1.5), (1.5, 1.0), (1.5, 2.0), (2.5, 2.0)]
+    assert len(boundary(labels, 1, 4)) == 0
+
+
+def traced(camera, pose, scene):
+    """The labels of an image, by tracing its own rays."""
+    rays = camera.unproject()
+    origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
+    return scene.trace(origins, directions).label
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Errors of the paper's panorama, of labels that are exact."""
+    scene = mock_server.load_scene("four-wall")
+    with omniscv.open_source("scene://four-wall") as source:
+        room, names = source.geometry().room, source.objects().names()
+    camera = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
+    shot = lines.Shot("panorama", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
+    seen = lines.observed_edges(room, camera, traced(camera, shot.pose, scene), names)
+    return list(lines.scored(seen, lines.reconstructed(seen, shot), shot))
+
+
+def of(rows, **wanted):
+    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def test_every_edge_of_the_room_is_seen(rows):
+    assert len(of(rows, prior="free")) == len(of(rows, prior="gravity")) == 12
+    assert len(of(rows, prior="free", kind="vertical")) == 4
+
+
+@pytest.mark.parametrize("prior", ["gravity", "Manhattan"])
+def test_vertical_edges_are_within_3_cm(rows, prior):
+    found = [row for row in of(rows, prior=prior, kind="vertical") if row["baseline_m"] >= 0.05]
+    assert len(found) == 2
+    assert max(row["distance_m"] for row in found) <= 0.03
+
+
+@pytest.mark.parametrize("prior", ["free", "gravity", "Manhattan"])
+def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
+    found = [row for row in of(rows, prior=prior, kind="horizontal") if row["baseline_m"] >= 0.4]
+    assert len(found) >= 2
+    assert max(row["distance_m"] for row in found) <= 0.1
+    assert max(row["direction_deg"] for row in found) <= 2
+
+
+def test_what_is_known_beforehand_helps(rows):
+    def median(prior):
+        return np.median([row["distance_m"] for row in of(rows, prior=prior)])
+
+    assert median("Manhattan") <= median("gravity") < 0.5 * median("free")
+
+
+@pytest.mark.parametrize("scene", ["four-wall", "six-wall"])
+def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
+    with omniscv.open_source(f"scene://{scene}") as source:
+        room = source.geometry().room
+    panorama = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
+    cone = omniscv.cameras.create(
+        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
+    )
+    for camera, *angles in ((panorama, 20, 10, 0), (panorama, 130, 8, -6), (cone, 20, 80, 0)):
+        shot = lines.Shot("", camera, omniscv.Pose.from_angles((0, 0, 1.2), *angles))
+        found = [off for baseline, off in lines.exact_errors(room, shot) if baseline >= 0.05]
+        assert len(found) >= 2
+        assert max(found) <= 1e-9
+
+
+def test_edges_of_an_l_shaped_room_go_once_around():
+    with omniscv.open_source("scene://six-wall") as source:
+        room = source.geometry().room
+    edges = list(lines.room_edges(room))
+    assert [edge.kind for edge in edges].count("vertical") == 6
+    assert len({edge.surfaces for edge in edges}) == len(edges) == 18
+    ends = np.array([edge.ends_w for edge in edges]).reshape(-1, 3)
+    corners, times = np.unique(np.round(ends, 9), axis=0, return_counts=True)
+    assert len(corners) == 12
+    assert set(times.tolist()) == {3}
+
+
+def test_a_source_without_a_room_is_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="source: expected one that knows its room, got one without"):
+        run("lines", Settings(tmp_path, quick=True, source="scene://direction"))
