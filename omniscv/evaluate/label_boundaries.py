@@ -17,8 +17,20 @@ def boundary(labels: Labels, a: int, b: int) -> Array:
         labels: (H, W).
         a, b: the labels.
     """
-    beside = _between(labels[:, :-1], labels[:, 1:], a, b)
-    below = _between(labels[:-1], labels[1:], a, b)
+    return _midpoints(*(_between(*pair, a, b) for pair in _neighbours(labels)))
+
+
+def outline(labels: Labels, a: int) -> Array:
+    """Return (N, 2) px the midpoints between neighbouring pixels of which only one has the label ``a``."""
+    return _midpoints(*((first == a) != (second == a) for first, second in _neighbours(labels)))
+
+
+def _neighbours(labels: Labels) -> tuple[tuple[Labels, Labels], tuple[Labels, Labels]]:
+    """Pixels with those to their right, and with those below them."""
+    return (labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])
+
+
+def _midpoints(beside: NDArray[np.bool_], below: NDArray[np.bool_]) -> Array:
     row, column = np.nonzero(beside)
     right = np.stack([column + 1.0, row + 0.5], axis=-1)
     row, column = np.nonzero(below)

@@ -15,7 +15,7 @@ from omniscv.evaluate.noncentral_lines import effective_baseline, free_line, lev
 from omniscv.geometry.pose import Array
 
 _HEADINGS = 36
-_UPRIGHT = 1.5  # times the rms of the best level line: so far an upright one, with less unknowns, is taken
+_UPRIGHT = 1.1  # times the rms of the best level line: so far an upright one, with less unknowns, is taken
 _KNOWN = np.zeros((0, 3))
 
 

@@ -7,7 +7,6 @@ compared with the truth: free, with known gravity, and along the directions of a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +17,9 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.evaluate import line_priors, lines_chart, plucker
 from omniscv.evaluate.figures import Figure, Report
-from omniscv.evaluate.label_boundaries import Labels, boundary
-from omniscv.evaluate.line_refinement import ObservedLine
 from omniscv.evaluate.noncentral_lines import effective_baseline, free_line
 from omniscv.evaluate.registry import Settings
+from omniscv.evaluate.true_edges import Seen, room_edges, seen_edges
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -31,12 +29,17 @@ from omniscv.sources.registry import open_source
 OPTIONS: frozenset[str] = frozenset()
 
 _SCENE = "scene://four-wall"
-_LEAST_POINTS = 40
 _EXACT_POINTS = 60
 _DOWN_W = np.array([0.0, 0.0, -1.0])
 _AXIS = {"noncentral-panorama": np.array([0.0, 1.0, 0.0]), "noncentral-conical-mirror": np.array([0, 0, 1.0])}
-_WELL = {"vertical": 0.05, "horizontal": 0.4}
-"""Effective baselines, metres, from which on an edge counts in the figures."""
+_WELL = {
+    ("panorama", "vertical"): 0.05,
+    ("panorama", "horizontal"): 0.4,
+    ("cone", "vertical"): 0.05,
+    ("cone", "horizontal"): 0.1,
+}
+"""Effective baselines, metres, from which on a room's edge counts in the figures."""
+_EXACT_FROM_M = _DRAWN_M = 0.05
 
 Row = Mapping[str, Any]
 
@@ -57,26 +60,6 @@ class Shot(NamedTuple):
         return _DOWN_W @ self.pose.R_w_c
 
 
-@dataclass(frozen=True, eq=False)
-class Edge:
-    """An edge of a room.
-
-    Attributes:
-        kind: ``vertical`` or ``horizontal``.
-        surfaces: the names of the two that meet there.
-        ends_w: (2, 3) metres, world frame.
-    """
-
-    kind: str
-    surfaces: tuple[str, str]
-    ends_w: Array
-
-    def line_c(self, pose: Pose) -> Array:
-        """Return the line (6,), camera frame."""
-        start, end = pose.to_camera(self.ends_w)
-        return plucker.through(start, end - start)
-
-
 def evaluate(settings: Settings) -> Report:
     """Reconstruct, and compare with the truth.
 
@@ -91,7 +74,8 @@ def evaluate(settings: Settings) -> Report:
     rows: list[Row] = []
     exact: list[tuple[float, float]] = []
     with open_source(settings.source or _SCENE) as source:
-        room = source.geometry().room
+        geometry, names = source.geometry(), source.objects().names()
+        room = geometry.room
         if room is None:
             raise ArgumentError(
                 "source: expected one that knows its room, got one without; try scene://four-wall"
@@ -101,7 +85,7 @@ def evaluate(settings: Settings) -> Report:
         for done, shot in enumerate(shots):
             exact += exact_errors(room, shot)
             image = renderer.render(shot.camera, shot.pose, ("lit", "object_mask", "depth"), options)
-            seen = observed_edges(room, shot.camera, image["labels"], source.objects().names())
+            seen = seen_edges(geometry, shot.camera, shot.pose, image["labels"], names)
             found = reconstructed(seen, shot)
             rows += scored(seen, found, shot)
             if done == 0:
@@ -114,41 +98,7 @@ def evaluate(settings: Settings) -> Report:
     return Report([_exact_figure(exact), *figures(rows)], rows, about, pictures)
 
 
-def room_edges(room: Room) -> Iterator[Edge]:
-    """Yield where walls meet each other, the floor and the ceiling."""
-    low, high = (
-        np.column_stack([room.corners_w, np.full(len(room.corners_w), z)])
-        for z in (room.floor_z, room.ceiling_z)
-    )
-    for i, wall in enumerate(room.walls):
-        after = (i + 1) % len(room.walls)
-        yield Edge("vertical", (room.walls[i - 1], wall), np.array([low[i], high[i]]))
-        yield Edge("horizontal", (wall, room.floor), np.array([low[i], low[after]]))
-        yield Edge("horizontal", (wall, room.ceiling), np.array([high[i], high[after]]))
-
-
-def observed_edges(
-    room: Room, camera: Camera, labels: Labels, names: Sequence[str]
-) -> list[tuple[Edge, ObservedLine]]:
-    """Return the edges that an image shows, and where its labels do.
-
-    Args:
-        room: whose edges.
-        camera: what sees it.
-        labels: (H, W) the image's.
-        names: of the labels from 1 on.
-    """
-    label = {name: 1 + i for i, name in enumerate(names)}
-    found = []
-    for edge in room_edges(room):
-        a, b = (label.get(name, 0) for name in edge.surfaces)
-        pixels = boundary(labels, a, b)
-        if a and b and len(pixels) >= _LEAST_POINTS:
-            found.append((edge, ObservedLine(camera, pixels)))
-    return found
-
-
-def reconstructed(seen: Sequence[tuple[Edge, ObservedLine]], shot: Shot) -> Mapping[str, list[Array]]:
+def reconstructed(seen: Seen, shot: Shot) -> Mapping[str, list[Array]]:
     """Return the lines (6,), camera frame, by what is known beforehand."""
     observed = [each for _, each in seen]
     level = [line_priors.with_gravity(each, shot.gravity) for each in observed]
@@ -159,9 +109,7 @@ def reconstructed(seen: Sequence[tuple[Edge, ObservedLine]], shot: Shot) -> Mapp
     }
 
 
-def scored(
-    seen: Sequence[tuple[Edge, ObservedLine]], found: Mapping[str, list[Array]], shot: Shot
-) -> Iterator[Row]:
+def scored(seen: Seen, found: Mapping[str, list[Array]], shot: Shot) -> Iterator[Row]:
     """Yield the errors of all lines; distances are between the points of the line that was found and of the
     true one which the same pixel sees, the largest of all pixels."""
     for prior, lines in found.items():
@@ -171,10 +119,11 @@ def scored(
             off = plucker.nearest_to_rays(line, *rays) - plucker.nearest_to_rays(true, *rays)
             yield {
                 "image": shot.name,
-                "camera": shot.camera.name,
+                "camera": shot.name.split("-")[0],
                 "prior": prior,
                 "kind": edge.kind,
-                "edge": " | ".join(edge.surfaces),
+                "of": edge.of,
+                "edge": edge.name,
                 "points": len(observed.pixels),
                 "baseline_m": effective_baseline(*rays),
                 "direction_deg": plucker.angle_deg(line[:3], true[:3]),
@@ -186,9 +135,8 @@ def scored(
 def exact_errors(room: Room, shot: Shot) -> list[tuple[float, float]]:
     """Return (effective baseline, largest distance), metres, of lines from exact points of the edges."""
     found = []
-    for edge in room_edges(room):
-        start, end = shot.pose.to_camera(edge.ends_w)
-        points = start + np.linspace(0, 1, _EXACT_POINTS)[:, None] * (end - start)
+    for edge, _ in room_edges(room):
+        points = edge.points_c(shot.pose, _EXACT_POINTS)
         pixels, valid = shot.camera.project(points)
         rays = shot.camera.unproject(pixels[valid])
         if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
@@ -199,29 +147,25 @@ def exact_errors(room: Room, shot: Shot) -> list[tuple[float, float]]:
 
 
 def figures(rows: Sequence[Row]) -> list[Figure]:
-    """Return the worst and the median errors of edges of a sufficient effective baseline."""
+    """Return the worst errors of a room's edges of a sufficient effective baseline."""
     found = []
-    for camera in dict.fromkeys(row["camera"] for row in rows):
-        for kind, least in _WELL.items():
-            for prior in dict.fromkeys(row["prior"] for row in rows):
-                mine = [r for r in rows if (r["camera"], r["kind"], r["prior"]) == (camera, kind, prior)]
-                well = [row for row in mine if row["baseline_m"] >= least]
-                what = f"{camera}, {kind} edges of {least:g} m, {prior}"
-                if well:
-                    for key, unit in (("distance_m", "m"), ("direction_deg", "deg")):
-                        worst = max(row[key] for row in well)
-                        found.append(Figure(f"{what}: largest {key.split('_')[0]}", worst, unit, n=len(well)))
+    for (camera, kind), least in _WELL.items():
+        for prior in dict.fromkeys(row["prior"] for row in rows):
+            wanted = camera, kind, prior, "room"
+            mine = [r for r in rows if (r["camera"], r["kind"], r["prior"], r["of"]) == wanted]
+            well = [row for row in mine if row["baseline_m"] >= least]
+            for key, unit in (("distance_m", "m"), ("direction_deg", "deg")) if well else ():
+                name = f"{camera}, {kind} >= {least:g} m, {prior}: {key.split('_')[0]}"
+                found.append(Figure(name, max(row[key] for row in well), unit, n=len(well)))
     return found
 
 
 def _exact_figure(exact: Sequence[tuple[float, float]]) -> Figure:
-    well = [distance for baseline, distance in exact if baseline >= _WELL["vertical"]]
-    return Figure("exact points, free: largest distance", max(well), "m", n=len(well))
+    well = [distance for baseline, distance in exact if baseline >= _EXACT_FROM_M]
+    return Figure("exact points >= 0.05 m, free: distance", max(well), "m", n=len(well))
 
 
-def _segments(
-    seen: Sequence[tuple[Edge, ObservedLine]], found: Mapping[str, list[Array]]
-) -> list[lines_chart.Segment]:
+def _segments(seen: Seen, found: Mapping[str, list[Array]]) -> list[lines_chart.Segment]:
     """What is drawn: of the lines with gravity those of a sufficient effective baseline, from the first to
     the last of their points that the image shows."""
     segments = []
@@ -229,7 +173,7 @@ def _segments(
         rays = observed.origins, observed.directions
         points = plucker.nearest_to_rays(line, *rays)
         along = points @ line[:3]
-        if effective_baseline(*rays) >= _WELL["vertical"]:
+        if effective_baseline(*rays) >= _DRAWN_M:
             ends = points[[along.argmin(), along.argmax()]]
             segments.append(lines_chart.Segment(ends, edge.ends_w, observed.pixels))
     return segments

@@ -15,10 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _COLORS = {"free": "#d55e00", "gravity": "#0072b2", "Manhattan": "#009e73"}
-_MARKERS = {"vertical": "^", "horizontal": "o"}
+_MARKERS = {"vertical": "^", "horizontal": "o", "oblique": "D"}
 _INK, _FOUND, _CENTERS, _UP = "#1c2330", "#d55e00", "#0072b2", "#009e73"
-_PANORAMA = "noncentral-panorama"
-_LEAST_SHOWN = 1e-3  # m or degrees
+_SHOWN = {"distance_m": (1e-3, 10.0), "direction_deg": (1e-3, 90.0)}
 _MOST_POINTS = 15000
 
 
@@ -47,9 +46,9 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
     labels = "largest distance, m", "direction, deg"
     for axes, key, label in zip(panels, ("distance_m", "direction_deg"), labels, strict=True):
         for row in rows:
-            color, mirror = _COLORS[row["prior"]], row["camera"] != _PANORAMA
+            color, mirror = _COLORS[row["prior"]], row["camera"] != "panorama"
             face = "none" if mirror else color
-            at = row["baseline_m"], max(row[key], _LEAST_SHOWN)
+            at = row["baseline_m"], np.clip(row[key], *_SHOWN[key])
             axes.scatter(*at, s=28, fc=face, ec=color, marker=_MARKERS[row["kind"]], lw=0.9)
         axes.set(xscale="log", yscale="log", xlabel="effective baseline, m", ylabel=label)
         axes.xaxis.set_major_formatter("{x:g}")
@@ -62,7 +61,7 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
         panels[0].scatter([], [], s=28, c=_INK, marker=marker, label=f"{kind} edge", lw=0)
     panels[0].scatter([], [], s=28, fc="none", ec=_INK, label="outlined: conical mirror", lw=0.9)
     panels[0].legend(fontsize=8)
-    panels[1].set_title(f"what is below {_LEAST_SHOWN:g} is at the bottom", size=9)
+    panels[1].set_title("what is beyond an axis is drawn at its end", size=9)
     figure.suptitle(
         "Lines from one non-central image need baseline; gravity makes up for much of it", size=11
     )

@@ -9,6 +9,7 @@ from omniscv.errors import ArgumentError
 from omniscv.evaluate import lines
 from omniscv.evaluate.label_boundaries import boundary
 from omniscv.evaluate.registry import Settings, run
+from omniscv.evaluate.true_edges import room_edges, seen_edges
 
 
 def test_boundaries_lie_between_the_pixels_of_two_labels():
@@ -26,14 +27,25 @@ def traced(camera, pose, scene):
 
 
 @pytest.fixture(scope="module")
-def rows():
-    """Errors of the paper's panorama, of labels that are exact."""
+def shot():
+    """The paper's panorama."""
+    camera = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
+    return lines.Shot("panorama-1", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
+
+
+@pytest.fixture(scope="module")
+def seen(shot):
+    """The edges that its exact labels show."""
     scene = mock_server.load_scene("four-wall")
     with omniscv.open_source("scene://four-wall") as source:
-        room, names = source.geometry().room, source.objects().names()
-    camera = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
-    shot = lines.Shot("panorama", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
-    seen = lines.observed_edges(room, camera, traced(camera, shot.pose, scene), names)
+        geometry, names = source.geometry(), source.objects().names()
+    labels = traced(shot.camera, shot.pose, scene)
+    return seen_edges(geometry, shot.camera, shot.pose, labels, names)
+
+
+@pytest.fixture(scope="module")
+def rows(seen, shot):
+    """The errors of the lines that they give."""
     return list(lines.scored(seen, lines.reconstructed(seen, shot), shot))
 
 
@@ -42,20 +54,31 @@ def of(rows, **wanted):
 
 
 def test_every_edge_of_the_room_is_seen(rows):
-    assert len(of(rows, prior="free")) == len(of(rows, prior="gravity")) == 12
-    assert len(of(rows, prior="free", kind="vertical")) == 4
+    assert len(of(rows, prior="free", of="room")) == 12
+    assert len(of(rows, prior="free", of="room", kind="vertical")) == 4
+
+
+def test_an_edges_pixels_are_on_its_image(seen, shot):
+    """Also those of objects, of whose boxes only the edges that their outline follows count."""
+    assert {edge.name.split()[0] for edge, _ in seen if edge.of == "object"} >= {
+        "Door_Frame",
+        "Shelf",
+        "Sofa",
+    }
+    for edge, observed in seen:
+        assert observed.rms_px(edge.line_c(shot.pose)) <= 0.75, edge.name
 
 
 @pytest.mark.parametrize("prior", ["gravity", "Manhattan"])
 def test_vertical_edges_are_within_3_cm(rows, prior):
-    found = [row for row in of(rows, prior=prior, kind="vertical") if row["baseline_m"] >= 0.05]
+    found = [row for row in of(rows, prior=prior, of="room", kind="vertical") if row["baseline_m"] >= 0.05]
     assert len(found) == 2
     assert max(row["distance_m"] for row in found) <= 0.03
 
 
 @pytest.mark.parametrize("prior", ["free", "gravity", "Manhattan"])
 def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
-    found = [row for row in of(rows, prior=prior, kind="horizontal") if row["baseline_m"] >= 0.4]
+    found = [row for row in of(rows, prior=prior, of="room", kind="horizontal") if row["baseline_m"] >= 0.4]
     assert len(found) >= 2
     assert max(row["distance_m"] for row in found) <= 0.1
     assert max(row["direction_deg"] for row in found) <= 2
@@ -63,7 +86,7 @@ def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
 
 def test_what_is_known_beforehand_helps(rows):
     def median(prior):
-        return np.median([row["distance_m"] for row in of(rows, prior=prior)])
+        return np.median([row["distance_m"] for row in of(rows, prior=prior, of="room")])
 
     assert median("Manhattan") <= median("gravity") < 0.5 * median("free")
 
@@ -86,9 +109,9 @@ def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
 def test_edges_of_an_l_shaped_room_go_once_around():
     with omniscv.open_source("scene://six-wall") as source:
         room = source.geometry().room
-    edges = list(lines.room_edges(room))
+    edges = [edge for edge, _ in room_edges(room)]
     assert [edge.kind for edge in edges].count("vertical") == 6
-    assert len({edge.surfaces for edge in edges}) == len(edges) == 18
+    assert len({edge.name for edge in edges}) == len(edges) == 18
     ends = np.array([edge.ends_w for edge in edges]).reshape(-1, 3)
     corners, times = np.unique(np.round(ends, 9), axis=0, return_counts=True)
     assert len(corners) == 12
