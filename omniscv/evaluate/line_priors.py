@@ -17,6 +17,7 @@ from omniscv.geometry.pose import Array
 _HEADINGS = 36
 _UPRIGHT = 1.1  # times the rms of the best level line: so far an upright one, with less unknowns, is taken
 _KNOWN = np.zeros((0, 3))
+_FAR = np.radians(5.0)  # a line so far off the room's directions has none of them
 
 
 def free(observed: ObservedLine, axis: Array) -> Array:
@@ -49,26 +50,40 @@ def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity:
         lines: (6,) each, as :func:`with_gravity` finds them.
         gravity: (3,) unit.
     """
-    level = [abs(line[:3] @ gravity) < 0.5 for line in lines]
-    if not any(level):
+    pairs = list(zip(observed, lines, strict=True))
+    level = [(each, line) for each, line in pairs if _is_level(line, gravity)]
+    if not level:
         return list(lines)
+    heading = _heading(level, gravity)
     x, y = np.linalg.svd(gravity[None])[2][1:]
-    fourfold = 0j
-    for each, line, is_level in zip(observed, lines, level, strict=True):
-        if is_level:
-            weight = effective_baseline(each.origins, each.directions) ** 2
-            fourfold += weight * np.exp(4j * np.arctan2(line[:3] @ y, line[:3] @ x))
-    heading = np.angle(fourfold) / 4
     directions = [np.cos(a) * x + np.sin(a) * y for a in (heading, heading + np.pi / 2)]
     return [
-        min((along(each, direction) for direction in directions), key=each.rms_px) if is_level else line
-        for each, line, is_level in zip(observed, lines, level, strict=True)
+        min((along(each, direction) for direction in directions), key=each.rms_px)
+        if _is_level(line, gravity)
+        else line
+        for each, line in pairs
     ]
 
 
 def along(observed: ObservedLine, direction: Array) -> Array:
     """Return the line (6,) of a known direction (3,), unit, camera frame."""
     return observed.refined(line_along(observed.rows, direction), _KNOWN)
+
+
+def _is_level(line: Array, gravity: Array) -> bool:
+    return bool(abs(line[:3] @ gravity) < 0.5)
+
+
+def _heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array) -> float:
+    """The heading, modulo a quarter-turn, of the level line that the others are nearest to: their median,
+    weighted by pixels and the square of the effective baseline."""
+    x, y = np.linalg.svd(gravity[None])[2][1:]
+    headings = np.array([np.arctan2(line[:3] @ y, line[:3] @ x) for _, line in level])
+    turns = headings[:, None] - headings
+    apart = np.abs(turns - np.pi / 2 * np.round(turns / (np.pi / 2)))
+    baselines = np.array([effective_baseline(each.origins, each.directions) for each, _ in level])
+    weights = baselines**2 * [len(each.pixels) for each, _ in level]
+    return float(headings[np.argmin(np.minimum(apart, _FAR) @ weights)])
 
 
 def _level_directions(gravity: Array, count: int) -> list[Array]:
