@@ -125,14 +125,15 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
     found = []
     for kind, model in dict.fromkeys((row["input"], row["model"]) for row in rows):
         means = means_of(rows, kind, model)
-        worst = max(abs(100 * (mean / value - 1)) for value, mean, _ in means)
+        worst = float(np.max([abs(100 * (mean / value - 1)) for value, mean, _ in means]))
         count = sum(row["input"] == kind and row["model"] == model for row in rows)
         found.append(Figure(f"r_vl error, {model}, {kind}", worst, "%", n=count))
     return found
 
 
 def means_of(rows: Sequence[Row], kind: Kind, model: str) -> list[tuple[float, float, float]]:
-    """Return (r_vl, mean and standard deviation of its estimates), in units, by r_vl."""
+    """Return (r_vl, mean and standard deviation of its estimates), in units, by r_vl; NaN where an image gave
+    none."""
     mine = [row for row in rows if row["input"] == kind and row["model"] == model]
     found = []
     for value in dict.fromkeys(row["r_vl"] for row in mine):

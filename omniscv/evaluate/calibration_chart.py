@@ -31,7 +31,7 @@ def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     axes.plot(ends, ends, color="#1c2330", lw=1, label="truth")
     errors.axhspan(-_TOLERANCE_PERCENT, _TOLERANCE_PERCENT, color="#9aa3b2", alpha=0.2, lw=0)
     errors.axhline(0, color="#1c2330", lw=1)
-    worst = 0.0
+    worst = []
     for i, name in enumerate(names):
         table = np.array(
             [[r["estimate"] for r in mine if r["model"] == name and r["r_vl"] == v] for v in values]
@@ -41,7 +41,7 @@ def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         axes.errorbar(true, mean, spread, ls="", label=name, **style)
         shifted = true + 0.008 * (i - (len(names) - 1) / 2)
         errors.errorbar(shifted, 100 * (mean / true - 1), 100 * spread / true, ls="", **style)
-        worst = max(worst, float(np.abs(100 * (mean / true - 1)).max()))
+        worst.append(float(np.abs(100 * (mean / true - 1)).max()))
     unit = "image circle's radius"
     axes.set(xlabel=f"true $r_{{vl}}$ / {unit}", ylabel=f"estimated $r_{{vl}}$ / {unit}", aspect="equal")
     errors.set(xlabel=f"true $r_{{vl}}$ / {unit}", ylabel="error of the mean, %")
@@ -49,6 +49,11 @@ def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     axes.legend(fontsize=8)
     for each in (axes, errors):
         each.grid(True, lw=0.4, alpha=0.5)
-    finding = f"Lines in rendered rooms give r_vl within {worst:.1f} % for {len(names)} camera models"
+    within = float(np.max(worst))
+    finding = (
+        f"Lines in rendered rooms give r_vl within {within:.1f} % for {len(names)} camera models"
+        if np.isfinite(within)
+        else "Lines in rendered images do not give r_vl everywhere"
+    )
     figure.suptitle(f"{finding}\n({images} image{'s' * (images > 1)} a value)", size=11)
     figure.savefig(path)

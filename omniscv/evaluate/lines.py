@@ -73,6 +73,7 @@ def evaluate(settings: Settings) -> Report:
     shots = _shots(settings.quick)
     rows: list[Row] = []
     exact: list[tuple[float, float]] = []
+    chart, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
     with open_source(settings.source or _SCENE) as source:
         geometry, names = source.geometry(), source.objects().names()
         room = geometry.room
@@ -81,7 +82,7 @@ def evaluate(settings: Settings) -> Report:
                 "source: expected one that knows its room, got one without; try scene://four-wall"
             )
         renderer = Renderer(source)
-        options = RenderOptions(strategy="strips")
+        options = RenderOptions(strategy="auto" if settings.source else "strips")
         for done, shot in enumerate(shots):
             exact += exact_errors(room, shot)
             image = renderer.render(shot.camera, shot.pose, ("lit", "object_mask", "depth"), options)
@@ -89,13 +90,11 @@ def evaluate(settings: Settings) -> Report:
             found = reconstructed(seen, shot)
             rows += scored(seen, found, shot)
             if done == 0:
-                pictures = [
-                    lines_chart.draw_cloud(image, _segments(seen, found), settings.out / "lines-cloud.png")
-                ]
+                lines_chart.draw_cloud(image, _segments(seen, found), cloud)
             settings.progress(done + 1, len(shots))
-    pictures.insert(0, lines_chart.draw_errors(rows, settings.out / "lines.png"))
+    lines_chart.draw_errors(rows, chart)
     about = {shot.name: {"camera": shot.camera.to_dict(), "pose": shot.pose.to_dict()} for shot in shots}
-    return Report([_exact_figure(exact), *figures(rows)], rows, about, pictures)
+    return Report([_exact_figure(exact), *figures(rows)], rows, about, [chart, cloud])
 
 
 def reconstructed(seen: Seen, shot: Shot) -> Mapping[str, list[Array]]:
@@ -162,7 +161,7 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
 
 def _exact_figure(exact: Sequence[tuple[float, float]]) -> Figure:
     well = [distance for baseline, distance in exact if baseline >= _EXACT_FROM_M]
-    return Figure("exact points >= 0.05 m, free: distance", max(well), "m", n=len(well))
+    return Figure("exact points >= 0.05 m, free: distance", max(well, default=float("nan")), "m", n=len(well))
 
 
 def _segments(seen: Seen, found: Mapping[str, list[Array]]) -> list[lines_chart.Segment]:

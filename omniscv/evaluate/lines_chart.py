@@ -18,7 +18,7 @@ _COLORS = {"free": "#d55e00", "gravity": "#0072b2", "Manhattan": "#009e73"}
 _MARKERS = {"vertical": "^", "horizontal": "o", "oblique": "D"}
 _INK, _FOUND, _CENTERS, _UP = "#1c2330", "#d55e00", "#0072b2", "#009e73"
 _SHOWN = {"distance_m": (1e-3, 10.0), "direction_deg": (1e-3, 90.0)}
-_MOST_POINTS = 15000
+_MOST_POINTS = 10000
 
 
 class Segment(NamedTuple):
@@ -35,8 +35,8 @@ class Segment(NamedTuple):
     pixels: Array
 
 
-def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
-    """Write the chart of errors over the effective baseline; return its path."""
+def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write the chart of errors over the effective baseline."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -45,11 +45,12 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
     panels = figure.subplots(1, 2)
     labels = "largest distance, m", "direction, deg"
     for axes, key, label in zip(panels, ("distance_m", "direction_deg"), labels, strict=True):
-        for row in rows:
-            color, mirror = _COLORS[row["prior"]], row["camera"] != "panorama"
-            face = "none" if mirror else color
-            at = row["baseline_m"], np.clip(row[key], *_SHOWN[key])
-            axes.scatter(*at, s=28, fc=face, ec=color, marker=_MARKERS[row["kind"]], lw=0.9)
+        for look in dict.fromkeys(_look(row) for row in rows):
+            prior, kind, camera = look
+            mine = [row for row in rows if _look(row) == look]
+            at = [row["baseline_m"] for row in mine], np.clip([row[key] for row in mine], *_SHOWN[key])
+            face = _COLORS[prior] if camera == "panorama" else "none"
+            axes.scatter(*at, s=28, fc=face, ec=_COLORS[prior], marker=_MARKERS[kind], lw=0.9)
         axes.set(xscale="log", yscale="log", xlabel="effective baseline, m", ylabel=label)
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
@@ -66,12 +67,16 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
         "Lines from one non-central image need baseline; gravity makes up for much of it", size=11
     )
     figure.savefig(path)
-    return path
 
 
-def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> Path:
+def _look(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """What a row's dot looks like depends on."""
+    return row["prior"], row["kind"], row["camera"]
+
+
+def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> None:
     """Write the image with its edges, and three views of the segments among the true points: as in the
-    paper in red the segments, in black the truth, in blue the optical centres; return its path."""
+    paper in red the segments, in black the truth, in blue the optical centres."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -95,7 +100,6 @@ def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> Pat
         f"{len(segments)} edges of a room, reconstructed from one image, among its true points", size=11
     )
     figure.savefig(path)
-    return path
 
 
 def _draw_view(

@@ -28,7 +28,7 @@ CAMERAS = {
 GRAVITY = np.array([0.0, np.cos(0.17), np.sin(0.17)])  # a panorama tilted by 10 degrees
 
 
-def seen_lines(name, count, wanted=25):
+def seen_lines(name, count, wanted=12):
     """Lines (6,), their points (N, 3) and their pixels in an image, of 5 cm of baseline or more."""
     camera, _ = CAMERAS[name]
     rng, found = np.random.default_rng(3), []
