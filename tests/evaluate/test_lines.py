@@ -6,8 +6,10 @@ import pytest
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import lines
-from omniscv.evaluate.label_boundaries import boundary
+from omniscv.evaluate import line_priors, lines
+from omniscv.evaluate.boundary_lines import BoundaryLine
+from omniscv.evaluate.label_boundaries import boundary, outline
+from omniscv.evaluate.line_refinement import ObservedLine
 from omniscv.evaluate.registry import Settings, run
 from omniscv.evaluate.true_edges import room_edges, seen_edges
 
@@ -17,6 +19,7 @@ def test_boundaries_lie_between_the_pixels_of_two_labels():
     assert sorted(map(tuple, boundary(labels, 1, 2))) == [(2.0, 0.5), (3.0, 2.5)]
     assert sorted(map(tuple, boundary(labels, 3, 1))) == [(1.0, 1.5), (1.5, 1.0), (1.5, 2.0), (2.5, 2.0)]
     assert len(boundary(labels, 1, 4)) == 0
+    assert sorted(map(tuple, outline(labels, 2))) == [(2.0, 0.5), (2.5, 1.0), (3.0, 1.5), (3.0, 2.5)]
 
 
 def traced(camera, pose, scene):
@@ -82,6 +85,18 @@ def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
     assert len(found) >= 2
     assert max(row["distance_m"] for row in found) <= 0.1
     assert max(row["direction_deg"] for row in found) <= 2
+
+
+def test_bounds_of_half_a_pixel_say_more_than_least_squares(seen, shot):
+    bounded, squares = [], []
+    for edge, boundary_line in seen:
+        if edge.of == "room" and edge.kind == "vertical":
+            true = edge.line_c(shot.pose)
+            for errors, kind in ((bounded, BoundaryLine), (squares, ObservedLine)):
+                line = line_priors.along(kind(shot.camera, boundary_line.pixels), shot.gravity)
+                errors.append(np.linalg.norm(line[3:] - true[3:] * np.sign(line[:3] @ true[:3])))
+    assert len(bounded) == 4
+    assert np.mean(bounded) <= 0.5 * np.mean(squares)
 
 
 def test_what_is_known_beforehand_helps(rows):
