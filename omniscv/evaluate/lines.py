@@ -179,8 +179,8 @@ def _segments(seen: Seen, found: Mapping[str, list[Array]]) -> list[lines_chart.
 
 
 def _shots(quick: bool) -> list[Shot]:
-    """The paper's panorama, tilted by 10 degrees, and a cone above a camera that looks up, in which the camera's
-    reflections lie on a circle that is nearly as wide: R_c = 0.94 m."""
+    """The paper's panorama, tilted by 10 degrees, and a cone above a camera that looks up, whose reflections
+    in it lie on a circle that is nearly as wide: R_c = 0.94 m."""
     width = 640 if quick else 2048
     panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
     shots = [Shot("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))]
