@@ -58,8 +58,8 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         axes.grid(True, which="both", lw=0.4, alpha=0.4)
     for prior, color in _COLORS.items():
         panels[0].scatter([], [], s=28, c=color, label=prior, lw=0)
-    for kind, marker in _MARKERS.items():
-        panels[0].scatter([], [], s=28, c=_INK, marker=marker, label=f"{kind} edge", lw=0)
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        panels[0].scatter([], [], s=28, c=_INK, marker=_MARKERS[kind], label=f"{kind} edge", lw=0)
     panels[0].scatter([], [], s=28, fc="none", ec=_INK, label="outlined: conical mirror", lw=0.9)
     panels[0].legend(fontsize=8)
     panels[1].set_title("what is beyond an axis is drawn at its end", size=9)

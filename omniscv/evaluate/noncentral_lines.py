@@ -3,8 +3,8 @@
 Every ray of the line gives one linear equation in its six Pluecker coordinates. All rays of a panorama or of
 a mirror of revolution also meet the axis, so that the axis is always a solution, which has to be left out.
 
-Source: Bermudez-Cameo, Barreto, Lopez-Nicolas, Guerrero 2016, Minimal solution for computing pairs of lines
-in non-central cameras; Gasparini and Caglioti 2011, Line localization from single catadioptric images.
+Source: Bermudez-Cameo, Demonceaux, Lopez-Nicolas, Guerrero 2016, Line reconstruction using prior knowledge in
+single non-central view; Gasparini and Caglioti 2011, Line localization from single catadioptric images.
 """
 
 from __future__ import annotations
