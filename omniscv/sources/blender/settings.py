@@ -50,6 +50,9 @@ class Settings:
             whole_number(name, getattr(self, name), least=least, most=most)
         for name, kind in (("denoiser", Denoiser), ("device", Device), ("lit", Lit)):
             one_of(name, getattr(self, name), get_args(kind))
+        if self.denoiser == "optix" and self.device not in ("cuda", "optix"):
+            wanted = "optix only with device=cuda or device=optix"
+            raise ArgumentError(f"denoiser: expected {wanted}, got device={self.device}")
         if self.frame is not None:
             whole_number("frame", self.frame, least=-1_048_574, most=1_048_574)  # as Blender has it
         near, far = self.clip
