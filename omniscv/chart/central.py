@@ -12,7 +12,6 @@ import numpy as np
 from omniscv.cameras import Camera, create
 from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
-from omniscv.chart.files import write_rows
 from omniscv.chart.peers import PAPER, Image, Peer, peers, remap_limit
 from omniscv.chart.truth import traced_mean
 from omniscv.compose.renderer import Renderer
@@ -185,7 +184,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
             )
     axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
-    return [write_rows(rows, out, "chart-central"), *drawing.save(made, out, "chart-central")]
+    return [drawing.write_rows(rows, out, "chart-central"), *drawing.save(made, out, "chart-central")]
 
 
 def _dot(row: Row) -> Dot:

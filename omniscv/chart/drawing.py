@@ -7,11 +7,13 @@ Ito, which colour-blind readers tell apart; shapes differ as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+
+from omniscv.compose.files import write_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,6 +79,12 @@ def figure(columns: int, height_in: float, title: str) -> tuple[Figure, list[Axe
     FigureCanvasAgg(made)
     made.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
     return made, list(made.subplots(1, columns, squeeze=False)[0])
+
+
+def write_rows(rows: Sequence[Any], out: Path, name: str) -> Path:
+    """Write dataclasses as ``NAME.json`` into a folder, which is made."""
+    out.mkdir(parents=True, exist_ok=True)
+    return write_json(out / f"{name}.json", [asdict(row) for row in rows])
 
 
 def save(made: Figure, out: Path, name: str) -> list[Path]:

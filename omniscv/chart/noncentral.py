@@ -13,7 +13,6 @@ import numpy as np
 from omniscv.cameras import Camera, create
 from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, Dot, Look
-from omniscv.chart.files import write_rows
 from omniscv.chart.truth import traced, traced_mean
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import render
@@ -176,7 +175,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         axes.set_title(name, size=10)
     panels[0].set_ylabel("pixels with a wrong label or depth, %", size=9)
     panels[0].set_xlabel("requests, and seconds at 5 and at 30 ms a request", size=9)
-    return [write_rows(rows, out, "chart-noncentral"), *drawing.save(made, out, "chart-noncentral")]
+    return [drawing.write_rows(rows, out, "chart-noncentral"), *drawing.save(made, out, "chart-noncentral")]
 
 
 def _dot(row: Row, all_rows: Sequence[Row]) -> Dot:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from omniscv.compose.files import whole_file
+from omniscv.compose.files import whole_file, write_json
 
 
 @dataclass(frozen=True)
@@ -56,8 +55,7 @@ class Report:
             "raw": [dict(row) for row in self.rows],
         }
         as_json, as_csv = out / f"{name}.json", out / f"{name}.csv"
-        with whole_file(as_json) as part:
-            part.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
+        write_json(as_json, content)
         with whole_file(as_csv) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(self.rows[0]) if self.rows else [])
             writer.writeheader()
