@@ -55,7 +55,7 @@ def test_a_file_whose_name_looks_like_an_address_is_a_file(recorded, tmp_path, m
 
 
 def test_options_that_an_opener_does_not_take_are_named(recorded):
-    with pytest.raises(ArgumentError, match=r"options: expected no options for .*, got timeout_s"):
+    with pytest.raises(ArgumentError, match=r"options: expected options among state for .*, got timeout_s"):
         omniscv.open_source(recorded, timeout_s=3)
     with pytest.raises(
         ArgumentError,
