@@ -53,12 +53,12 @@ class SourcePool(Source):
     def __init__(self, sources: Sequence[Source]) -> None:
         if not sources:
             raise ArgumentError("sources: expected at least one, got none")
-        self._capabilities = _the_same([source.capabilities for source in sources])
-        self._scene = _the_same([source.scene_identity for source in sources])
         self._sources, self._working = tuple(sources), list(sources)
+        self._capabilities = _the_same([source.capabilities for source in sources])
+        self._read_objects()
+        self._scene = _the_same([source.scene_identity for source in sources])
         self._fault = closed_error("pool")
         self._lock, self._closed = threading.Lock(), False
-        self._read_objects()
 
     @property
     def capabilities(self) -> Capabilities:
