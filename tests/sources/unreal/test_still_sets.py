@@ -99,3 +99,14 @@ def test_a_still_game_is_captured_as_before():
         assert not source.capabilities.moves
         with source.at(Instant()) as same:
             assert (same.state, same.capabilities.moves) == ("", False)
+
+
+def test_a_pause_that_does_not_hold_is_found():
+    """The game says that it is paused, and the objects move on."""
+    with (
+        serve("N1", time_step_s=0.02, faults=["ignore-pause"]) as server,
+        omniscv.open_source(server.uri) as source,
+        source.at(Instant(time=0.0)) as frozen,
+        pytest.raises(TornSetError),
+    ):
+        central(frozen, turned(0))
