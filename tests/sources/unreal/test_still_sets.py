@@ -50,14 +50,19 @@ def turned(seed):
 
 @pytest.mark.parametrize(("dialect", "shot", "seeds"), CASES)
 def test_captures_of_a_running_game_are_never_delivered(dialect, shot, seeds):
+    delivered = []
     for seed in range(seeds):
         step = random.Random(seed).choice([1 / 120, 1 / 60, 1 / 30])
         with (
             serve(dialect, time_step_s=step, seed=seed) as server,
             omniscv.open_source(server.uri, freeze="none") as source,
-            pytest.raises(TornSetError),
         ):
-            SHOTS[shot](source, turned(seed))
+            try:
+                SHOTS[shot](source, turned(seed))
+            except TornSetError:
+                continue
+            delivered.append(seed)
+    assert not delivered
 
 
 @pytest.mark.parametrize(("dialect", "shot"), FEW)
