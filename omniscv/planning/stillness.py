@@ -105,8 +105,8 @@ class StillSet(SourceWrapper):
         if self._visits < 2:
             return
         first = next(iter(self._first))
-        again = [replace(each, again=True) for each in self._shown if _center(each.view) == first]
-        for capture in self._source.capture(again):
+        shown = self._again(each for each in self._shown if _center(each.view) == first)
+        for capture in self._source.capture(replace(each, again=True) for each in shown):
             self._compare(capture)
 
     def close(self) -> None:
@@ -132,7 +132,18 @@ class StillSet(SourceWrapper):
                 yield from extra
                 yield request
             wanted.extend([False] * len(witnesses))
-            yield from (replace(each, again=True) for each in witnesses)
+            yield from (replace(each, again=True) for each in self._again(witnesses))
+
+    def _again(self, witnesses: Iterable[Request]) -> list[Request]:
+        """The order in which views are captured again: forwards in one mode, backwards in the other.
+
+        What swings and is back after some time in one of them is elsewhere in the other.
+        """
+        some: list[Request] = []
+        others: list[Request] = []
+        for each in witnesses:
+            (some if each.mode == self._proofs[0] else others).append(each)
+        return some + others[::-1]
 
     def _is_witness(self, view: View) -> bool:
         """Whether a view is captured again: all at the first centre are, and the first one elsewhere."""
