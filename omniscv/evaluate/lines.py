@@ -180,16 +180,15 @@ def _segments(seen: Seen, found: Mapping[str, list[Array]]) -> list[lines_chart.
 
 def _shots(quick: bool) -> list[Shot]:
     """The paper's panorama, tilted by 10 degrees, and a cone above a camera that looks up, whose reflections
-    in it lie on a circle that is nearly as wide: R_c = 0.94 m."""
+    in it lie on a circle of R_c = 0.47 m."""
     width = 640 if quick else 2048
     panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
     shots = [Shot("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))]
     if quick:
         return shots
     cone = cameras.create(
-        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=1.0
+        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
     )
     shots.append(Shot("panorama-2", panorama, Pose.from_angles((-0.3, 0.2, 1.3), 75, 10, 0)))
     shots.append(Shot("panorama-3", panorama, Pose.from_angles((0.2, -0.2, 1.6), 130, 8, -6)))
-    shots.append(Shot("cone-1", cone, Pose.from_angles((0.0, 0.0, 0.4), 20, 80, 0)))
-    return [*shots, Shot("cone-2", cone, Pose.from_angles((0.0, 0.0, 0.4), 65, 80, 0))]
+    return [*shots, Shot("cone", cone, Pose.from_angles((0.0, 0.0, 1.0), 20, 80, 0))]

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from omniscv.cameras import Camera
 from omniscv.evaluate import plucker
-from omniscv.evaluate.boundary_lines import BoundaryLine
 from omniscv.evaluate.label_boundaries import Labels, boundary, outline
 from omniscv.evaluate.line_refinement import ObservedLine
 from omniscv.geometry import Pose
@@ -87,7 +86,7 @@ def seen_edges(
         for edge, (one, other) in room_edges(geometry.room):
             pixels = boundary(labels, label.get(one, 0), label.get(other, 0))
             if one in label and other in label and len(pixels) >= _LEAST_POINTS:
-                found.append((edge, BoundaryLine(camera, pixels)))
+                found.append((edge, ObservedLine(camera, pixels)))
     surfaces = geometry.room.surfaces if geometry.room is not None else ()
     for name in sorted(set(geometry.boxes) & set(label) - set(surfaces)):
         corners = geometry.boxes[name].corners_w()
@@ -110,7 +109,7 @@ def _seen_of_box(edges: Sequence[Edge], camera: Camera, pose: Pose, pixels: Arra
         if len(mine) >= _LEAST_POINTS:
             shown = np.asarray(cKDTree(mine).query(curve[valid])[0])
             if (shown <= 2 * _NEAR_PX).mean() >= _LEAST_SHARE:
-                found.append((edge, BoundaryLine(camera, mine)))
+                found.append((edge, ObservedLine(camera, mine)))
     return found
 
 

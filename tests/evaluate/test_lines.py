@@ -6,10 +6,8 @@ import pytest
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import line_priors, lines
-from omniscv.evaluate.boundary_lines import BoundaryLine
+from omniscv.evaluate import lines
 from omniscv.evaluate.label_boundaries import boundary, outline
-from omniscv.evaluate.line_refinement import ObservedLine
 from omniscv.evaluate.registry import Settings, run
 from omniscv.evaluate.true_edges import room_edges, seen_edges
 
@@ -86,18 +84,6 @@ def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
     assert len(found) >= 2
     assert max(row["distance_m"] for row in found) <= 0.1
     assert max(row["direction_deg"] for row in found) <= 2
-
-
-def test_bounds_of_half_a_pixel_say_more_than_least_squares(seen, shot):
-    bounded, squares = [], []
-    for edge, boundary_line in seen:
-        if edge.of == "room":
-            true = edge.line_c(shot.pose)
-            for errors, kind in ((bounded, BoundaryLine), (squares, ObservedLine)):
-                line = line_priors.along(kind(shot.camera, boundary_line.pixels), true[:3])
-                errors.append(np.linalg.norm(line[3:] - true[3:]))
-    assert len(bounded) == 12
-    assert np.mean(bounded) <= 0.6 * np.mean(squares)
 
 
 def test_what_is_known_beforehand_helps(rows):
