@@ -21,7 +21,7 @@ from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.sources import Source
 from omniscv.truth import layout, project_layout
 from omniscv.truth.cor_id import cor_id
-from omniscv.truth.layout_maps import Map, exact_maps, original_maps
+from omniscv.truth.layout_maps import Map, original_maps
 from omniscv.truth.room_surfaces import inside
 
 SCENES = "mock://four-wall", "mock://six-wall"
@@ -45,7 +45,6 @@ class Shot:
         lit: (H, W, 3) RGB.
         corners: (2N, 2) px; see :mod:`omniscv.truth.cor_id`.
         maps: (H, W) uint8 of edges and of corners, by the recipe of the paper's.
-        exact: the same, exact: drawn along the projected edges.
     """
 
     name: str
@@ -53,7 +52,6 @@ class Shot:
     lit: NDArray[np.uint8]
     corners: Array
     maps: tuple[Map, Map]
-    exact: tuple[Map, Map]
 
 
 def count(settings: Settings) -> int:
@@ -86,8 +84,8 @@ def shots(settings: Settings) -> Iterator[Shot]:
 def known_shot(name: str, lit: NDArray[np.uint8], room: Room, camera: Camera, pose: Pose) -> Shot:
     """Return a panorama with the truth of its layout."""
     record = project_layout(room, camera, pose)
-    maps = original_maps(record, camera, pose), exact_maps(record, camera)
-    return Shot(name, f"{len(room.walls)}-wall", lit, cor_id(room, camera, pose), *maps)
+    maps = original_maps(record, camera, pose)
+    return Shot(name, f"{len(room.walls)}-wall", lit, cor_id(room, camera, pose), maps)
 
 
 def write(shot: Shot, folder: Path) -> None:

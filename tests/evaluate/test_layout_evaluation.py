@@ -14,6 +14,7 @@ from omniscv import Pose, cameras, cli
 from omniscv.errors import ArgumentError
 from omniscv.evaluate import layout_set
 from omniscv.evaluate.layout import scores
+from omniscv.evaluate.layout_drawing import maps_of
 from omniscv.evaluate.layout_predictions import Prediction
 from omniscv.evaluate.layout_table import PAPER, figures
 from omniscv.evaluate.registry import Settings, run
@@ -98,7 +99,7 @@ def test_maps_by_the_papers_recipe_are_where_the_exact_ones_are(plan):
 
 def test_rolling_the_panorama_lowers_the_score_step_by_step():
     shot = shot_of(PLAIN)
-    maps = [each / 255 for each in shot.exact]
+    maps = [each / 255 for each in maps_of(shot.corners, 512)]
     for kind in ("edges", "corners"):
         rolled = (tuple(np.roll(each, k, axis=1) for each in maps) for k in (0, 2, 4, 8, 12, 16))
         values = [scores(Prediction(maps=each), shot)[f"{kind}_iou"] for each in rolled]
@@ -108,7 +109,7 @@ def test_rolling_the_panorama_lowers_the_score_step_by_step():
 
 def test_measures_that_a_form_does_not_have_are_left_out():
     shot = shot_of(PLAIN)
-    measured = scores(Prediction(maps=tuple(each / 255 for each in shot.exact)), shot)
+    measured = scores(Prediction(maps=tuple(each / 255 for each in maps_of(shot.corners, 512))), shot)
     rows = [{"group": "4-wall", "method": "predictions", **measured}]
     found = {each.name.partition(": ")[2]: each for each in figures(rows)}
     assert set(found) == {
