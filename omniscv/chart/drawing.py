@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from omniscv.compose.files import write_json
+from omniscv.compose.files import finite, write_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,9 +82,9 @@ def figure(columns: int, height_in: float, title: str) -> tuple[Figure, list[Axe
 
 
 def write_rows(rows: Sequence[Any], out: Path, name: str) -> Path:
-    """Write dataclasses as ``NAME.json`` into a folder, which is made."""
+    """Write dataclasses as ``NAME.json`` into a folder, which is made; NaN becomes null."""
     out.mkdir(parents=True, exist_ok=True)
-    return write_json(out / f"{name}.json", [asdict(row) for row in rows])
+    return write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
 
 
 def save(made: Figure, out: Path, name: str) -> list[Path]:

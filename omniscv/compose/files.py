@@ -197,21 +197,6 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def write_json(path: Path, content: object) -> Path:
-    """Write plain values as JSON, and return the path; numbers that are not finite become null."""
-    with whole_file(path) as part:
-        part.write_text(json.dumps(_finite(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return path
-
-
-def _finite(value: object) -> object:
-    if isinstance(value, Mapping):
-        return {str(key): _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
     """Write one layer (H, W) or (H, W, C) in the form of the path's suffix, and return the path."""
     with whole_file(path) as part:
@@ -254,7 +239,7 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
 
 
-def write_json(path: Path, data: Mapping[str, Any], indent: int | None = 2) -> Path:
+def write_json(path: Path, data: object, indent: int | None = 2) -> Path:
     """Write plain values as a file, whole or not at all, and return its path.
 
     Raises:
@@ -267,6 +252,15 @@ def write_json(path: Path, data: Mapping[str, Any], indent: int | None = 2) -> P
     with whole_file(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
     return path
+
+
+def finite(value: Any) -> Any:
+    """Return plain values as JSON has them: null for numbers that are not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 _writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _openimageio, "exr": _openimageio}

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from omniscv.compose.files import whole_file, write_json
+from omniscv.compose.files import finite, whole_file, write_json
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Report:
             "raw": [dict(row) for row in self.rows],
         }
         as_json, as_csv = out / f"{name}.json", out / f"{name}.csv"
-        write_json(as_json, content)
+        write_json(as_json, finite(content))
         with whole_file(as_csv) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(self.rows[0]) if self.rows else [])
             writer.writeheader()
