@@ -24,6 +24,7 @@ from omniscv.truth.layout_maps import exact_maps, original_maps
 from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 512, 256)
+RECORDING = Path(__file__).parents[2] / "captures" / "four-wall.sqlite"
 RECORDED = [((0, 0, 1.5), (0.8, -0.6, 1.2)), (17, 62, 48, 93)]  # places, yaws
 CABIN = """
 room:
@@ -121,7 +122,7 @@ def test_measures_that_a_form_does_not_have_are_left_out():
 
 def test_a_recording_is_looked_at_from_its_places_and_its_room_is_fitted():
     """The file knows no room: it is fitted to panoramas of the two places."""
-    found = list(layout_set.shots(Settings(Path(), quick=True, source="captures/four-wall.sqlite")))
+    found = list(layout_set.shots(Settings(Path(), quick=True, source=str(RECORDING))))
     assert [shot.name for shot in found] == ["room-0-0", "room-0-1", "room-1-0", "room-1-1"]
     room = room_of_scene("four-wall")
     expected = [cor_id(room, PANORAMA, Pose.from_angles(*each)) for each in itertools.product(*RECORDED)]
