@@ -100,7 +100,7 @@ def test_a_pose_is_found_from_points_all_around_some_of_them_wrong():
     assert np.linalg.norm(robust.position - T_1_2.position) < 0.02
 
 
-def loop(count=9):
+def loop(count=7):
     poses = [
         Pose.from_angles((np.cos(a), np.sin(a), 1.5 + 0.2 * np.sin(2 * a)), yaw_deg=np.degrees(a) + 90)
         for a in 2 * np.pi * np.arange(count) / count
