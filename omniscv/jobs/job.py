@@ -90,8 +90,14 @@ class Job:
         return (self.source,) if isinstance(self.source, str) else self.source
 
     def open(self) -> Source:
-        """Open the job's source, recorded where the job has a file for it. The caller closes it."""
-        source = open_sources(self.sources, **self.source_options)
+        """Open the job's source, recorded where the job has a file for it. The caller closes it.
+
+        A game in which nothing is set is paused where it is, and what moves in it is read.
+        """
+        options = self.source_options
+        if options.get("freeze") in ("auto", "puppet") and not self.moves:
+            options = {**options, "freeze": "pause"}
+        source = open_sources(self.sources, **options)
         if self.record is None:
             return source
         try:
@@ -105,10 +111,12 @@ class Job:
         """Give this job with its poses, and its source.
 
         A game whose objects the job moves is paused from the first image to the last: all else stands still.
+        So is one that is to be frozen for a job without times, whose images are all of one instant.
         """
+        frozen = self.source_options.get("freeze", "none") != "none" and not self.clock
         with (
             self.open() as source,
-            source.at(Instant()) if self.motions else nullcontext(source) as held,
+            source.at(Instant()) if self.motions or frozen else nullcontext(source) as held,
         ):
             yield self.posed(held), held
 

@@ -155,7 +155,7 @@ class StillSet(SourceWrapper):
             x, y, z = again.view.pose.position
             wanted = f"expected a world that stands still while {self._delivered} captures are made"
             got = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
-            raise TornSetError(f"{wanted}, got {got}; pause it, or set its moving objects (freeze)")
+            raise TornSetError(f"{wanted}, got {got}; freeze it (--freeze, or source.at(...))")
 
 
 def _center(view: View) -> Any:

@@ -5,10 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from PIL import Image
 from support.datasets import tree
 
 import mock_server
-from omniscv import dataset, jobs
+from mock_server import load_scene
+from omniscv import Pose, RenderOptions, dataset, jobs, open_source
+from omniscv.cameras import create
+from omniscv.chart.truth import traced
 
 JOB = """
 source: {uri}
@@ -73,3 +77,35 @@ def test_a_game_that_is_paused_where_it_is_has_the_poses_that_were_read(server, 
         assert np.abs(one - two).max() > 1e-3
     for frame, place in zip(frames, places, strict=True):
         np.testing.assert_allclose(boxes(frame)["Crate"], place, atol=1e-3)
+
+
+@pytest.mark.parametrize("freeze", ["auto", "pause"])
+def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path, freeze):
+    """Two places, one instant: it is paused in between, and its replay needs no word of it."""
+    job = jobs.Job(
+        source=server.uri,
+        cameras={"pano": create("equirectangular", width=48, height=24)},
+        poses=(Pose.from_angles((0, 0, 1.2)), Pose.from_angles((0.3, 0, 1.2))),
+        modes=("object_mask", "depth"),
+        options=RenderOptions(face_size=32),
+        record=tmp_path / "kept.sqlite",
+        out=tmp_path / "made",
+        source_options={"freeze": freeze},
+    )
+    jobs.run(job)
+    assert not server.world.paused
+    with open_source(tmp_path / "kept.sqlite") as source:
+        (state,) = source.states()
+        assert source.state == state != ""
+        placed = {name: (each.rotation, each.position) for name, each in source.instant.poses.items()}
+        scene = load_scene("workshop").at(0, placed)
+        for i, pose in enumerate(job.poses):
+            hits = traced(scene, job.cameras["pano"], pose)
+            labels = np.array(Image.open(tmp_path / "made" / f"pano-{i}.labels.png"))
+            assert (labels != hits.label).mean() < 0.06  # faces of 32 px
+    again = replace(
+        job, source=str(tmp_path / "kept.sqlite"), record=None, source_options={}, out=tmp_path / "again"
+    )
+    jobs.run(again)
+    for name in ("pano-0.depth.exr", "pano-1.labels.png"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "made" / name).read_bytes()

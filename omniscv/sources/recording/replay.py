@@ -43,7 +43,8 @@ class RecordedSource(Source):
 
     Args:
         path: the file.
-        state: of the world, in which images are planned; requests of any other are replayed too.
+        state: of the world, in which images are planned; requests of any other are replayed too. If no
+            capture is of the still world, the state that was found where none was to be set.
 
     Raises:
         RecordingError: the file is not there, is something else, newer, or damaged, or lacks the state.
@@ -58,12 +59,14 @@ class RecordedSource(Source):
         known = self._store.states()
         # The last one counts of several states that the world was found in.
         self._found = {known[each].asked: each for each in modes if each and known[each].asked is not None}
+        if state == "" and "" not in modes:
+            self._state = self._found.get("", "")
         # Planned as on the server that was recorded: it may have made no view higher than wide.
         tall = any(view.height > view.width for held in modes.values() for view in held)
         every = frozenset().union(*(each for held in modes.values() for each in held.values()))
         self._capabilities = Capabilities(modes=every, can_set_tall=tall, dialect="recording")
         try:
-            self._check_held(state)
+            self._check_held(self._state)
         except MissingCaptureError:
             self._store.close()
             raise
