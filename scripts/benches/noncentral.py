@@ -41,13 +41,13 @@ class Counted(SourceWrapper):
 
 
 def measure(quick: bool) -> Iterator[Figure]:
-    width, share = (32, 8) if quick else (1024, 32)
+    width, share = (16, 4) if quick else (1024, 32)
     before = peak_mb()
-    cube_of(64 if quick else 2048)
-    title = f"cube, {2 * width} x {width}, in depth, faces of 64 px"
+    cube_of(panorama(2 * width, width), 16 if quick else 64)
+    title = f"cube of {2 * width} x {width} in depth"
     yield Figure(title, "most memory", "MB", peak_mb(), Reference("before", before))
     whole, part = panorama(width, width // 2), panorama(width // share, width // 2)
-    edge = CameraRays(whole).face_size
+    edge = 16 if quick else CameraRays(whole).face_size
     title = f"noncentral-panorama {width} x {width // 2}, three modes"
     cube = share * captured(part, "cube", edge)
     for strategy in ("strips", "adaptive"):
@@ -75,11 +75,10 @@ def captured(camera: Camera, strategy: str, face_size: int) -> np.ndarray:
     return np.array([source.requests, source.pixels / 1e6, *seconds])
 
 
-def cube_of(width: int) -> None:
-    """Render a panorama by the paper's strategy, from small faces."""
+def cube_of(camera: Camera, face_size: int) -> None:
+    """Render an image by the paper's strategy."""
     source = SceneSource(mock_server.load_scene("four-wall"), cached_views=12)
-    options = RenderOptions("cube", face_size=64)
-    omniscv.Renderer(source).render(panorama(width, width // 2), POSE, ("depth",), options)
+    omniscv.Renderer(source).render(camera, POSE, ("depth",), RenderOptions("cube", face_size=face_size))
 
 
 def peak_mb() -> float:
