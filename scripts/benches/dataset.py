@@ -33,7 +33,7 @@ TRUTHS = {
 
 
 def measure(quick: bool) -> Iterator[Figure]:
-    images, turn, width = (1, 1, 64) if quick else (200, 20, 512)
+    images, turn, width = (1, 1, 32) if quick else (200, 20, 512)
     spent = {what: np.zeros(2) for what in TRUTHS}
     with TemporaryDirectory() as folder:
         for number, first in enumerate((*([] if quick else [0]), *range(0, images, turn))):
