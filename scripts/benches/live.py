@@ -1,8 +1,8 @@
 """How many captures a second come from servers that answer once a tick, against what protocols allow.
 
 Mock servers of 60 ticks a second, each in a process of its own, with 5 and 30 ms of latency; faces of 16 px
-in colour, mask and depth, so that little is left but the wire. The limit is a client that keeps the rules of the
-protocol and does nothing else: plugin 1.x (dialects M, N1, N2) may have any number of requests under way,
+in colour, mask and depth, so that little is left but the wire. The limit is a client that keeps the rules of
+the protocol and does nothing else: plugin 1.x (dialects M, N1, N2) may have any number of requests under way,
 0.3.10 (L) needs three exchanges after each move. "4 ms a reply" is an engine that takes 4 ms for every reply,
 without the processor: it stands for a game on a machine of its own, and several of them share no core. The
 limit of several servers is that of one, times their number.
