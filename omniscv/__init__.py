@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from omniscv.compose.rigs import render_rig
     from omniscv.errors import OmniscvError
     from omniscv.geometry import Pose
+    from omniscv.geometry.instant import Instant
+    from omniscv.geometry.motions import Motion, object_pose
     from omniscv.planning import RenderOptions
     from omniscv.sources.recording import record
     from omniscv.sources.registry import open_source
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Instant": "omniscv.geometry.instant:Instant",
+    "Motion": "omniscv.geometry.motions:Motion",
     "OmniImage": "omniscv.compose.image:OmniImage",
     "OmniscvError": "omniscv.errors:OmniscvError",
     "Pose": "omniscv.geometry:Pose",
@@ -31,6 +35,7 @@ _HOMES = {
     "cameras": "omniscv.cameras",
     "dataset": "omniscv.dataset",
     "modalities": "omniscv.modalities",
+    "object_pose": "omniscv.geometry.motions:object_pose",
     "open_source": "omniscv.sources.registry:open_source",
     "planning": "omniscv.planning",
     "record": "omniscv.sources.recording:record",
@@ -41,6 +46,8 @@ _HOMES = {
 }
 
 __all__ = [
+    "Instant",
+    "Motion",
     "OmniImage",
     "OmniscvError",
     "Pose",
@@ -51,6 +58,7 @@ __all__ = [
     "__version__",
     "cameras",
     "dataset",
+    "object_pose",
     "open_source",
     "record",
     "render",

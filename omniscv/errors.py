@@ -42,6 +42,10 @@ class BadReplyError(SourceError):
     """A reply has the wrong signature, length or shape."""
 
 
+class TornSetError(SourceError):
+    """The world moved while captures were made that belong together: they do not show one instant."""
+
+
 class RecordingError(OmniscvError):
     """A recording cannot be used."""
 

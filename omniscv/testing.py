@@ -105,7 +105,7 @@ def _holds_captures(path: Path) -> bool:
     if not path.exists() or path.stat().st_size == 0:
         return False
     with RecordedSource(path) as replay:
-        return bool(replay.recorded_views())
+        return bool(replay.states())
 
 
 def _file(request: pytest.FixtureRequest) -> str:

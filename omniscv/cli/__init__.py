@@ -29,6 +29,7 @@ COMMANDS = (
     "chart",
     "evaluate",
     "doctor",
+    "ask",
 )
 """Each is a module of this package with an ``app``."""
 

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Exit, Typer
 
@@ -10,6 +10,8 @@ from omniscv.cli import console, options
 
 _HELP = "Inspect recordings, check them, convert them to folders and back."
 app = Typer(name="captures", help=_HELP, no_args_is_help=True, add_completion=False)
+
+_MOST_NAMES = 5  # of objects in a line
 
 Recording = Annotated[Path, Argument(metavar="FILE", help="A recording.")]
 
@@ -23,8 +25,20 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
     if as_json:
         console.document(json.dumps(summary, indent=2))
         return
+    states = summary.pop("states")
     texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
     console.table(("", ""), [(key.replace("_", " "), text) for key, text in texts.items()])
+    if states.keys() - {""}:
+        console.table(("state", "captures", "time", "placed", "hidden"), map(_of_state, states.items()))
+
+
+def _of_state(item: tuple[str, dict[str, Any]]) -> tuple[str, ...]:
+    """A line of the table of states."""
+    name, state = item
+    known = state["instant"] or {"time": None, "poses": {}, "hidden": []}
+    time = "" if known["time"] is None else f"{known['time']:.9g} s"
+    names = (", ".join(sorted(known[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
+    return name or "still", str(state["captures"]), time, *names
 
 
 @app.command(epilog="Example: omniscv captures verify room.sqlite")

@@ -1,6 +1,7 @@
 """``omniscv dataset``: make, export, check, pack and describe datasets."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +26,7 @@ def make(
         str | None, Option(help="I/N: only this part of the frames, I from 0; finish with --resume.")
     ] = None,
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
+    freeze: Annotated[str | None, Option(help="As for render.")] = None,
 ) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
@@ -33,6 +35,7 @@ def make(
     from omniscv import jobs
 
     wanted = jobs.load(job)
+    wanted = replace(wanted, source_options={**wanted.source_options, **options.frozen(freeze)})
     with console.progress_bar("frames") as progress:
         made = jobs.make(
             wanted,

@@ -15,7 +15,7 @@ _STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
 
 @app.command(epilog="Example: omniscv doctor mock://four-wall")
 def doctor(
-    uri: Annotated[str, Argument(help="unreal://host:port or mock://scene.")],
+    uri: Annotated[str, Argument(help="unreal://host:port, mock://scene or blender://SCENE.blend.")],
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     as_json: options.AsJson = False,
     timeout: Annotated[float | None, Option(help="As for record.")] = None,

@@ -21,12 +21,16 @@ def evaluate(
     predictions: Annotated[
         Path | None, Option(help="layout: a folder of predictions, CFL maps or HorizonNet's txt or json.")
     ] = None,
+    trajectory: Annotated[
+        Path | None, Option(help="odometry: a file of poses, TUM, KITTI or EuRoC, in place of the loop.")
+    ] = None,
 ) -> None:
     """Feed an algorithm with images whose truth is known, and score it."""
     from omniscv.evaluate.registry import Settings, run
 
     out.mkdir(parents=True, exist_ok=True)
-    options = {} if predictions is None else {"predictions": predictions}
+    given = {"predictions": predictions, "trajectory": trajectory}
+    options = {key: value for key, value in given.items() if value is not None}
     with console.progress_bar(name) as progress:
         report = run(name, Settings(out, quick, source, options, progress))
     rows = [

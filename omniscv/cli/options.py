@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import wraps
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args, get_type_hints
 
 from typer import Argument, Context, Option
 
@@ -16,7 +16,7 @@ from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
     from omniscv.jobs import Job
-    from omniscv.sources.registry import SourceOptions
+    from omniscv.sources.registry import Deadlines, SourceOptions
 
 AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
 
@@ -60,13 +60,16 @@ class Options:
 class ConnectionOptions(Options):
     """How long to wait for a live server."""
 
-    beside_job = frozenset(("job", "timeout", "patience"))
+    beside_job = frozenset(("job", "timeout", "patience", "freeze"))
     timeout: float | None = Option(None, help="Seconds for connecting, and for each reply of a server; 15.")
     patience: float | None = Option(None, help="Seconds for connecting and sending again after a fault; 10.")
+    freeze: str | None = Option(
+        None, help="How a live world is kept still: auto, puppet, pause, batch or none."
+    )
 
-    def deadlines(self) -> SourceOptions:
+    def source_options(self) -> SourceOptions:
         """Those that are given, as options of :func:`omniscv.open_source`."""
-        return deadlines(self.timeout, self.patience)
+        return {**deadlines(self.timeout, self.patience), **frozen(self.freeze)}
 
 
 class JobOptions(ConnectionOptions):
@@ -100,7 +103,7 @@ class JobOptions(ConnectionOptions):
 
         if self.job is not None:
             job = load(self.job)
-            return replace(job, source_options={**job.source_options, **self.deadlines()})
+            return replace(job, source_options={**job.source_options, **self.source_options()})
         width, height = size(self.size)
         fov = {} if self.fov is None else {"fov_deg": self.fov}
         parameters = {"width": width, "height": height, **fov, **dict(map(parameter, self.param))}
@@ -117,21 +120,29 @@ class JobOptions(ConnectionOptions):
             options=RenderOptions(
                 self.strategy, self.viewpoints, edge(self.face_size), filter, bound, self.truth_scale, normals
             ),
-            source_options=self.deadlines(),
+            source_options=self.source_options(),
             **others,
         )
 
 
-def deadlines(timeout: float | None, patience: float | None) -> SourceOptions:
+def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
     """``--timeout`` and ``--patience`` as options of a source, where they are given."""
     from omniscv.arguments import number
 
-    given: SourceOptions = {}
+    given: Deadlines = {}
     if timeout is not None:
         given["timeout_s"] = number("--timeout", timeout, above=0)
     if patience is not None:
         given["patience_s"] = number("--patience", patience, above=0)
     return given
+
+
+def frozen(freeze: str | None) -> SourceOptions:
+    """``--freeze`` as an option of a source, where it is given."""
+    from omniscv.arguments import one_of
+    from omniscv.sources.world import Freeze
+
+    return {} if freeze is None else {"freeze": one_of("--freeze", freeze, get_args(Freeze))}
 
 
 def size(text: str) -> tuple[int, int]:

@@ -60,7 +60,7 @@ def record(given: RecordOptions) -> None:
             options=RenderOptions("cube", face_size=edge),
         )
     job = replace(
-        job, source=sources or job.source, source_options={**job.source_options, **given.deadlines()}
+        job, source=sources or job.source, source_options={**job.source_options, **given.source_options()}
     )
     if given.fix_exposure:
         job = replace(job, source_options={**job.source_options, "fix_exposure": True})

@@ -24,6 +24,7 @@ from omniscv.planning import (
     RenderOptions,
     Task,
     drive,
+    proven,
     rounds,
     sampled,
     together,
@@ -99,7 +100,7 @@ class Renderer:
                 raise ArgumentError(f"{name}: expected a {kind.__name__}, got {shown(value)}")
         rays, source = self._rays(camera).camera_rays, self.source
         recorded = self._recorded_views()
-        return Task(rays, pose, source.capabilities, options, source.cover, recorded, border_px)
+        return Task(rays, pose, source.capabilities, options, source.cover, recorded, border_px, source.state)
 
     def render(
         self,
@@ -146,13 +147,35 @@ class Renderer:
             modes, options, progress: as :meth:`render`.
             only: those of the shots, by index, whose images are made; all if not given. The others count for
                 how they are captured, so that an image is the same whichever others are made.
+
+        Raises:
+            TornSetError: the world may move, and did so while they were captured, every time.
         """
         chosen = modalities.chosen(modes)
+        if not self.source.capabilities.moves:
+            yield from self._together(self.source, shots, chosen, options, only, progress)
+            return
+
+        def make(source: Source) -> list[OmniImage]:
+            return list(self._together(source, shots, chosen, options, only, progress))
+
+        yield from proven(self.source, sampled(chosen, options or RenderOptions()), make)
+
+    def _together(
+        self,
+        source: Source,
+        shots: Sequence[tuple[Camera, Pose]],
+        chosen: tuple[str, ...],
+        options: RenderOptions | None,
+        only: Collection[int] | None,
+        progress: Progress | None,
+    ) -> Iterator[OmniImage]:
+        """Yield the images of a moment, captured from a source that stands for the renderer's."""
         tasks = [self.task(camera, pose, options) for camera, pose in shots]
         tasks, wanted = together(tasks, sampled(chosen, options or RenderOptions()))
         made = [i for i in range(len(tasks)) if only is None or i in only]
         needed = Counter(request for i in made for request in wanted[i])
-        source = SharedCaptures(self.source, needed) if needed else self.source
+        source = SharedCaptures(source, needed) if needed else source
         for task in (tasks[i] for i in made):
             rays = self._rays(task.rays.camera)
             composition = Composition(task, rays, chosen, source, self._sampler_of, progress)

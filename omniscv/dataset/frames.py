@@ -34,6 +34,7 @@ class Frame:
         place: frames of one place are never split.
         split: ``train``, ``val``, ``test``, ...; empty without splits.
         scene: identity of what was captured; empty where it is not known.
+        state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
     """
 
     key: str
@@ -47,6 +48,7 @@ class Frame:
     place: str = ""
     split: str = ""
     scene: str = ""
+    state: str = ""
 
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer as it was in memory: dtype and shape as :mod:`omniscv.modalities` has it.

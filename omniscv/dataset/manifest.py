@@ -105,9 +105,11 @@ class FrameEntry:
     place: str = ""
     split: str = ""
     scene: str = ""
+    state: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; a state only of a world that moves."""
+        state = {"state": self.state} if self.state else {}
         return {
             "key": self.key,
             "camera": self.camera,
@@ -116,6 +118,7 @@ class FrameEntry:
             "place": self.place,
             "split": self.split,
             "scene": self.scene,
+            **state,
             "files": {kind: asdict(entry) for kind, entry in sorted(self.files.items())},
         }
 
@@ -126,10 +129,11 @@ class FrameEntry:
             files = {str(kind): FileEntry(**each) for kind, each in data["files"].items()}
             for name in ("key", "camera", *(("split",) if data["split"] != "" else ())):
                 check_key(name, data[name])
-            for name in ("place", "scene"):
+            data = {"state": "", **data}
+            for name in ("place", "scene", "state"):
                 if not isinstance(data[name], str):
                     raise ArgumentError(f"{name}: expected a text, got {shown(data[name])}")
-            plain = {name: data[name] for name in ("key", "camera", "place", "split", "scene")}
+            plain = {name: data[name] for name in ("key", "camera", "place", "split", "scene", "state")}
             time = optional_number("time", data["time"])
             return cls(pose=Pose.from_dict(data["pose"]), files=files, time=time, **plain)
         except (TypeError, KeyError, AttributeError) as cause:

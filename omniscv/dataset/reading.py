@@ -43,4 +43,5 @@ def frame(folder: Path, whole: Manifest, entry: FrameEntry) -> Frame:
         place=entry.place,
         split=entry.split,
         scene=entry.scene,
+        state=entry.state,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -21,6 +21,7 @@ from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import MOST_IDS, FileEntry, FrameEntry, Manifest, check_key
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
 from omniscv.parallel import side_by_side
 from omniscv.truth.classes import ClassRules
 
@@ -29,7 +30,8 @@ from omniscv.truth.classes import ClassRules
 class Shot:
     """What a frame shows, and where it belongs; the fields are those of :class:`omniscv.dataset.Frame`.
 
-    ``scene`` is the identity of the scene: a frame of another scene is not the same frame.
+    ``scene`` is the identity of the scene, and ``instant`` what is known of the world when it was taken: a
+    frame of another scene or another instant is not the same frame.
 
     Raises:
         ArgumentError: a key that cannot start a file name, or has a dot, which ends it in WebDataset.
@@ -43,6 +45,7 @@ class Shot:
     place: str = ""
     split: str = ""
     scene: str = ""
+    instant: Instant = field(default_factory=Instant)
 
     def __post_init__(self) -> None:
         check_key("key", self.key)
@@ -304,7 +307,7 @@ def _other(out: Path, had: str) -> ArgumentError:
 
 def _entry(shot: Shot, files: Mapping[str, FileEntry]) -> FrameEntry:
     given = {key: getattr(shot, key) for key in ("key", "pose", "time", "place", "split", "scene")}
-    return FrameEntry(camera=shot.camera_name, files=files, **given)
+    return FrameEntry(camera=shot.camera_name, files=files, state=shot.instant.state, **given)
 
 
 def _described(image: OmniImage) -> dict[str, Any]:

@@ -1,14 +1,20 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
+from contextlib import ExitStack
+from typing import Unpack
+
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.diagnostics import seams
+from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.finding import Finding
+from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, alike
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
+from omniscv.sources.registry import Deadlines, scheme_of
 from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.codecs import SKY
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
@@ -31,11 +37,14 @@ Pairs = dict[str, list[tuple[Picture, Picture]]]
 """By mode, pictures before and after a turn, in several directions."""
 
 
-def examine_address(address: str, position: Array | None = None, **deadlines: float) -> list[Finding]:
+def examine_address(
+    address: str, position: Array | None = None, **deadlines: Unpack[Deadlines]
+) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:
-        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``.
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``; or
+            ``blender://SCENE.blend``, which :func:`omniscv.diagnostics.blender_scene.examine_blender` does.
         position: (3,) where to measure, world frame, metres; None: the player's position.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
@@ -43,9 +52,14 @@ def examine_address(address: str, position: Array | None = None, **deadlines: fl
         ArgumentError: an address of another form.
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
+    if scheme_of(address) == "blender":
+        return examine_blender(address, position, **deadlines)
     with open_connection(address, **deadlines) as connection:
         mode = view_mode(connection)
-        with RawCamera(connection, position) as camera:
+        with RawCamera(connection, position) as camera, ExitStack() as paused:
+            world = MovingWorld(connection, camera)
+            motion = world.findings()
+            paused.enter_context(world.still())
             settled = settle(camera)
             pairs = turned_pairs(camera)
             kind, meaning = depth_kind(pairs, camera)
@@ -64,6 +78,7 @@ def examine_address(address: str, position: Array | None = None, **deadlines: fl
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
                 *seams.findings(seams.measure(camera)),
+                *motion,
             ]
 
 

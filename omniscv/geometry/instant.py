@@ -6,8 +6,12 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
+from typing import Any, Self
 
+from omniscv.arguments import Reader, fields, numbers, optional_number, shown, text, texts
+from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Pose
 
 _DECIMALS = 7
@@ -44,6 +48,40 @@ class Instant:
         poses = {name: _numbers(pose) for name, pose in self.poses.items()}
         known = [poses, sorted(self.hidden), None if self.time is None else round(self.time, 9), self.name]
         return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:16]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        poses = {name: self.poses[name].to_dict() for name in sorted(self.poses)}
+        return {"poses": poses, "hidden": sorted(self.hidden), "time": self.time, "name": self.name}
+
+    @classmethod
+    def from_dict(cls, data: object) -> Self:
+        """Return the inverse of :meth:`to_dict`; ArgumentError for anything else."""
+        found = fields("", data, _FIELDS, needed=tuple(_FIELDS))
+        return cls(MappingProxyType(found["poses"]), found["hidden"], found["time"], found["name"])
+
+
+def _poses(name: str, value: object) -> dict[str, Pose]:
+    if not isinstance(value, Mapping):
+        raise ArgumentError(f"{name}: expected a mapping of object names to poses, got {shown(value)}")
+    return {text(name, key): _pose(f"{name}: {shown(key)}", each) for key, each in value.items()}
+
+
+def _pose(name: str, value: object) -> Pose:
+    found = fields(name, value, _POSE, needed=tuple(_POSE))
+    return Pose(found["position"], found["rotation"])
+
+
+def _hidden(name: str, value: object) -> frozenset[str]:
+    return frozenset(texts(name, value) if value else ())
+
+
+def _name(name: str, value: object) -> str:
+    return text(name, value) if value else ""
+
+
+_POSE = {"position": partial(numbers, shape=(3,)), "rotation": partial(numbers, shape=(3, 3))}
+_FIELDS: Mapping[str, Reader] = {"poses": _poses, "hidden": _hidden, "time": optional_number, "name": _name}
 
 
 def _numbers(pose: Pose) -> list[float]:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from functools import partial
 from itertools import chain
 from threading import Lock
@@ -22,7 +22,10 @@ from omniscv.dataset.manifest import Manifest
 from omniscv.dataset.observing import derive
 from omniscv.dataset.truths import Observation
 from omniscv.dataset.writer import Shot, Writer
+from omniscv.geometry import Pose
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.jobs.job import Job
+from omniscv.jobs.moments import Exposure, Moment, images_of, renderer_at
 from omniscv.jobs.running import part_of, warnings_of
 from omniscv.sources.base import Source
 
@@ -75,10 +78,9 @@ def make(
     whole_number("shard", count, least=1)
     whole_number("shard", index, least=0, most=count - 1)
     job.recipe.check(job.cameras, job.modes)
-    with job.open() as source:
-        job = job.posed(source)
+    with job.opened() as (job, source):
         moments = list(job.shots(_scene(source)))
-        shots = [shot for moment in moments for shot in moment]
+        shots = [shot for _, mine in moments for shot in mine]
         mine = [shot for shot in shots if _hash(shot.key) % count == index]
         begun = Manifest(job.cameras, _names(job, source), job.recipe.classes, _settings(job))
         writer = Writer(
@@ -113,6 +115,14 @@ def _finish(job: Job, writer: Writer, warn: Callable[[str], None] | None) -> Non
             exporting.write(each, frames, job.out)
 
 
+@dataclass(frozen=True)
+class _World:
+    """What is known of the world at a frame's instant: shapes, and the poses of objects that move."""
+
+    geometry: SceneGeometry
+    poses: Mapping[str, Pose]
+
+
 class _Making:
     """Composes and writes frames: one is composed while the one before is derived from and written."""
 
@@ -131,44 +141,50 @@ class _Making:
         names = {each for each in wanted if truths.get(each).may_capture(self._geometry, wanted[each])}
         self._alone = {name: options for name, options in wanted.items() if name in names}
         self._beside = {name: options for name, options in wanted.items() if name not in names}
-        self._turn = Lock() if names else nullcontext()
+        # Nor one of another instant, where the source sets the world for each.
+        self._turn = Lock() if names or job.moves else nullcontext()
 
     def run(
         self,
-        moments: Sequence[Sequence[Shot]],
+        moments: Sequence[tuple[Moment, Sequence[Shot]]],
         wanted: Sequence[Shot],
         progress: Callable[[float, int], None] | None,
     ) -> None:
         """Make those frames that are wanted, written in their order: so objects that come late get the same
         ids every time."""
         number_of = {shot.key: number for number, shot in enumerate(wanted)}
-        some = [moment for moment in moments if any(shot.key in number_of for shot in moment)]
+        some = [each for each in moments if any(shot.key in number_of for shot in each[1])]
         compose = partial(self._compose, number_of=number_of, progress=progress)
         with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
             saving: Future[None] | None = None
-            for shot, image in chain.from_iterable(_ahead(compose, some, self._workers)):
+            for shot, image, world in chain.from_iterable(_ahead(compose, some, self._workers)):
                 if saving:
                     saving.result()
-                saving = saver.submit(self._save, shot, image)
+                saving = saver.submit(self._save, shot, image, world)
             if saving:
                 saving.result()
 
     def _compose(
         self,
-        moment: Sequence[Shot],
+        moment: tuple[Moment, Sequence[Shot]],
         number_of: Mapping[str, int],
         progress: Callable[[float, int], None] | None,
-    ) -> list[tuple[Shot, OmniImage]]:
+    ) -> list[tuple[Shot, OmniImage, _World]]:
         """The frames of a moment, of captures that its cameras share."""
-        only = [i for i, shot in enumerate(moment) if shot.key in number_of]
-        places = [(shot.camera, shot.pose) for shot in moment]
-        part = part_of(progress, number_of[moment[only[0]].key], len(number_of))
-        job = self._job
-        with self._turn:
-            images = self._renderer.render_together(places, job.modes, job.options, only=only, progress=part)
-            return [(moment[i], image) for i, image in zip(only, images, strict=True)]
+        what, shots = moment
+        only = [i for i, shot in enumerate(shots) if shot.key in number_of]
+        part = part_of(progress, number_of[shots[only[0]].key], len(number_of))
+        seen: list[_World] = []
 
-    def _save(self, shot: Shot, composed: OmniImage) -> None:
+        def look(source: Source) -> None:
+            geometry = source.geometry() if self._job.moves else self._geometry
+            seen.append(_World(geometry, source.object_poses()))
+
+        with self._turn:
+            images = images_of(self._renderer, what, self._job.options, only=only, progress=part, look=look)
+            return [(shots[i], image, seen[0]) for i, image in zip(only, images, strict=True)]
+
+    def _save(self, shot: Shot, composed: OmniImage, world: _World) -> None:
         image = self._writer.frozen(shot, composed)
         if self._warn:
             for line in warnings_of(shot.key, image):
@@ -180,12 +196,14 @@ class _Making:
             labels=image.labels,
             instances=held.names,
             classes=held.classes,
-            geometry=self._geometry,
-            renderer=self._renderer,
+            geometry=world.geometry,
+            object_poses=world.poses,
             time=shot.time,
         )
-        with self._turn:
-            records = derive(observation, self._alone)
+        records: dict[str, Any] = {}
+        if self._alone:
+            with self._turn, renderer_at(self._renderer, shot.instant) as renderer:
+                records = derive(replace(observation, renderer=renderer), self._alone)
         self._writer.write(shot, image, derive(observation, self._beside, records))
 
 
@@ -227,4 +245,6 @@ def _settings(job: Job) -> dict[str, Any]:
     """What the manifest holds of a job: all that its frames depend on, but addresses and paths."""
     found = job.recipe.settings()
     options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
+    if job.exposure != Exposure():
+        options["exposure"] = asdict(job.exposure)
     return {**found, "options": {**options, **found["options"]}}

@@ -14,6 +14,9 @@
     image_format: png                   # or jxl, jpg
     source_options: {timeout_s: 60}     # as omniscv.open_source
     rig: camchain.yaml                  # with cameras or in their place: see omniscv.jobs.rigs
+    motions: {Ball: ball.tum}           # what moves, and times: see omniscv.jobs.motions
+    freeze: auto                        # how a live world is kept still, as omniscv.open_source
+    exposure: {seconds: 0.02, instants: 9}  # motion blur: see omniscv.jobs.moments
 
 ``poses`` may also name a trajectory file: see ``omniscv.geometry.trajectory``. The keys that datasets have
 beyond these are in :mod:`omniscv.dataset.recipe`.
@@ -23,19 +26,21 @@ import os
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from omniscv import yaml_text
-from omniscv.arguments import Reader, flag, number, shown, text, texts, whole_number, within
+from omniscv.arguments import Reader, flag, number, one_of, shown, text, texts, whole_number, within
 from omniscv.arguments import fields as fields_of
 from omniscv.cameras import Camera, from_dict
 from omniscv.dataset import recipe
 from omniscv.errors import ArgumentError
-from omniscv.jobs import poses
+from omniscv.jobs import motions, poses
 from omniscv.jobs.job import Job
+from omniscv.jobs.moments import Exposure
 from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
+from omniscv.sources.world import Freeze
 
 
 def load(path: Path) -> Job:
@@ -53,13 +58,20 @@ def load(path: Path) -> Job:
                 given[key] = folder / given[key]
         options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
         given["rig"] = rig_of(given.get("rig"), folder)
+        given["motions"] = motions.opened(given.get("motions", {}), folder)
+        if "freeze" in given:
+            freeze = {"freeze": given.pop("freeze")}
+            given["source_options"] = {**given.get("source_options", {}), **freeze}
+        times = given.pop("times", None)
+        posed = motions.timed(poses.opened(given_poses, folder), times)
         recipe_of = {key: given.pop(key) for key in recipe.FIELDS if key in given}
         return Job(
             source=_addresses(source, folder),
             options=RenderOptions(**options),
             recipe=recipe.read(recipe_of, folder),
             **{"out": folder / "out", "cameras": {}, **given},
-            **poses.opened(given_poses, folder)._asdict(),
+            **posed._asdict(),
+            clock=times is not None,
         )
 
 
@@ -123,11 +135,17 @@ def _as_given(name: str, value: Any) -> Any:
     return value
 
 
+def _freeze(name: str, value: object) -> Freeze:
+    found: Freeze = one_of(name, value, get_args(Freeze))
+    return found
+
+
 _OPTIONS = {each.name for each in fields(RenderOptions)}
 _OPTION_READERS: dict[object, Reader] = {
     float: partial(number, above=0),
     int: partial(whole_number, least=0),
     bool: flag,
+    Freeze: _freeze,
 }
 _FIELDS: dict[str, Reader] = {
     "source": _source,
@@ -139,5 +157,9 @@ _FIELDS: dict[str, Reader] = {
     "image_format": text,
     "source_options": _source_options,
     "rig": read_rig,
+    "motions": motions.read,
+    "times": motions.read_times,
+    "freeze": _freeze,
+    "exposure": Exposure.read,
     **recipe.FIELDS,
 } | dict.fromkeys(sorted(_OPTIONS), _as_given)

@@ -1,6 +1,7 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,14 +10,19 @@ from typing import Self
 import numpy as np
 
 from omniscv import modalities
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.compose.files import check_format
 from omniscv.dataset.recipe import Recipe
 from omniscv.dataset.splits import Split
 from omniscv.dataset.writer import Shot
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.motions import Motion
 from omniscv.geometry.trajectory import Trajectory
+from omniscv.jobs.moments import Exposure, Moment, Picture, Take
+from omniscv.jobs.motions import check_times
 from omniscv.jobs.rigs import cameras_of, trajectory_of
 from omniscv.jobs.sampled_poses import SampledPoses
 from omniscv.planning import RenderOptions
@@ -33,8 +39,12 @@ class Job:
     ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``sampling``
     chooses poses in an open source, see :meth:`posed`; ``recipe`` is what a dataset holds beyond images.
 
+    The world moves where ``motions`` (by object) say so, or where its own ``clock`` is at the poses' times.
+    Then each image is of the world at its time, of all of the ``exposure``.
+
     Raises:
-        ArgumentError: an unknown mode or image format, or a rig that does not fit the rest.
+        ArgumentError: an unknown mode or image format, a rig that does not fit the rest, or times that are
+            missing, or fewer or more than poses.
     """
 
     source: str | tuple[str, ...]
@@ -51,12 +61,25 @@ class Job:
     recipe: Recipe = field(default_factory=Recipe)
     rig: Rig | None = None
     sampling: SampledPoses | None = None
+    motions: Mapping[str, Motion] = field(default_factory=dict)
+    clock: bool = False
+    exposure: Exposure = field(default_factory=Exposure)
 
     def __post_init__(self) -> None:
         apart = {name: each for name, each in self.cameras.items() if not self._mounted(name, each)}
         object.__setattr__(self, "cameras", cameras_of(self.rig, apart))
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
         check_format(self.image_format)
+        check_times(self.times, self.motions, self.clock or self.exposure.seconds > 0, self.poses)
+        if self.moves:
+            self.exposure.check(self.cameras)
+        chosen = self.motions or self.exposure.seconds
+        if chosen and self.source_options.get("freeze") == "pause":
+            wanted = "expected auto, puppet, batch or none for motions and exposures"
+            raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
+        if self.moves and "poses" not in self.recipe.truth:
+            recipe = replace(self.recipe, truth={**self.recipe.truth, "poses": {}})
+            object.__setattr__(self, "recipe", recipe)
 
     def __len__(self) -> int:
         return len(self.cameras) * len(self.poses)
@@ -77,6 +100,18 @@ class Job:
             source.close()
             raise
 
+    @contextmanager
+    def opened(self) -> Iterator[tuple[Self, Source]]:
+        """Give this job with its poses, and its source.
+
+        A game whose objects the job moves is paused from the first image to the last: all else stands still.
+        """
+        with (
+            self.open() as source,
+            source.at(Instant()) if self.motions else nullcontext(source) as held,
+        ):
+            yield self.posed(held), held
+
     def posed(self, source: Source) -> Self:
         """Return this job with the poses that it samples in its source.
 
@@ -86,56 +121,97 @@ class Job:
         if self.sampling is None:
             return self
         found = self.sampling.poses(source)
-        return replace(self, poses=found.poses, times=found.times, sampling=None)
+        times = found.times if self.times is None else self.times
+        return replace(self, poses=found.poses, times=times, sampling=None)
 
     def items(self) -> Iterator[tuple[str, Camera, Pose]]:
         """Yield stem, camera and pose of every image, pose by pose."""
-        for frame in self.frames():
-            yield from frame
-
-    def frames(self) -> Iterator[list[tuple[str, Camera, Pose]]]:
-        """Yield stem, camera and pose of the images of each pose, which share captures."""
         for i in range(len(self.poses)):
-            yield [(stem, self.cameras[name], pose) for name, stem, pose in self._images(i)]
+            for picture in self._pictures(i):
+                yield picture.stem, picture.camera, picture.pose
 
-    def shots(self, scene: str = "") -> Iterator[list[Shot]]:
-        """Yield what the frames of a dataset are, those of each pose: image, time, place, split and scene.
+    def moments(self) -> Iterator[Moment]:
+        """Yield the images of each pose that are of one instant, and what is captured for them.
+
+        Images of a rolling-shutter camera in a world that moves are moments of their own.
+        """
+        for i in range(len(self.poses)):
+            groups: dict[str, list[Picture]] = {}
+            for picture in self._pictures(i):
+                alone = self.moves and isinstance(picture.camera, RollingShutter)
+                key = picture.stem if alone else f".{self._instant(picture.time).state}"
+                groups.setdefault(key, []).append(picture)
+            for group in groups.values():
+                yield Moment(i, tuple(group), tuple(self._takes(i, group)))
+
+    def shots(self, scene: str = "") -> Iterator[tuple[Moment, list[Shot]]]:
+        """Yield every moment with what the frames of a dataset are: image, time, place, split and scene.
 
         Raises:
             ArgumentError: a camera's name that cannot start a key.
         """
         split = self.recipe.split or Split({"": 1.0})
         places = split.places(np.array([pose.position for pose in self.poses]), self.places or ())
-        for i, place in enumerate(places):
-            yield [
-                Shot(stem, name, self.cameras[name], pose, self._time(i, name), place, split.of(place), scene)
-                for name, stem, pose in self._images(i)
-            ]
+        for moment in self.moments():
+            place, instant = places[moment.index], moment.instant
+            yield (
+                moment,
+                [
+                    Shot(stem, name, camera, pose, time, place, split.of(place), scene, instant)
+                    for name, stem, camera, pose, time in moment.pictures
+                ],
+            )
 
-    def _images(self, i: int) -> Iterator[tuple[str, str, Pose]]:
-        """The camera's name, the stem and the pose of every image at a pose."""
+    @property
+    def moves(self) -> bool:
+        """Whether images are of the world at their times."""
+        return self.clock or bool(self.motions)
+
+    def _instant(self, time: float | None, late: float = 0.0) -> Instant:
+        """The instant of a time, or some seconds later."""
+        if not self.moves:
+            return Instant()
+        at = None if time is None else time + late
+        return Instant({name: motion.at(at) for name, motion in self.motions.items()}, time=at)
+
+    def _takes(self, i: int, pictures: Sequence[Picture]) -> Iterator[Take]:
+        """What is captured for images of one instant: that of their time first."""
+        (_, _, camera, pose, time), *_ = pictures
+        if self.moves and isinstance(camera, RollingShutter):
+            for seconds, lines in self.exposure.lines(camera):
+                yield Take(self._instant(time, seconds), ((lines, pose),), self.modes)
+            return
+        yield Take(self._instant(time), tuple((each.camera, each.pose) for each in pictures), self.modes)
+        stems = {picture.stem for picture in pictures}
+        for offset in self.exposure.offsets()[1:] if "lit" in self.modes else ():
+            moved = self._pictures(i, offset if self.exposure.camera == "moves" else 0.0)
+            shots = tuple((each.camera, each.pose) for each in moved if each.stem in stems)
+            yield Take(self._instant(time, offset), shots, ("lit",))
+
+    def _pictures(self, i: int, late: float = 0.0) -> Iterator[Picture]:
+        """The images at a pose; or, some seconds later, along the poses as along a trajectory."""
         digits = len(str(max(0, len(self.poses) - 1)))
-        mounted = {} if self.rig is None else self.rig.poses(*self._rig_pose(i))
-        for name in self.cameras:
+        pose, time = self.poses[i], None if self.times is None else self.times[i] + late
+        path = self._path
+        if path is not None and time is not None and late:
+            pose = path.at(time, steps_beyond=1)
+        mounted = {} if self.rig is None else self.rig.poses(pose if path is None else path, time)
+        for name, camera in self.cameras.items():
             stem = f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name
-            yield name, stem, mounted.get(name, self.poses[i])
-
-    def _rig_pose(self, i: int) -> tuple[Pose | Trajectory, float | None]:
-        """The rig's pose; or its timed poses and this one's time, where time offsets move its cameras."""
-        if self._trajectory is None:
-            return self.poses[i], None
-        return self._trajectory, (self.times or ())[i]
+            yield Picture(name, stem, camera, mounted.get(name, pose), self._late(name, time))
 
     @cached_property
-    def _trajectory(self) -> Trajectory | None:
-        return trajectory_of(self.rig, self.poses, self.times)
+    def _path(self) -> Trajectory | None:
+        """The timed poses, where cameras move along them within an image; None elsewhere."""
+        moves = self.exposure.seconds > 0 and self.exposure.camera == "moves" and len(self.poses) > 1
+        return trajectory_of(self.rig, self.poses, self.times, moves)
 
-    def _time(self, i: int, name: str) -> float | None:
-        """When a camera takes its image at a pose, seconds."""
-        if self.times is None:
+    def _late(self, name: str, time: float | None) -> float | None:
+        """When a camera takes an image of a time, seconds."""
+        if time is None:
             return None
         late = self.rig.cameras[name].time_offset if self.rig and name in self.rig.cameras else 0.0
-        return self.times[i] + late
+        return time + late
 
     def _mounted(self, name: str, camera: Camera) -> bool:
         """Whether a camera is one of the rig's already, as in a copy of a job."""

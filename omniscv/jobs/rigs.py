@@ -58,9 +58,10 @@ def cameras_of(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Came
 
 
 def trajectory_of(
-    rig: Rig | None, poses: tuple[Pose, ...], times: tuple[float, ...] | None
+    rig: Rig | None, poses: tuple[Pose, ...], times: tuple[float, ...] | None, moves: bool
 ) -> Trajectory | None:
-    """Return the timed poses along which time offsets move a rig's cameras; None without time offsets.
+    """Return the timed poses along which cameras move: those of a rig by their time offsets, and all cameras
+    where they ``move`` while they are exposed; None elsewhere.
 
     Raises:
         ArgumentError: time offsets, but poses without times, or times that do not increase.
@@ -71,5 +72,5 @@ def trajectory_of(
             if times is None:
                 got = f"{name}: time_offset {offset:.15g} s, and poses without times"
                 raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
-            return Trajectory(poses, times)
-    return None
+            moves = True
+    return Trajectory(poses, times) if moves else None

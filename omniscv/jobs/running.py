@@ -1,20 +1,25 @@
 """Run a job: render its images, capture what they need, or count what that would cost."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache, partial, reduce
+from operator import add
 from pathlib import Path
 
 import numpy as np
 
 from omniscv import planning
+from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Progress, Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.jobs.job import Job
+from omniscv.jobs.moments import images_of, renderer_at
 from omniscv.planning import CameraRays, Kept, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.sources.base import Request, Source, View
@@ -44,8 +49,8 @@ def run(
         OmniscvError: as :func:`omniscv.render`; the images before are on disk, whole.
     """
     written: list[Path] = []
-    with job.open() as source, ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
-        saving, job = None, job.posed(source)
+    with job.opened() as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+        saving = None
         for stem, image in _images(job, Renderer(source), progress):
             if warn:
                 for line in warnings_of(stem, image):
@@ -59,18 +64,17 @@ def run(
 def _images(
     job: Job, renderer: Renderer, progress: Callable[[float, int], None] | None
 ) -> Iterator[tuple[str, OmniImage]]:
-    """Stem and image of every camera at every pose; those of a pose share captures."""
+    """Stem and image of every camera at every pose; those of a moment share captures."""
     done = 0
 
-    def step(part: int, whole: int) -> None:
+    def step(part: float, whole: int) -> None:
         if progress:
             progress(done + part / max(1, whole), len(job))
 
-    for frame in job.frames():
-        shots = [(camera, pose) for _, camera, pose in frame]
-        images = renderer.render_together(shots, job.modes, job.options, progress=step)
-        for (stem, *_), image in zip(frame, images, strict=True):
-            yield stem, image
+    for moment in job.moments():
+        images = images_of(renderer, moment, job.options, progress=step)
+        for picture, image in zip(moment.pictures, images, strict=True):
+            yield picture.stem, image
             done += 1
 
 
@@ -88,7 +92,9 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
-def part_of(progress: Callable[[float, int], None] | None, done: int, total: int) -> Progress | None:
+def part_of(
+    progress: Callable[[float, int], None] | None, done: int, total: int
+) -> Callable[[float, int], None] | None:
     """Return the progress of one image of several, to be called with (captures done, captures needed)."""
     return progress and (lambda part, whole: progress(done + part / max(1, whole), total))
 
@@ -106,28 +112,58 @@ def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px
         The number of captures that the job needs.
     """
     needed: dict[Request, None] = {}
-    with replace(job, record=path).open() as source:
+    with replace(job, record=path).opened() as (job, source):
         source.objects()
-        job, renderer = job.posed(source), Renderer(source)
-        modes = planning.sampled(job.modes, job.options)
-
-        def capture_round(round_: Round) -> Kept:
-            kept, total = [], len(needed.keys() | round_.requests(modes))
-            for viewpoint, captures in planning.captured(round_, source, modes, skip=needed):
-                needed.update(dict.fromkeys(viewpoint.requests(modes)))
-                if viewpoint.keep:
-                    kept.append(captures)
-                if progress:
-                    progress(len(needed), total)
-            return kept
-
-        for frame in job.frames():
-            tasks = [
-                renderer.task(camera, pose, job.options, border_px=border_px) for _, camera, pose in frame
-            ]
-            for task in planning.together(tasks, modes)[0]:
-                drive(planning.rounds(task), capture_round)
+        renderer = Renderer(source)
+        for moment in job.moments():
+            for take in moment.takes:
+                with renderer_at(renderer, take.instant) as there:
+                    shots = [there.task(*shot, job.options, border_px=border_px) for shot in take.shots]
+                    modes = planning.sampled(take.modes, job.options)
+                    tasks, _ = planning.together(shots, modes)
+                    fresh = _Capturing(tasks, modes, needed, progress)
+                    needed |= planning.proven(there.source, modes, fresh)
     return len(needed)
+
+
+class _Capturing:
+    """Captures what tasks need, but for what was captured before.
+
+    Args:
+        tasks: of one instant.
+        modes: of their images.
+        before: what is not captured again.
+        progress: as :func:`capture`.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        modes: tuple[str, ...],
+        before: dict[Request, None],
+        progress: Progress | None,
+    ) -> None:
+        self._tasks, self._modes, self._before, self._progress = tasks, modes, before, progress
+
+    def __call__(self, source: Source) -> dict[Request, None]:
+        """Capture from a source; return what was captured."""
+        fresh: dict[Request, None] = {}
+        for task in self._tasks:
+            drive(planning.rounds(task), partial(self._round, source, fresh))
+        return fresh
+
+    def _round(self, source: Source, fresh: dict[Request, None], round_: Round) -> Kept:
+        before, modes = self._before, self._modes
+        here = dict.fromkeys(each for each in round_.requests(modes) if each not in before)
+        kept, total = [], len(before) + len(fresh | here)
+        skip = ChainMap(fresh, before)
+        for viewpoint, captures in planning.captured(round_, source, modes, skip=skip):
+            fresh.update(dict.fromkeys(r for r in viewpoint.requests(modes) if r not in before))
+            if viewpoint.keep:
+                kept.append(captures)
+            if self._progress:
+                self._progress(len(before) + len(fresh), total)
+        return kept
 
 
 def costs(job: Job, *, measure: bool = False) -> list[Cost]:
@@ -142,25 +178,32 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
     """
     capabilities = known_capabilities(job.sources[0])
     if capabilities is not None and not measure and job.sampling is None:
-        rays = {camera: CameraRays(camera) for camera in job.cameras.values()}
-        frames = [
-            [Task(rays[camera], pose, capabilities, job.options) for _, camera, pose in frame]
-            for frame in job.frames()
-        ]
+        rays = cache(CameraRays)
+        planned = _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         seconds_per_request = _TICK_S
     else:
-        with replace(job, record=None).open() as source:
-            job, renderer = job.posed(source), Renderer(source)
-            frames = [
-                [renderer.task(camera, pose, job.options) for _, camera, pose in frame]
-                for frame in job.frames()
-            ]
+        with replace(job, record=None).opened() as (job, source):
+            renderer = Renderer(source)
+            planned = _planned(job, partial(renderer.task, options=job.options))
             seconds_per_request = _request_seconds(source)
     found = []
     for name in planning.names():
         with suppress(ArgumentError):  # the source cannot do it
-            found.append(cost(name, frames, planning.sampled(job.modes, job.options), seconds_per_request))
+            parts = [cost(name, frames, modes, seconds_per_request) for modes, frames in planned]
+            found.append(reduce(add, parts))
     return found
+
+
+def _planned(
+    job: Job, task_of: Callable[[Camera, Pose], Task]
+) -> list[tuple[tuple[str, ...], list[list[Task]]]]:
+    """The modes and the tasks of what is captured of each state of the world: captures of it are shared."""
+    found: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
+    for moment in job.moments():
+        for take in moment.takes:
+            tasks = [task_of(camera, pose) for camera, pose in take.shots]
+            found.setdefault((take.instant.state, take.modes), []).append(tasks)
+    return [(planning.sampled(modes, job.options), frames) for (_, modes), frames in found.items()]
 
 
 def _request_seconds(source: Source) -> float:
@@ -169,7 +212,7 @@ def _request_seconds(source: Source) -> float:
         return 0.0
     size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
-    requests = [Request(View(pose, 90.0, *size), "lit") for pose in turned]
+    requests = [Request(View(pose, 90.0, *size), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view
     started = time.perf_counter()
     for request in requests:  # one at a time: a source reads ahead

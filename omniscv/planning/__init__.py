@@ -20,6 +20,7 @@ from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints, strip_v
 from omniscv.planning.recorded_faces import RecordedViews
 from omniscv.planning.registry import get, names, register, rounds
 from omniscv.planning.sharing import together
+from omniscv.planning.stillness import proven
 from omniscv.planning.viewpoints import CameraRays, RayGroup
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "face_viewpoints",
     "get",
     "names",
+    "proven",
     "register",
     "rounds",
     "sampled",

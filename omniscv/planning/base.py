@@ -125,6 +125,7 @@ class Viewpoint:
         occluded: (N,) bool, pixels whose own optical centre is not visible from the camera's position;
             None: not judged.
         truth_scale: set by :func:`omniscv.planning.rounds` for every strategy.
+        state: of the world in which captures are made; set as well.
     """
 
     center_w: Array
@@ -137,6 +138,7 @@ class Viewpoint:
     check: FoundDepth | None = None
     occluded: NDArray[np.bool_] | None = None
     truth_scale: int = 1
+    state: str = ""
 
     def views_of(self, mode: str) -> tuple[View, ...]:
         """Return the pictures taken in a mode."""
@@ -157,7 +159,11 @@ class Viewpoint:
         finer = [mode for mode in order if self.truth_scale > 1 and modalities.get(mode).truth]
         sizes = finer, [mode for mode in order if mode not in finer]
         return [
-            Request(view, mode) for same in sizes if same for view in self.views_of(same[0]) for mode in same
+            Request(view, mode, self.state)
+            for same in sizes
+            if same
+            for view in self.views_of(same[0])
+            for mode in same
         ]
 
 
@@ -191,6 +197,7 @@ class Task:
         cover: the views that together show all that one should (:meth:`omniscv.sources.Source.cover`).
         recorded: what a recording holds; None for sources that make new captures.
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
+        state: of the world, in which captures are made.
     """
 
     rays: CameraRays
@@ -200,6 +207,7 @@ class Task:
     cover: Callable[[View], tuple[View, ...]] = lambda view: (view,)
     recorded: RecordedViews | None = None
     border_px: int | None = None
+    state: str = ""
 
     def __post_init__(self) -> None:
         if self.border_px is not None and self.border_px < 0:
@@ -263,6 +271,18 @@ class Strategy(ABC):
     def further_views(self, task: Task) -> tuple[int, int]:
         """Return how many views a plan lacks that depend on what is captured: an estimate, and the most."""
         return 0, 0
+
+
+def changed(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) -> Rounds:
+    """Yield a strategy's rounds with every viewpoint changed; what is sent goes on to the strategy."""
+    with closing(rounds):
+        following = next(rounds, None)
+        while following is not None:
+            kept = yield Round(tuple(map(change, following.viewpoints)))
+            try:
+                following = rounds.send(kept)
+            except StopIteration:
+                return
 
 
 def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:

@@ -1,7 +1,9 @@
 """What a plan costs, before it is run."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import Any
 
@@ -36,6 +38,16 @@ class Cost:
     bytes: float
     seconds: float
     displacement_m: float = 0.0
+
+    def __add__(self, other: Cost) -> Cost:
+        """Return what the strategy asks for two sets of images that share no captures."""
+        sums = {
+            each.name: getattr(self, each.name) + getattr(other, each.name)
+            for each in fields(self)
+            if each.name not in ("strategy", "displacement_m")
+        }
+        displacement_m = max(self.displacement_m, other.displacement_m)
+        return Cost(strategy=self.strategy, displacement_m=displacement_m, **sums)
 
 
 def cost(

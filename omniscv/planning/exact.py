@@ -10,13 +10,15 @@ from omniscv.geometry import Array
 from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_marching import DepthShell, march
-from omniscv.planning.strip_views import strip_size, strip_views
+from omniscv.planning.strip_views import straight, strip_size, strip_views
 from omniscv.planning.viewpoints import Groups, RayGroup
 from omniscv.planning.visibility import look_around, occluded
 from omniscv.sources.base import View
 
 _SHARED_M = 0.05
 """What rays meet that start nearer to their viewpoint, its own captures bound well enough."""
+_MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
+"""Pixels per radian of a 90 degree face on the mean, against its middle: edge^2 pixels see 4 pi / 6 sr."""
 _STRIP_BORDER_PX = 2
 """The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
 
@@ -34,13 +36,28 @@ def face_viewpoints(
 
 
 def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-    """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do."""
+    """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do.
+
+    Rays on a great circle, as of a panorama's column, run through the middle of a row of pixels. Others are
+    sampled as finely as faces sample on average. Recordings may hold those as coarse as faces in the middle.
+    """
     if not groups:
         return ()
-    focal_px = task.edge / 2
+    rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
+    middle_px = task.edge / 2
+    sampled = (1.0,) if straight([*rays_w.values()], middle_px) else (_MEAN_OF_A_FACE, 1.0)
+    found = [_strips(task, groups, around, rays_w, finer * middle_px) for finer in sampled[:1]]
+    if task.recorded is not None:
+        found += [_strips(task, groups, around, rays_w, finer * middle_px) for finer in sampled[1:]]
+    held = (each for each in found if task.available([view for group in each for view in group.views]))
+    return next(held, found[0])
+
+
+def _strips(
+    task: Task, groups: Groups, around: DepthShell | None, rays_w: dict[int, Array], focal_px: float
+) -> tuple[Viewpoint, ...]:
     spanned = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
     border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned / 2))))
-    rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
     size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
     faces = CubeFaces(task, task.edge, border_px)
 

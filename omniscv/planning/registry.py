@@ -1,12 +1,13 @@
 """Strategies by name."""
 
+from dataclasses import replace
 from typing import TypeVar
 
 from omniscv import plugins
 from omniscv.errors import ArgumentError
 from omniscv.planning.adaptive import Adaptive
 from omniscv.planning.auto import Auto
-from omniscv.planning.base import Rounds, Strategy, Task
+from omniscv.planning.base import Rounds, Strategy, Task, changed
 from omniscv.planning.cube import Cube
 from omniscv.planning.faces import Faces
 from omniscv.planning.finer_truth import with_finer_truth
@@ -49,7 +50,7 @@ def get(name: str) -> Strategy:
 
 
 def rounds(task: Task) -> Rounds:
-    """Return the rounds of a task's strategy.
+    """Return the rounds of a task's strategy, in the task's state of the world.
 
     Raises:
         ArgumentError: an unknown strategy, or a bound on an error that it does not make.
@@ -59,7 +60,9 @@ def rounds(task: Task) -> Rounds:
         approximate = " or ".join(name for name, each in _strategies.items() if each.approximate)
         raise ArgumentError(f"max_error_px: expected strategy {approximate}, got {strategy.name!r}")
     found = strategy.rounds(task)
-    return found if task.options.truth_scale == 1 else with_finer_truth(found, task)
+    if task.options.truth_scale > 1:
+        found = with_finer_truth(found, task)
+    return changed(found, lambda each: replace(each, state=task.state)) if task.state else found
 
 
 for _strategy in (Auto, Cube, Faces, Strips, Reproject, Adaptive):

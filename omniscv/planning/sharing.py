@@ -55,7 +55,8 @@ def _groups(tasks: Sequence[Task]) -> list[list[int]]:
         for group in groups:
             first = tasks[group[0]]
             apart = np.abs(first.pose.position - task.pose.position).max()
-            if apart < _SAME_M and first.rays.camera.central == task.rays.camera.central:
+            alike = first.rays.camera.central == task.rays.camera.central and first.state == task.state
+            if apart < _SAME_M and alike:
                 group.append(i)
                 break
         else:

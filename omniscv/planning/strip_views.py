@@ -27,6 +27,17 @@ PIXELS_PER_REQUEST = 300_000.0
 Size = tuple[int, int]
 
 
+def straight(rays_w: Sequence[Array], focal_px: float) -> bool:
+    """Return whether the rays of every viewpoint lie on a great circle, to half a pixel.
+
+    Args:
+        rays_w: for each viewpoint, (N, 3) unit directions.
+        focal_px: px per radian.
+    """
+    sample = _thinned(rays_w, _SAMPLED_VIEWPOINTS)
+    return all(np.abs(rays @ _circle(rays)[0]).max() * focal_px <= 0.5 for rays in sample)
+
+
 def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabilities: Capabilities) -> Size:
     """Return the width and height that serve a plan's viewpoints for the least work.
 
@@ -37,10 +48,7 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
         capabilities: of the source: its smallest views, and whether they may be higher than wide.
     """
 
-    def thinned(items: Any, count: int) -> Any:
-        return [*items[:: max(1, len(items) // count)], items[-1]]
-
-    sample = [np.array(thinned(rays, _SAMPLED_RAYS)) for rays in thinned(rays_w, _SAMPLED_VIEWPOINTS)]
+    sample = [np.array(_thinned(rays, _SAMPLED_RAYS)) for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS)]
     best, least = (capabilities.min_size, capabilities.min_size), np.inf
     for count in range(1, _MOST_VIEWS + 1):
         strips = [strip for rays in sample for strip in _strips(rays, count)]
@@ -80,6 +88,11 @@ def holding_size(half: Array, focal_px: float, border_px: int, capabilities: Cap
     height = 2 * int(np.ceil(focal_px * half[1] + border_px - 0.5 - _ROUNDING)) + 1
     height = max(height, capabilities.min_size)
     return max(width, 1 if capabilities.can_set_tall else height, capabilities.min_size), height
+
+
+def _thinned(items: Any, count: int) -> Any:
+    """About ``count`` of the items, the first and the last among them."""
+    return [*items[:: max(1, len(items) // count)], items[-1]]
 
 
 def _strips(rays: Array, count: int) -> list[tuple[Array, Array]]:

@@ -4,134 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import astuple, dataclass, field, fields, replace
-from functools import cached_property
-from typing import Any, Self
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import astuple, dataclass, field, fields
+from typing import Self
 
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.sources.requests import Capture as Capture
+from omniscv.sources.requests import Request as Request
+from omniscv.sources.requests import View as View
 from omniscv.sources.world import World
-
-_POSE_DECIMALS = 7
-"""Of metres, degrees and matrix entries: views that agree to these decimals are equal. 1e-7 rad is a
-ten-thousandth of a pixel at f = 1024; servers print three decimals of a centimetre."""
 
 _LONGEST_PART = 150  # characters of a part of a scene's identity
 
 Color = tuple[int, int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """One perspective picture: a pose, a horizontal field of view in (0, 180), a size of at least 1 x 1 px.
-
-    The picture's frame is the pose's camera frame (x right, y down, z forward); a point is seen at
-    ``u = W/2 + f x/z``, ``v = H/2 + f y/z`` with ``f = (W/2) / tan(fov/2)``, pixel centres at +0.5.
-
-    Raises:
-        ArgumentError: a field of view or size outside its domain.
-    """
-
-    pose: Pose
-    fov_deg: float
-    width: int
-    height: int
-
-    def __post_init__(self) -> None:
-        if not 0 < self.fov_deg < 180:
-            raise ArgumentError(f"fov_deg: expected 0 < fov_deg < 180, got {self.fov_deg!r}")
-        if not (self.width >= 1 and self.height >= 1):
-            raise ArgumentError(f"size: expected at least 1 x 1 px, got {self.width} x {self.height}")
-
-    @property
-    def focal_px(self) -> float:
-        """Focal length in px, the same across and down."""
-        return pinhole.focal_px(self.width, self.fov_deg)
-
-    def scaled(self, factor: int) -> Self:
-        """Return the view with ``factor`` times as many pixels each way."""
-        return self if factor == 1 else replace(self, width=factor * self.width, height=factor * self.height)
-
-    def project(self, points_w: ArrayLike) -> Array:
-        """(..., 3) world points to (..., 3): u, v in px, z planar depth in m (z <= 0: behind)."""
-        return pinhole.project(self.pose.to_camera(points_w), self.focal_px, self.width, self.height)
-
-    def ray_lengths(self) -> Array:
-        """(H, W): length of the ray to each pixel's centre per metre of planar depth, ``|(x/z, y/z, 1)|``."""
-        return pinhole.ray_lengths(self.focal_px, self.width, self.height)
-
-    def key(self) -> tuple[Any, ...]:
-        """Width, height, position (3), rotation (9) and ``fov_deg``, rounded: equal views have equal keys."""
-        return self._key
-
-    @cached_property
-    def _key(self) -> tuple[Any, ...]:
-        numbers = np.concatenate([self.pose.position, self.pose.rotation.ravel(), [self.fov_deg]])
-        rounded = np.round(numbers, _POSE_DECIMALS) + 0.0  # + 0.0: no negative zero
-        return (self.width, self.height, *rounded.tolist())
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, View) and self.key() == other.key()
-
-    def __hash__(self) -> int:
-        return hash(self.key())
-
-
-@dataclass(frozen=True)
-class Request:
-    """A view in a mode, of the world in a state.
-
-    Attributes:
-        view: what is captured.
-        mode: a modality that sources deliver; of an alias, the modality's name is kept.
-        state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
-
-    Raises:
-        ArgumentError: no such modality.
-    """
-
-    view: View
-    mode: str
-    state: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mode", *modalities.chosen((self.mode,)))
-
-
-@dataclass(frozen=True, eq=False)
-class Capture:
-    """What a source delivers for a request.
-
-    Attributes:
-        request: what was requested.
-        view: what was captured, the view that rays are looked up in. It differs from ``request.view`` where
-            the source cannot capture exactly that.
-        pixels: read-only, (H, W) or (H, W, C) as :mod:`omniscv.modalities` has it. Depth is planar, in
-            metres, +inf for no surface; normals are unit vectors in the world frame, 0 where unknown. Object
-            masks are RGB colours, or uint16 (H, W) instance ids that the source's :class:`ObjectTable` names.
-        provenance: server, scene, command, time: plain JSON values.
-        payload: the bytes as received, for sources with a wire.
-        encoding: the codec of :mod:`omniscv.sources.codecs` that decodes ``payload`` to ``pixels``.
-    """
-
-    request: Request
-    view: View
-    pixels: NDArray[Any]
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-    payload: bytes | None = None
-    encoding: str | None = None
-
-    @property
-    def mode(self) -> str:
-        """The request's mode."""
-        return self.request.mode
 
 
 @dataclass(frozen=True)
@@ -146,6 +36,8 @@ class Capabilities:
         fov_deg: horizontal field of view of every view, where it cannot be set.
         min_size: the smallest width and height of a view, px.
         dialect: the server's dialect; the kind of other sources.
+        moves: whether the world may change between two captures; sets of captures that belong together are
+            then proven to show one instant (:mod:`omniscv.planning.stillness`).
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))
@@ -156,6 +48,7 @@ class Capabilities:
     fov_deg: float | None = None
     min_size: int = 1
     dialect: str = ""
+    moves: bool = False
 
 
 @dataclass(frozen=True)
@@ -237,6 +130,7 @@ class Source(ABC):
         """Captures, one per request, in the order of the requests; ``requests`` is read lazily.
 
         Raises:
+            ArgumentError: the world is in another state than a request's.
             SourceError: a live source could not deliver within its deadlines and retries.
             RecordingError: a recording does not hold a capture, or holds it damaged.
         """
@@ -265,6 +159,11 @@ class Source(ABC):
         """What is known of the shapes in the scene; empty for sources that only give pictures."""
         return SceneGeometry()
 
+    def object_poses(self) -> Mapping[str, Pose]:
+        """The poses of the objects that move, at this source's instant: ``R_w_o`` and position; those that
+        are not known are left out."""
+        return self.instant.poses
+
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene in which objects are hidden.
 
@@ -280,6 +179,11 @@ class Source(ABC):
         """The state of the world that captures show; empty while nothing was changed in it."""
         return ""
 
+    @property
+    def instant(self) -> Instant:
+        """What is known of the world that captures show: what was set in it, or read from it."""
+        return Instant()
+
     def at(self, instant: Instant) -> Source:
         """Return a source of the same world at an instant.
 
@@ -294,12 +198,18 @@ class Source(ABC):
             return SourceView(self)
         raise ArgumentError(f"source: expected one whose objects can be moved, got {type(self).__name__}")
 
+    def one_instant(self) -> AbstractContextManager[None]:
+        """Return a context whose captures belong together, because they are to show one instant: a recording
+        keeps all of them, or, if an error ends it, none.
+        """
+        return nullcontext()
+
     def command(self, text: str) -> str:
         """Send a command of the server's own language, and return its reply.
 
         Raises:
             ArgumentError: this source is no live server.
-            SourceError: no reply within the deadlines.
+            SourceError: no reply within the deadlines, or the reply is an error.
         """
         raise ArgumentError(
             f"source: expected a live server to send {shown(text)} to, got {type(self).__name__}"
@@ -347,12 +257,22 @@ class SourceWrapper(Source):
     def geometry(self) -> SceneGeometry:
         return self._source.geometry()
 
+    def object_poses(self) -> Mapping[str, Pose]:
+        return self._source.object_poses()
+
     def without(self, objects: Iterable[str]) -> Source:
         return self._source.without(objects)
 
     @property
     def state(self) -> str:
         return self._source.state
+
+    @property
+    def instant(self) -> Instant:
+        return self._source.instant
+
+    def one_instant(self) -> AbstractContextManager[None]:
+        return self._source.one_instant()
 
     def at(self, instant: Instant) -> Source:
         return self._source.at(instant)

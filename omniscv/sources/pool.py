@@ -1,9 +1,11 @@
 """Several sources of one scene as one: distributes requests, and re-queues those of a source that fails."""
 
+from __future__ import annotations
+
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
@@ -13,6 +15,7 @@ from typing import Any, NoReturn, TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
@@ -25,6 +28,8 @@ from omniscv.sources.base import (
     closed_error,
     not_picklable,
 )
+from omniscv.sources.pool_world import PoolWorld
+from omniscv.sources.world import World
 
 T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
@@ -49,11 +54,11 @@ class SourcePool(Source):
         if not sources:
             raise ArgumentError("sources: expected at least one, got none")
         self._capabilities = _the_same([source.capabilities for source in sources])
-        self._objects = _the_same([source.objects() for source in sources])
         self._scene = _the_same([source.scene_identity for source in sources])
         self._sources, self._working = tuple(sources), list(sources)
         self._fault = closed_error("pool")
         self._lock, self._closed = threading.Lock(), False
+        self._read_objects()
 
     @property
     def capabilities(self) -> Capabilities:
@@ -83,13 +88,46 @@ class SourcePool(Source):
 
     def without(self, objects: Iterable[str]) -> Source:
         """A pool of the replicas that still work, each without the objects."""
-        self._check_working()
         names = list(objects)
-        with ExitStack() as opened:
-            hidden = [opened.enter_context(each.without(names)) for each in self._working]
-            pool = SourcePool(hidden)
-            opened.pop_all()
-            return pool
+        return self._each(lambda replica: replica.without(names))
+
+    @property
+    def instant(self) -> Instant:
+        """What the first replica that still works knows."""
+        return self._first.instant
+
+    @property
+    def state(self) -> str:
+        return self._first.state
+
+    def at(self, instant: Instant) -> Source:
+        """A pool of the replicas that still work, each at the instant.
+
+        Raises:
+            ArgumentError: the replicas are at different instants, as where poses are read, not set.
+        """
+        pool = self._each(lambda replica: replica.at(instant))
+        try:
+            states = {replica.state for replica in pool._working}
+            if len(states) > 1:
+                wanted = "expected replicas at one instant, got different poses"
+                raise ArgumentError(f"sources: {wanted}; use one source, or freeze='puppet'")
+        except BaseException:
+            pool.close()
+            raise
+        return pool
+
+    def command(self, text: str) -> str:
+        """Send a command to every replica that still works, and return the first one's reply."""
+        self._check_working()
+        first, *_ = [replica.command(text) for replica in self._working]
+        return first
+
+    @property
+    def world(self) -> World:
+        """The worlds of the replicas that still work: what is changed is changed in all of them."""
+        self._check_working()
+        return PoolWorld([replica.world for replica in self._working], self._read_objects)
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""
@@ -149,6 +187,21 @@ class SourcePool(Source):
 
     def __reduce__(self) -> NoReturn:
         raise not_picklable("pool")
+
+    def _read_objects(self) -> None:
+        self._objects = _the_same([source.objects() for source in self._working])
+
+    @property
+    def _first(self) -> Source:
+        return (self._working or self._sources)[0]
+
+    def _each(self, changed: Callable[[Source], Source]) -> SourcePool:
+        """Return a pool of what becomes of every replica that still works."""
+        self._check_working()
+        with ExitStack() as opened:
+            pool = SourcePool([opened.enter_context(changed(each)) for each in self._working])
+            opened.pop_all()
+            return pool
 
     def _check_working(self) -> None:
         if self._closed or not self._working:

@@ -17,6 +17,7 @@ from urllib.parse import parse_qsl
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.sources.base import Capabilities, Source
+from omniscv.sources.world import Freeze
 
 Opener = Callable[..., Source]
 """``opener(address, **options)``: ``address`` is the whole text, its scheme included."""
@@ -32,24 +33,37 @@ _openers: dict[str, Opener | str] = {
     "launch": f"{_UNREAL}:open_launched",
     "mock": f"{_UNREAL}:open_mock",
     "scene": "omniscv.sources.scene:open_scene",
+    "blender": "omniscv.sources.blender.opening:open_blender",
 }
 """By scheme; ``module:function`` is imported when the scheme is first opened."""
 
 
-class SourceOptions(TypedDict, total=False):
-    """Options of :func:`open_source`; an opener refuses those that it does not know.
+class Deadlines(TypedDict, total=False):
+    """How long to wait for a live server.
 
     Attributes:
         timeout_s: how long connecting, and each reply, may take; 15 s if not given.
         patience_s: for how long to connect and send again after a fault, until there is a reply; 10 s.
-        retries: how often, with exponential backoff; 5 times.
-        fix_exposure: switch off vignette and auto exposure in the running game.
     """
 
     timeout_s: float
     patience_s: float
+
+
+class SourceOptions(Deadlines, total=False):
+    """Options of :func:`open_source`; an opener refuses those that it does not know.
+
+    Attributes:
+        retries: how often, with exponential backoff; 5 times.
+        fix_exposure: switch off vignette and auto exposure in the running game.
+        freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
+            ``auto`` if not given. Where it is given, the world moves, and all captures are proven to show one
+            instant.
+    """
+
     retries: int
     fix_exposure: bool
+    freeze: Freeze
 
 
 def register(scheme: str, opener: Opener) -> None:
@@ -90,8 +104,8 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
             game, started for this source; ``mock://four-wall``, the mock server, started for it, with
             options behind a question mark (``mock://four-wall?latency_ms=5&depth=float32``;
             ``dialect=0.3.10&size=512x512``; ``fault=delay=0.2@0.05``, repeatable, and their ``seed``);
-            ``scene://four-wall``, a scene traced in this process; an address of a registered scheme; the path
-            of a recording.
+            ``scene://four-wall``, a scene traced in this process; ``blender://SCENE.blend?samples=64``, a
+            scene that Blender renders; an address of a registered scheme; the path of a recording.
         options: see :class:`SourceOptions`.
 
     Raises:

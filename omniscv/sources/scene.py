@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
 from omniscv.sources.base import (
@@ -103,6 +104,7 @@ class SceneSource(Source):
         provenance = {"server": "in-process", "scene": self.scene.name, "dialect": "scene"}
         for request in requests:
             self._check_open()
+            request.check_state(self.state, f"scene {self.scene.name}")
             if request.mode not in _CAPABILITIES.modes:
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
@@ -119,6 +121,11 @@ class SceneSource(Source):
         self._check_open()
         return geometry_of(self.scene)
 
+    def object_poses(self) -> dict[str, Pose]:
+        """The poses of objects that move by themselves, and of those that the instant places."""
+        found = {name: self.scene.pose(name) for name in {*self.scene.moving, *self._instant.poses}}
+        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in sorted(found.items())}
+
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""
         self._check_open()
@@ -127,6 +134,10 @@ class SceneSource(Source):
     @property
     def state(self) -> str:
         return self._instant.state
+
+    @property
+    def instant(self) -> Instant:
+        return self._instant
 
     def at(self, instant: Instant) -> SceneSource:
         """As :meth:`Source.at`; both may be used at the same time. No time is the scene's start."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from omniscv.truth.layout_record import project_layout, room_of
     from omniscv.truth.object_boxes import boxes
-    from omniscv.truth.optical_flow import Flow, flow
+    from omniscv.truth.optical_flow import Flow, flow, motion
     from omniscv.truth.oriented_boxes import boxes3d
     from omniscv.truth.point_cloud import Points, merged, points
     from omniscv.truth.room_layout import RoomLayout, layout
@@ -30,6 +30,7 @@ _HOMES = {
     "fov_iou": "omniscv.truth.spherical:fov_iou",
     "layout": "omniscv.truth.room_layout:layout",
     "merged": "omniscv.truth.point_cloud:merged",
+    "motion": "omniscv.truth.optical_flow:motion",
     "points": "omniscv.truth.point_cloud:points",
     "project_layout": "omniscv.truth.layout_record:project_layout",
     "room_of": "omniscv.truth.layout_record:room_of",
@@ -49,6 +50,7 @@ __all__ = [
     "fov_iou",
     "layout",
     "merged",
+    "motion",
     "points",
     "project_layout",
     "room_of",

@@ -52,6 +52,7 @@ def test_cameras_lists_every_model(capsys):
         (["--param", "radius"], "--param: expected NAME=VALUE"),
         (["--strategy", "guess"], "strategy: expected"),
         (["--filter", "sharp"], "filter: expected"),
+        (["--freeze", "hard"], "--freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
         (["--source", "http://localhost"], "source"),
         (["--source", "mock://moon"], "moon"),
         (["--colour"], "No such option"),

@@ -106,6 +106,27 @@ def test_objects_move_by_their_recorded_poses(tmp_path):
     assert not scene[~mine & ~others].any()
 
 
+def test_what_moves_while_lines_are_read_has_no_flow(tmp_path):
+    """The pose of an object is that of the first line; one that rests is seen by all lines where it is."""
+    base = cameras.create("pinhole", width=40, height=30, fov_deg=100)
+    camera = cameras.create("rolling-shutter", width=40, height=30, base=base, readout=0.03)
+    looking = Pose.from_angles((0, 0, 1.4), 20)
+    poses = [{"Chair_1": Pose.from_angles((x, 2, 0)), "Ball": Pose.from_angles((1, 1, 0))} for x in (1, 1.1)]
+    pair = []
+    for i, known in enumerate(poses):
+        labels = np.zeros((30, 40), np.uint16)
+        labels[:, :20], labels[:, 20:] = (SCENE.label(name) for name in known)
+        path = tmp_path / f"cam-{i}.truth.json"
+        path.write_text(json.dumps({"poses": {name: pose.to_dict() for name, pose in known.items()}}))
+        layers = {"depth": np.full((30, 40), 2, np.float32), "labels": labels}
+        frame = frame_of(tmp_path, layers, camera, looking, key=f"cam-{i}", scene=SCENE)
+        pair.append(replace(frame, files={**frame.files, "truth": path}))
+    get("flow").write(pair, tmp_path, {})
+    mask = channels(tmp_path / "flow/cam-0.exr")["mask"]
+    assert (mask[:, :20] == 0).all()
+    assert (mask[:, 20:] == 1).all()
+
+
 def test_frames_of_two_scenes_have_no_flow_between_them(tmp_path):
     one, two, three = frames(tmp_path)
     elsewhere = replace(three, scene="another")

@@ -9,6 +9,13 @@ from support.command_line import ROOT
 from omniscv import dataset, jobs
 
 
+def test_the_moving_world_is_the_one_that_its_document_runs():
+    """``docs/moving-worlds.md`` is executed; the example is the same script."""
+    document = (ROOT / "docs" / "moving-worlds.md").read_text(encoding="utf-8")
+    _, script = (ROOT / "examples" / "moving.py").read_text(encoding="utf-8").split("\n\n", maxsplit=1)
+    assert script in document
+
+
 def test_the_dataset_is_made_and_explored(tmp_path):
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")
     text = (folder / "kitchen.yaml").read_text()

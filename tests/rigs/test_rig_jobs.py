@@ -54,7 +54,7 @@ def test_a_rigs_file_and_a_trajectory_place_late_cameras(tmp_path: Path, format:
     places = {stem: pose.t_w_c.tolist() for stem, _, pose in job.items()}
     expected = {"cam0-0": 0.0, "cam1-0": 0.5, "cam0-1": 1.0, "cam1-1": 1.5}
     assert places == {stem: pytest.approx([x, 0, 1.5]) for stem, x in expected.items()}
-    times = {shot.key: shot.time for moment in job.shots() for shot in moment}
+    times = {shot.key: shot.time for _, shots in job.shots() for shot in shots}
     assert times == expected
 
 

@@ -16,7 +16,7 @@ WRONG = {
     "localhost:9000": r"expected an address or a recording, got 'localhost:9000'; write unreal://localhost:9000",
     "192.168.0.7:9000": "write unreal://192.168.0.7:9000",
     "[::1]:9000": r"write unreal://\[::1\]:9000",
-    "http://localhost": r"expected launch:, mock://, scene://, unreal://, unreal\+unix://.*got 'http://localhost'",
+    "http://localhost": r"expected blender://, launch:, mock://, scene://, unreal://, unreal\+unix://.*got 'http://localhost'",
     "": "expected an address or the path of a recording, got ''",
     "unreal://": "expected unreal://host:port",
     "unreal://host:nine": "expected unreal://host:port",
@@ -112,8 +112,8 @@ def test_options_of_an_address():
 PACKAGE = """
 from omniscv.sources import Capabilities, ObjectTable, Source
 
-class Blender(Source):
-    capabilities = Capabilities(dialect="blender")
+class Mitsuba(Source):
+    capabilities = Capabilities(dialect="mitsuba")
 
     def __init__(self, address, samples):
         self.opened = address, samples
@@ -124,16 +124,16 @@ class Blender(Source):
     def objects(self):
         return ObjectTable({})
 
-def open_blender(address: str, *, samples: int = 64) -> Source:
-    return Blender(address, samples)
+def open_mitsuba(address: str, *, samples: int = 64) -> Source:
+    return Mitsuba(address, samples)
 """
 USER = """
 import omniscv
 from omniscv.sources import schemes
-assert {"blender", "gone", "mock", "unreal"} <= set(schemes())
-print(omniscv.open_source("blender://kitchen.blend").opened)
-print(omniscv.open_source("blender://kitchen.blend", samples=4).opened)
-for address in ("gone://x", "blend://x"):
+assert {"mitsuba", "gone", "mock", "unreal"} <= set(schemes())
+print(omniscv.open_source("mitsuba://kitchen.xml").opened)
+print(omniscv.open_source("mitsuba://kitchen.xml", samples=4).opened)
+for address in ("gone://x", "mits://x"):
     try:
         omniscv.open_source(address)
     except omniscv.OmniscvError as error:
@@ -143,19 +143,19 @@ for address in ("gone://x", "blend://x"):
 
 def test_another_package_joins_by_an_entry_point(tmp_path):
     """An installed distribution, without a word to omniscv."""
-    (tmp_path / "omniscv_blender.py").write_text(PACKAGE)
-    installed = tmp_path / "omniscv_blender-1.0.dist-info"
+    (tmp_path / "omniscv_mitsuba.py").write_text(PACKAGE)
+    installed = tmp_path / "omniscv_mitsuba-1.0.dist-info"
     installed.mkdir()
-    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: omniscv-blender\nVersion: 1.0\n")
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: omniscv-mitsuba\nVersion: 1.0\n")
     (installed / "entry_points.txt").write_text(
-        "[omniscv.sources]\nblender = omniscv_blender:open_blender\ngone = omniscv_blender:removed\n"
+        "[omniscv.sources]\nmitsuba = omniscv_mitsuba:open_mitsuba\ngone = omniscv_mitsuba:removed\n"
     )
     user = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n" + textwrap.dedent(USER)
     done = subprocess.run([sys.executable, "-c", user], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     default, few, gone, unknown = done.stdout.splitlines()
-    assert (default, few) == ("('blender://kitchen.blend', 64)", "('blender://kitchen.blend', 4)")
+    assert (default, few) == ("('mitsuba://kitchen.xml', 64)", "('mitsuba://kitchen.xml', 4)")
     assert gone.startswith(
-        "gone://x: expected the entry point 'omniscv_blender:removed' to be importable, got: "
+        "gone://x: expected the entry point 'omniscv_mitsuba:removed' to be importable, got: "
     )
-    assert "expected blender://, gone://, launch:, mock://" in unknown
+    assert "expected blender://, gone://, launch:, mitsuba://, mock://" in unknown

@@ -29,7 +29,8 @@ def hits():
 
 def captured(source):
     return {
-        each.mode: each.pixels for each in source.capture(Request(VIEW, m) for m in source.capabilities.modes)
+        each.mode: each.pixels
+        for each in source.capture(Request(VIEW, m, source.state) for m in source.capabilities.modes)
     }
 
 

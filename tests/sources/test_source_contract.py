@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from support import blender
 from support.faces import CENTER, face_requests
 
 import omniscv
@@ -56,6 +57,8 @@ SOURCES = {
     "pool": lambda path: open_sources(["scene://four-wall", "scene://four-wall"]),
     "pool of servers": lambda path: open_sources(["mock://four-wall", "mock://four-wall"]),
 }
+if blender.found():
+    SOURCES["blender"] = lambda path: omniscv.open_source(blender.address("four-wall"))
 
 
 @pytest.fixture(params=SOURCES)

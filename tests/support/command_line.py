@@ -12,7 +12,7 @@ from support.documents import at_ports, shrunk
 
 ROOT = Path(__file__).resolve().parents[2]
 
-PARSED_ONLY = ("demo", "chart")
+PARSED_ONLY = ("demo", "chart", "evaluate")
 """Commands that take long, and have tests of their own."""
 
 _EXIT_CODES = {"doctor": (0, 1)}  # 1: it found something bad

@@ -11,13 +11,14 @@ import signal
 import sys
 import time
 import traceback
-from contextlib import closing
+from contextlib import closing, nullcontext
 from pathlib import Path
 
 import omniscv
 import omniscv.sources.unreal.source  # what opening a source imports
 from omniscv import jobs
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
+from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
 from omniscv.sources.recording import folders, upgrade
 from omniscv.sources.recording.replacing import part_of, place_of, publish
@@ -25,13 +26,16 @@ from omniscv.sources.recording.store import Store
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))
 MODES = ("lit", "object_mask", "depth", "normals")
-SIZE = 96
+SIZE, SMALL = 96, 8
 
 
-def requests():
+STATES = (Instant(), Instant(time=0.7), Instant(time=0.7, hidden=frozenset({"Crate"})))
+
+
+def requests(size=SIZE, state=""):
     """All faces at some centres, in all modes."""
     return [
-        Request(View(Pose(center, R_w_c), 90.0, SIZE, SIZE), mode)
+        Request(View(Pose(center, R_w_c), 90.0, size, size), mode, state)
         for center in CENTERS
         for mode in MODES
         for _, R_w_c in cube_rotations()
@@ -61,6 +65,22 @@ def change(path, other):
             store.add(capture)
 
 
+def record_states(path, plan):
+    """Record some requests at instants of a scene, then be killed.
+
+    ``plan`` is a JSON list of: which of ``STATES``, the first request, the last, and how: ``each`` by
+    itself, the ``whole`` as one set, or ``killed`` before the set has ended.
+    """
+    with omniscv.record(omniscv.open_source("scene://workshop"), path) as recording:
+        for which, first, last, how in json.loads(plan):
+            source = recording.at(STATES[which])
+            with source, nullcontext() if how == "each" else source.one_instant():
+                list(source.capture(requests(SMALL, source.state)[first:last]))
+                if how == "killed":
+                    os.kill(os.getpid(), signal.SIGKILL)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 def warm():
     """Render in this process; no file is written, because OpenImageIO's threads do not survive a fork."""
     camera = omniscv.cameras.create("equirectangular", width=48, height=24)
@@ -74,6 +94,7 @@ ACTIONS = {
     "import": folders.import_folder,
     "replace": replace,
     "change": change,
+    "states": record_states,
     "make": lambda job: jobs.make(jobs.load(Path(job)), resume=True),
 }
 

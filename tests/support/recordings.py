@@ -74,8 +74,8 @@ def reseal(path):
         database.text_factory = bytes.decode
         head = Head._make(database.execute("SELECT * FROM recording").fetchone())
         head = head._replace(captures=0, capture_sum=0)
-        for found in database.execute(f"SELECT {', '.join(Row._fields)} FROM capture").fetchall():
-            row = Row._make(found)
+        for found in database.execute(f"SELECT {', '.join(Row._fields[:-1])} FROM capture").fetchall():
+            row = Row(*found)
             row = row._replace(payload_checksum=zlib.crc32(row.payload))
             row = row._replace(checksum=row.own_checksum(head.id))
             update = "UPDATE capture SET payload_checksum = ?, checksum = ? WHERE number = ?"

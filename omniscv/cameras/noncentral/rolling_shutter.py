@@ -135,6 +135,11 @@ class RollingShutter(Camera):
     def _arguments(self) -> dict[str, Any]:
         return {**super()._arguments(), "base": _description(self.base)}
 
+    def lines(self, first: float, last: float) -> ReadOutLines:
+        """Return the camera of those lines that are read between two parts of the read-out, 0 to 1, the
+        second one excluded; its other pixels are not valid."""
+        return ReadOutLines(**self._arguments(), first=first, last=last)
+
     # -- rays -----------------------------------------------------------------------------------
 
     def _part(self, pixels: Array) -> Array:
@@ -251,6 +256,43 @@ class RollingShutter(Camera):
             done = (np.abs(value) <= _CONVERGED) | (right[open_] - left[open_] <= _CONVERGED / 8)
             open_ = open_[~done]
         return root
+
+
+class ReadOutLines(RollingShutter):
+    """Some lines of a rolling-shutter camera, for a world that moves while the others are read.
+
+    Args:
+        first, last: parts of the read-out; ``last`` itself is excluded.
+    """
+
+    name = "rolling-shutter-lines"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        base: Camera | Mapping[str, Any],
+        readout: float,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocity_deg: ArrayLike = (0.0, 0.0, 0.0),
+        scan: Scan = "top-to-bottom",
+        first: float = 0.0,
+        last: float = 1.0,
+    ) -> None:
+        super().__init__(width, height, base, readout, velocity, angular_velocity_deg, scan)
+        self.first, self.last = number("first", first), number("last", last)
+
+    def _mine(self, pixels: Array) -> Mask:
+        part = self._part(pixels)
+        return np.asarray((part >= self.first) & (part < self.last))
+
+    def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
+        origins, directions, valid = super()._unproject(pixels)
+        return origins, directions, valid & self._mine(pixels)
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        pixels, valid = super()._project(points)
+        return pixels, valid & self._mine(pixels)
 
 
 def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camera:

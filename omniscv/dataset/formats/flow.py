@@ -1,7 +1,8 @@
 """Optical flow between consecutive frames of each camera: ``flow/STEM.flo`` and ``flow/STEM.exr``.
 
 Frames are in the order of their times, or of their keys where a frame has no time. Between frames of
-different scenes there is no flow, unless both have poses of objects, which then are what differs.
+different scenes, or states of a world that moves, there is no flow, unless both have poses of objects, which
+then are what differs.
 
 ``.flo`` (Middlebury)
     float32, px; 1e10 where the flow is not known.
@@ -12,7 +13,8 @@ different scenes there is no flow, unless both have poses of objects, which then
     the options, and which frame the flow of each leads to.
 
 Objects move where both frames have their poses: ``poses`` in STEM.truth.json, by name, each with position and
-rotation. An object with a pose in only one of them has no flow.
+rotation. An object with a pose in only one of them has no flow, nor has one that moves in images of a
+rolling-shutter camera, whose lines show it at other times than that of its pose.
 
 Options: ``gap`` (default 1), how many frames further the other one is; ``wrap``, ``shortest`` (default:
 across the seam where that is shorter) or ``classic``; ``backward``, write ``STEM.backward.*`` too, from a
@@ -33,7 +35,7 @@ from numpy.typing import NDArray
 
 from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number, numbers, one_of, whole_number, within
-from omniscv.cameras import Camera, Rays
+from omniscv.cameras import Camera, Rays, RollingShutter
 from omniscv.compose.files import whole_file, write_json, write_picture
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.sequences import by_camera
@@ -109,7 +111,8 @@ def _flows(frames: Sequence[Frame], given: Mapping[str, Any]) -> Iterator[tuple[
         return
     rays = unproject(frames[0].camera, frames[0].camera.pixels())
     for before, after in zip(frames, frames[gap:], strict=False):
-        if before.scene != after.scene and not (_object_poses(before) and _object_poses(after)):
+        changed = (before.scene, before.state) != (after.scene, after.state)
+        if changed and not (_object_poses(before) and _object_poses(after)):
             continue
         yield before.key, after.key, between(before, after, rays, given)
         if given["backward"]:
@@ -134,13 +137,25 @@ def _sure_depth(frame: Frame) -> NDArray[np.float32]:
 
 
 def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
-    """By instance id, how the objects with poses move; None where one of the poses is missing."""
+    """By instance id, how the objects with poses move; None where one of the poses is missing, or where
+    lines show objects at other times than the poses are of."""
     was, is_now = (_object_poses(frame) for frame in (first, second))
+    at_once = not any(_reads_lines(frame.camera) for frame in (first, second))
     return {
-        first.instances[each]: motion(was[each], is_now[each]) if each in was and each in is_now else None
+        first.instances[each]: motion(was[each], is_now[each])
+        if each in was and each in is_now and (at_once or _same(was[each], is_now[each]))
+        else None
         for each in sorted(was.keys() | is_now.keys())
         if each in first.instances
     }
+
+
+def _reads_lines(camera: Camera) -> bool:
+    return isinstance(camera, RollingShutter) and camera.readout > 0
+
+
+def _same(one: Pose, other: Pose) -> bool:
+    return one.to_dict() == other.to_dict()
 
 
 def _object_poses(frame: Frame) -> dict[str, Pose]:

@@ -33,14 +33,15 @@ from omniscv.sources.recording.rows import (
     the_scene,
 )
 from omniscv.sources.recording.schema import MOST_OBJECTS
+from omniscv.sources.recording.state_table import HeldState, from_dict, to_dict
 from omniscv.sources.recording.store import Store
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
-GEOMETRY = "geometry.json"
+GEOMETRY, STATES = "geometry.json", "states.json"
 
 _MOST_BYTES = 1 << 30  # of a file in a folder
 
-_ENTRY = {"file", "mode", "view", "asked", "encoding", "provenance"}
+_ENTRY = {"file", "mode", "view", "asked", "encoding", "provenance", "state"}
 _ANGLES = {"yaw_deg", "pitch_deg", "roll_deg"}
 _VIEW_NEEDS = {"position", "fov_deg", "width", "height"}
 
@@ -74,6 +75,8 @@ def export(path: Path | str, folder: Path | str) -> int:
                 entry["provenance"] = object_from_json(row.provenance)
                 if row.asked != row.captured:
                     entry["asked"] = object_from_json(row.asked)
+                if row.state:
+                    entry["state"] = row.state
                 entries.append(entry)
             objects = store.objects()
             _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in objects.colors.items()})
@@ -82,6 +85,8 @@ def export(path: Path | str, folder: Path | str) -> int:
             _write_json(folder / SCENE, asdict(store.scene_identity))
             if geometry := store.geometry():
                 _write_json(folder / GEOMETRY, geometry.to_dict())
+            if states := store.states():
+                _write_json(folder / STATES, {name: to_dict(state) for name, state in states.items()})
             _write_json(folder / INDEX, entries)  # last: a folder with an index is complete
             return len(entries)
         except OSError as cause:
@@ -107,7 +112,7 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
         capture = _read_entry(folder, *entry)
         masks = masks or capture.mode in labelled_modes()
         scenes.add(scene_in(capture.provenance))
-    scene, geometry = _scene(folder) or the_scene(scenes), _geometry(folder)
+    scene, geometry, states = _scene(folder) or the_scene(scenes), _geometry(folder), _states(folder)
     with _opened(path) as store, store.transaction():
         store.set_scene(scene)
         given, known = bool(objects.colors), bool(store.objects().colors)
@@ -118,6 +123,8 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
             store.set_objects(objects)
         if geometry:
             store.set_geometry(geometry)
+        for name, state in states.items():
+            store.set_state(name, state)
         for entry in entries:
             store.add(_read_entry(folder, *entry))
     return len(entries)
@@ -154,7 +161,8 @@ def _read_entry(folder: Path, number: int, entry: Any) -> Capture:
     if not isinstance(provenance, dict):
         raise ArgumentError(f"{where}: provenance: expected a JSON object, got {shown(provenance)}")
     try:
-        request = Request(_view(entry.get("asked", entry["view"]), where), _word(entry, "mode"))
+        state = _word(entry, "state") if "state" in entry else ""
+        request = Request(_view(entry.get("asked", entry["view"]), where), _word(entry, "mode"), state)
         encoding = _word(entry, "encoding") if entry.get("encoding") else _default_encoding(name, request)
     except ArgumentError as unknown:
         raise ArgumentError(f"{where}: {unknown}") from unknown
@@ -229,6 +237,14 @@ def _geometry(folder: Path) -> SceneGeometry:
         return SceneGeometry()
     with within(folder / GEOMETRY):
         return SceneGeometry.from_dict(_read_json(folder / GEOMETRY, dict))
+
+
+def _states(folder: Path) -> dict[str, HeldState]:
+    """What a folder knows of states of the world; nothing where it has no file for them."""
+    if not (folder / STATES).exists():
+        return {}
+    with within(folder / STATES):
+        return {name: from_dict(name, each) for name, each in _read_json(folder / STATES, dict).items()}
 
 
 def _objects(folder: Path) -> ObjectTable:

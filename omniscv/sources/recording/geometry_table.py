@@ -46,8 +46,7 @@ def write(database: sqlite3.Connection, recording: str, geometry: SceneGeometry)
     if len(content) > _LONGEST:
         wanted = f"expected boxes of at most {_LONGEST} characters of JSON"
         raise RecordingNotWritableError(f"{wanted}, got {len(content)}")
-    (version,) = database.execute("PRAGMA user_version").fetchone()
-    if version == schema.WITHOUT_GEOMETRY:
+    if schema.present_version(database) == schema.WITHOUT_GEOMETRY:
         schema.add_geometry(database)
     database.execute("DELETE FROM geometry")
     database.execute("INSERT INTO geometry VALUES (?, ?)", (content, checksum((recording, content))))

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from omniscv.errors import RecordingError
-from omniscv.sources.recording.rows import object_from_json, view_from_json
+from omniscv.geometry.instant import Instant
+from omniscv.sources.recording.rows import Row, object_from_json, view_from_json
+from omniscv.sources.recording.state_table import HeldState
 from omniscv.sources.recording.store import ADVICE, Store
 
 
@@ -24,6 +26,8 @@ class Info:
         servers, scenes, dialects: where the captures came from.
         first, last: when they were captured, ISO 8601, UTC; empty where that is not recorded.
         objects: number of objects whose mask colour is known.
+        states: by state of the world, the empty text for the still one: the number of captures, and what is
+            known of its instant, as :meth:`omniscv.geometry.instant.Instant.to_dict` has it.
     """
 
     file: str
@@ -38,6 +42,7 @@ class Info:
     first: str
     last: str
     objects: int
+    states: dict[str, dict[str, Any]]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -68,7 +73,16 @@ def info(path: Path | str) -> Info:
             first=_iso(min(times, default=None)),
             last=_iso(max(times, default=None)),
             objects=len(store.objects().colors),
+            states=_states(rows, store.states()),
         )
+
+
+def _states(rows: list[Row], known: dict[str, HeldState]) -> dict[str, dict[str, Any]]:
+    instants = {name: state.instant for name, state in known.items()} | {"": Instant()}
+    return {
+        state: {"captures": count, "instant": each.to_dict() if (each := instants[state]) else None}
+        for state, count in Counter(row.state for row in rows).items()
+    }
 
 
 @dataclass(frozen=True)
@@ -108,6 +122,7 @@ def verify(path: Path | str) -> Verification:
 
         check(store.objects)
         check(store.geometry)
+        check(store.states)
         check(store.listing)
         captures = 0
         for row in store.rows():

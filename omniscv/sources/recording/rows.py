@@ -34,7 +34,7 @@ def checksum(values: Iterable[str | int | bytes]) -> int:
 class Row(NamedTuple):
     """A capture as it is stored, see docs/recording-format.md; anything may be written in a file.
 
-    ``checksum`` is None in version 1, which has none but the payload's.
+    ``checksum`` is None in version 1, which has none but the payload's. ``state`` is empty before version 4.
     """
 
     number: int
@@ -47,6 +47,7 @@ class Row(NamedTuple):
     payload_checksum: int
     checksum: int | None
     payload: bytes
+    state: str = ""
 
     @classmethod
     def of(cls, capture: Capture, number: int, recording: str) -> Self:
@@ -67,12 +68,14 @@ class Row(NamedTuple):
             raise ArgumentError(f"provenance: {wanted}, got {len(provenance)}")
         requested, captured = map(view_to_json, (capture.request.view, capture.view))
         key, crc = keys(capture.request)[0], zlib.crc32(payload)
-        row = cls(number, key, capture.mode, requested, captured, encoding, provenance, crc, 0, payload)
+        texts = key, capture.mode, requested, captured, encoding, provenance
+        row = cls(number, *texts, crc, 0, payload, capture.request.state)
         return row._replace(checksum=row.own_checksum(recording))
 
     def own_checksum(self, recording: str) -> int:
         """Return the checksum of all but the payload, whose own checksum it covers, in a recording."""
-        return checksum((recording, *self[:8]))
+        state = (self.state,) if self.state else ()
+        return checksum((recording, *self[:8], *state))
 
     @property
     def mode_name(self) -> str:
@@ -90,8 +93,9 @@ class Row(NamedTuple):
             raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {got}")
 
     def _check_texts(self) -> None:
-        for text in self[1:7]:
-            longest = _LONGEST_WORD if text in (self.mode, self.encoding) else _LONGEST_TEXT
+        words = self.mode, self.encoding, self.state
+        for text in (*self[1:7], self.state):
+            longest = _LONGEST_WORD if text in words else _LONGEST_TEXT
             if not isinstance(text, str) or len(text) > longest:
                 wanted = f"expected texts of at most {longest} characters"
                 raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {shown(text)}")
@@ -100,9 +104,9 @@ class Row(NamedTuple):
         """The request, the captured view and the provenance; DamagedRecordingError for anything else."""
         self._check_texts()
         with self._named():
-            request = Request(view_from_json(self.asked), self.mode_name)
+            request = Request(view_from_json(self.asked), self.mode_name, self.state)
             if self.key not in keys(request):
-                raise ArgumentError("expected the key of its view and mode, got another")
+                raise ArgumentError("expected the key of its view, mode and state, got another")
             return request, view_from_json(self.captured), object_from_json(self.provenance)
 
     def capture(self) -> Capture:
@@ -185,8 +189,10 @@ class Head(NamedTuple):
 
 
 def insert(database: sqlite3.Connection, row: Row) -> None:
-    """Write a capture."""
-    database.execute(f"INSERT INTO capture VALUES ({', '.join('?' * len(row))})", row)
+    """Write a capture; of another state than the still one, into a recording of version 4 only."""
+    values = row if row.state else row[:-1]
+    columns, marks = ", ".join(Row._fields[: len(values)]), ", ".join("?" * len(values))
+    database.execute(f"INSERT INTO capture ({columns}) VALUES ({marks})", values)
 
 
 def write_head(database: sqlite3.Connection, head: Head) -> None:
@@ -198,7 +204,8 @@ def write_head(database: sqlite3.Connection, head: Head) -> None:
 def keys(request: Request) -> list[str]:
     """The keys of a request in a file: the one to write, then those by aliases of its mode."""
     names = (request.mode, *modalities.get(request.mode).aliases)
-    return [json.dumps([name, *request.view.key()], separators=(",", ":")) for name in names]
+    state = (request.state,) if request.state else ()
+    return [json.dumps([name, *request.view.key(), *state], separators=(",", ":")) for name in names]
 
 
 def view_to_json(view: View) -> str:
@@ -239,6 +246,12 @@ def scene_in(provenance: Mapping[str, Any]) -> SceneIdentity:
     """The scene that a provenance names."""
     name = provenance.get("scene", "")
     return SceneIdentity(name if isinstance(name, str) else "")
+
+
+def scene_in_words(identity: SceneIdentity) -> str:
+    """A scene's identity in a few words."""
+    parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
+    return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
 
 
 def the_scene(named: Iterable[SceneIdentity]) -> SceneIdentity:

@@ -1,6 +1,6 @@
-"""The tables of a recording, version 3 to 1, and connections that refuse all else.
+"""The tables of a recording, version 4 to 1, and connections that refuse all else.
 
-docs/recording-format.md describes versions 3 and 2 for other programs. A file is data that anybody may have
+docs/recording-format.md describes versions 4 to 2 for other programs. A file is data that anybody may have
 written: a connection is bounded in what it reads, and the schema is checked before a table is read.
 """
 
@@ -14,9 +14,9 @@ from omniscv import errors
 from omniscv.arguments import shown
 from omniscv.errors import DamagedRecordingError, NotARecordingError
 
-SCHEMA_VERSION = 3
-WITHOUT_GEOMETRY = 2
-"""The version of a recording that knows no shapes: it has no table for them."""
+SCHEMA_VERSION = 4
+WITHOUT_GEOMETRY, WITHOUT_STATES = 2, 3
+"""The versions of recordings that know no shapes, or one state of the world: they have no table for more."""
 LARGEST_BYTES = 1 << 29
 """Of a row that is written."""
 MOST_OBJECTS = 0xFFFF
@@ -42,6 +42,11 @@ _GEOMETRY = """
 CREATE TABLE geometry (content TEXT NOT NULL, checksum INTEGER NOT NULL) STRICT;
 """
 """What version 3 has more."""
+_STATES = """
+CREATE TABLE state (name TEXT PRIMARY KEY NOT NULL, content TEXT NOT NULL, checksum INTEGER NOT NULL) STRICT;
+ALTER TABLE capture ADD COLUMN state TEXT NOT NULL DEFAULT '';
+"""
+"""What version 4 has more."""
 # Version 1, as omniscv wrote it before: its tables, the last of which may be missing, and their columns.
 _TABLES_1 = {
     "capture": ("key", "mode", "asked", "captured", "encoding", "checksum", "provenance", "payload"),
@@ -106,7 +111,20 @@ def create(path: Path, head: Sequence[str | int]) -> sqlite3.Connection:
 def add_geometry(database: sqlite3.Connection) -> None:
     """Make a recording of version 2 one of version 3, within a transaction."""
     database.execute(_GEOMETRY)
+    database.execute(f"PRAGMA user_version = {WITHOUT_STATES}")
+
+
+def add_states(database: sqlite3.Connection) -> None:
+    """Make a recording of version 3 one of version 4, within a transaction."""
+    for statement in _STATES.split(";")[:-1]:
+        database.execute(statement)
     database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+def present_version(database: sqlite3.Connection) -> int:
+    """Return the version of a schema that was checked: it grows while a recording is open."""
+    (version,) = database.execute("PRAGMA user_version").fetchone()
+    return int(version)
 
 
 def version_of(database: sqlite3.Connection, path: Path) -> int:
@@ -175,7 +193,7 @@ def _reason(cause: Exception) -> str:
 
 
 def _fault(database: sqlite3.Connection, version: int) -> str:
-    """What is too much or missing in a schema of version 2 or 3; empty if nothing is."""
+    """What is too much or missing in a schema of version 2 to 4; empty if nothing is."""
     wanted = _schema(version)
     bound = len(wanted) + 1
     rows = database.execute(f"SELECT type, name, tbl_name, sql FROM sqlite_master LIMIT {bound}").fetchall()
@@ -185,7 +203,7 @@ def _fault(database: sqlite3.Connection, version: int) -> str:
 @cache
 def _schema(version: int) -> frozenset[tuple[str, ...]]:
     with contextlib.closing(sqlite3.connect(":memory:")) as model:
-        model.executescript(_TABLES if version == WITHOUT_GEOMETRY else _TABLES + _GEOMETRY)
+        model.executescript("".join((_TABLES, _GEOMETRY, _STATES)[: version - 1]))
         return frozenset(model.execute("SELECT type, name, tbl_name, sql FROM sqlite_master"))
 
 

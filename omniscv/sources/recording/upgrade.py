@@ -17,7 +17,7 @@ from omniscv.sources.recording.rows import (
     write_head,
 )
 
-COLUMNS_1 = "rowid, key, mode, asked, captured, encoding, provenance, checksum, NULL, payload"
+COLUMNS_1 = "rowid, key, mode, asked, captured, encoding, provenance, checksum, NULL, payload, ''"
 """The columns of a :class:`Row` in version 1."""
 
 

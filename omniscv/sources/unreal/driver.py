@@ -37,7 +37,9 @@ class CameraDriver(ABC):
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()
+        self.spawned = 0  # how many cameras: another one means that the game was started anew
         self._restore: list[str] = []  # the commands that leave the game as it was
+        self.one_tick = False  # whether requests that come together are answered in one tick of the game
         self._aimed: View | None = None
 
     @abstractmethod
@@ -70,6 +72,16 @@ class CameraDriver(ABC):
         if request.mode not in modes:
             known = f"{', '.join(modes[:-1])} or {modes[-1]}"
             raise self._refused(f"a request for {known}, got {request.mode}, which has no picture")
+
+    def forget(self) -> None:
+        """Take the camera to be anywhere, and its last frames to show another world."""
+        self._aimed = None
+
+    def renew(self) -> None:
+        """Give the camera up, where it was spawned: attaching spawns another."""
+        self.release()
+        self._restore = []
+        self.forget()
 
     def read(self, what: str, count: int) -> list[float]:
         """Return numbers that the camera reports, such as its ``rotation``."""

@@ -84,7 +84,7 @@ class LegacyDriver(CameraDriver):
         return [f"vset /camera/0/{LEGACY.fov} {view.fov_deg:.8f}", f"vset /camera/0/pose {pose}"]
 
     def collect(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> Iterator[Capture]:
-        for view, group in groupby(requests, lambda request: request.view):
+        for (view, _), group in groupby(requests, lambda request: (request.view, request.again)):
             here = list(group)
             if self._aimed != view:
                 self._aimed = None

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 from urllib.parse import urlsplit
 
-from omniscv.arguments import shown
+from omniscv.arguments import one_of, shown
 from omniscv.errors import ArgumentError
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capabilities, Source
 from omniscv.sources.registry import Opener, read_size, split_address
@@ -21,6 +22,7 @@ from omniscv.sources.unreal.connection import PATIENCE_S, RETRIES, TIMEOUT_S, Co
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
 from omniscv.sources.unreal.process_bound import ProcessBound
 from omniscv.sources.unreal.source import connect
+from omniscv.sources.world import Freeze
 
 if TYPE_CHECKING:
     from mock_server import Scene, Server
@@ -44,9 +46,12 @@ def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
         patience_s: float = PATIENCE_S,
         retries: int = RETRIES,
         fix_exposure: bool = False,
+        freeze: Freeze | None = None,
     ) -> Source:
+        how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
+
         def connected(where: Endpoint) -> Source:
-            return connect(Connection(where, timeout_s, patience_s, retries), fix_exposure)
+            return connect(Connection(where, timeout_s, patience_s, retries), fix_exposure, how)
 
         return ProcessBound(serve(address, connected), address)
 
@@ -81,8 +86,17 @@ class MockSource(HostedSource):
         super().__init__(source, host)
         self._scene = scene
 
+    @property
+    def capabilities(self) -> Capabilities:
+        """Those of the server; the world moves where its scene has objects that do."""
+        known = super().capabilities
+        return replace(known, moves=True) if self._scene.moving else known
+
     def geometry(self) -> SceneGeometry:
         return replace(super().geometry(), room=room_of(self._scene))
+
+    def at(self, instant: Instant) -> Source:
+        return MockSource(super().at(instant), ExitStack(), self._scene)  # with the room, too
 
 
 def _mock_capabilities(address: str) -> Capabilities | None:

@@ -5,8 +5,10 @@ from collections.abc import Iterable, Iterator
 from typing import NoReturn
 
 from omniscv.errors import SourceError
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, not_picklable
+from omniscv.sources.world import World
 
 
 class ProcessBound(SourceWrapper):
@@ -31,6 +33,19 @@ class ProcessBound(SourceWrapper):
     def without(self, objects: Iterable[str]) -> Source:
         self._check_process()
         return ProcessBound(super().without(objects), self._address)
+
+    def at(self, instant: Instant) -> Source:
+        self._check_process()
+        return ProcessBound(super().at(instant), self._address)
+
+    def command(self, text: str) -> str:
+        self._check_process()
+        return super().command(text)
+
+    @property
+    def world(self) -> World:
+        self._check_process()
+        return super().world
 
     def close(self) -> None:
         if self._process == os.getpid():

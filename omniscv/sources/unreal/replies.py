@@ -1,9 +1,11 @@
 """What texts from a server must be: numbers and names. Errors are one short line of printable characters."""
 
 import math
+from contextlib import suppress
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
+from omniscv.sources.codecs import picture_size
 from omniscv.sources.unreal.client import Reply
 
 MAX_NAMES = 65_535
@@ -46,6 +48,19 @@ def names(reply: str) -> list[str]:
     if len(found) > MAX_NAMES:
         raise BadReplyError(f"expected at most {MAX_NAMES} names, got more: {shown(reply[:100])}")
     return [name(each) for each in found]
+
+
+def described(reply: Reply) -> str:
+    """Return a reply that is text; of a binary one its size and kind."""
+    if isinstance(reply, str):
+        return reply
+    kinds = {b"\x89PNG": "PNG", b"\x93NUM": "NPY", b"BM": "BMP"}
+    kind = next((name for start, name in kinds.items() if reply.startswith(start)), "binary")
+    size = ""
+    if kind in ("PNG", "NPY"):
+        with suppress(BadReplyError):
+            size = ", {} x {} px".format(*picture_size(reply))
+    return f"{kind}, {len(reply)} bytes{size}"
 
 
 def _is_small(value: float) -> bool:

@@ -60,9 +60,14 @@ def boxes(
 def _box_of(vertices: Array | None, bounds: Array | None, rotation: Array | None) -> ObjectBox | None:
     if vertices is not None:
         return _around(vertices, np.zeros(3) if rotation is None else rotation)
-    if bounds is None or not bounds.any():  # what has no shape has empty bounds
+    return None if bounds is None else upright_box(bounds)
+
+
+def upright_box(bounds_cm: Array) -> ObjectBox | None:
+    """Return the box of bounds (2, 3) along the world's axes; None for empty ones, as of no shape."""
+    if not bounds_cm.any():
         return None
-    low, high = np.sort(_to_world(bounds), axis=0)
+    low, high = np.sort(_to_world(bounds_cm), axis=0)
     return ObjectBox((low + high) / 2, np.eye(3), high - low, "bounds")
 
 

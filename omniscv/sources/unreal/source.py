@@ -6,13 +6,13 @@ The dialect is found by probing: versions do not identify it (protocol reference
 import contextlib
 import functools
 import re
-import threading
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Literal
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError, SourceError
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
@@ -24,20 +24,26 @@ from omniscv.sources.base import (
     SourceWrapper,
     View,
     closed_error,
-    known_objects,
 )
 from omniscv.sources.unreal.client import Client, Reply
-from omniscv.sources.unreal.commands import LEVEL, VERSION
+from omniscv.sources.unreal.commands import LEVEL
 from omniscv.sources.unreal.connection import RETRIED, Connection
 from omniscv.sources.unreal.driver import CameraDriver
+from omniscv.sources.unreal.exchange import Exchange
+from omniscv.sources.unreal.freezing import Freezing
+from omniscv.sources.unreal.journal import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.mask_colors import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.placing import Placing
+from omniscv.sources.unreal.putting_back import put_back
 from omniscv.sources.unreal.shapes import boxes
-from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
+from omniscv.sources.unreal.stale_frames import StaleFrames
+from omniscv.sources.unreal.turns import in_flight, turns
+from omniscv.sources.unreal.world import UnrealWorld
+from omniscv.sources.unreal.world_commands import checked
+from omniscv.sources.world import Freeze, World
 
-_BATCH = 24  # requests in flight at once: enough to hide latency, few enough to wait in memory
-_BATCH_PX = 1 << 24  # pixels in flight at once; a larger picture is requested alone
 # The starts of replies to commands that a dialect does not know.
 _UNKNOWN = re.escape("error Can not find a handler for URI '")
 _UNKNOWN_N2 = re.escape("error No handler found for URI '")
@@ -48,41 +54,39 @@ class UnrealSource(Source):
 
     After a fault the connection is made anew, the camera found and aimed again, and the captures that were
     in flight are requested again. A picture counts once it has the right id, signature, length and size, the
-    reply behind it is in step, and it is no stale frame. Threads take turns, one exchange at a time.
-    Too many faults in a row, or a server that refuses what is needed, raise a SourceError.
+    reply behind it is in step, and it is no stale frame. Threads take turns: the captures of a viewpoint, or
+    commands that belong together. Too many faults in a row, or a server that refuses what is needed, raise a
+    SourceError.
     """
 
-    def __init__(self, connection: Connection, driver: CameraDriver) -> None:
+    def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
         self._connection, self._driver = connection, driver
         self._stale_frames = StaleFrames(each_mode=driver.each_mode_lags)
+        self._exchange = Exchange(connection, driver, self._stale_frames)
+        self._journal = Journal()
+        self._world = UnrealWorld(self._exchange, self._journal, self._renew_camera)
+        self._placing = Placing(self._exchange, self._journal)
+        self._freezing = Freezing(self._exchange, self._journal, self._world, freeze or "auto")
+        self._moves = freeze is not None
+        self._driver.one_tick = self._freezing.how == "batch"
         self._attached: Client | None = None
-        self._closed = False
-        self._hidden: list[str] = []
-        self._lock = threading.RLock()
         self._client()
 
     @property
     def capabilities(self) -> Capabilities:
-        return self._driver.capabilities
+        """Those of the driver; the world moves where it is changed, or is to be frozen."""
+        return replace(self._driver.capabilities, moves=self._moves or self.state != "")
 
     @property
     def scene_identity(self) -> SceneIdentity:
         return self._driver.scene_identity
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        batch: list[Request] = []
-        for request in requests:
-            self._driver.check(request)
-            pixels = sum(each.view.width * each.view.height for each in (*batch, request))
-            if batch and (len(batch) == _BATCH or pixels > _BATCH_PX):
-                yield from self._delivered(batch)
-                batch = []
-            batch.append(request)
-        yield from self._delivered(batch)
+        for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
+            yield from self._delivered(turn)
 
     def objects(self) -> ObjectTable:
-        with self._lock:
-            self._check_open()
+        with self._exchange.turn():
             return object_table(self._connection, self._driver.table.vertex_colors)
 
     def cover(self, view: View) -> tuple[View, ...]:
@@ -90,74 +94,108 @@ class UnrealSource(Source):
 
     def geometry(self) -> SceneGeometry:
         """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
-        with self._lock:
-            self._check_open()
+        with self._exchange.turn():
             names = colors(self._connection)
             return SceneGeometry(MappingProxyType(boxes(self._connection, list(names))))
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
-        with self._lock:
-            self._check_open()
+        with self._exchange.turn():
             wanted = list(dict.fromkeys(objects))
-            known_objects(wanted, colors(self._connection), self._connection.address)
-            hiding = [name for name in wanted if name not in self._hidden]
-            self._hidden += hiding
-            try:
-                self._set_visible("hide", hiding)
-            except BaseException:
-                with contextlib.suppress(SourceError):  # the fault that is raised came first
-                    self._show(hiding)
-                raise
-            return HiddenObjects(self, functools.partial(self._show, hiding))
+            self._placing.check(wanted)
+            return self._changed(lambda: self._placing.hide(wanted, "left out"))
+
+    @property
+    def instant(self) -> Instant:
+        return self._journal.instant
+
+    @property
+    def state(self) -> str:
+        return self._journal.instant.state
+
+    def at(self, instant: Instant) -> Source:
+        """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept there."""
+        with self._exchange.turn():
+            return self._changed(lambda: self._freezing.set(instant))
+
+    def command(self, text: str) -> str:
+        """Send a command of the plugin, and return its reply; of a binary one, its size and kind.
+
+        It is sent between the captures of two viewpoints, and after a fault again only where that is
+        harmless. One that may change the world gives it another state, which is not put back.
+
+        Raises:
+            ArgumentError: no single line, or ``vbatch``, whose reply depends on what follows.
+            ServerRefusedError: the reply is an error.
+        """
+        return self._world.send(checked(text))
+
+    @property
+    def world(self) -> World:
+        return self._world
 
     def close(self) -> None:
-        with self._lock:
-            if not self._closed:
-                with contextlib.suppress(SourceError):  # the game may have ended
-                    self._show(self._hidden)
-                self._closed = True
+        """As :meth:`Source.close`; what is to be put back at an end that has not come is put back first."""
+        with self._exchange.lock:
+            if not self._exchange.closed:
+                with contextlib.suppress(*RETRIED):  # the game may have ended
+                    for layer in reversed(self._journal.layers):
+                        with contextlib.suppress(ServerRefusedError):
+                            put_back(self._exchange, self._journal, layer)
+                self._exchange.closed = True
                 self._driver.release()
                 self._connection.close()
 
-    def _set_visible(self, how: Literal["hide", "show"], objects: Iterable[str]) -> None:
-        """Hide or show objects; frames from before are stale."""
-        commands = [f"vset /object/{name}/{how}" for name in objects]
-        for command, reply in zip(commands, self._connection.texts(commands), strict=True):
-            if reply != "ok":
-                expected = f"expected a server that answers {shown(command)} with ok"
-                raise ServerRefusedError(f"{self._connection.address}: {expected}, got {shown(reply)}")
-        if commands:
-            self._stale_frames.reset()
-            self._connection.texts([VERSION] * SETTLED)  # each reply is a frame later at least
+    def _changed(self, change: Callable[[], None]) -> Source:
+        """Return this source, with a change of the world until it is closed."""
+        layer = self._journal.open()
+        undo = functools.partial(put_back, self._exchange, self._journal, layer)
+        try:
+            change()
+            if layer:
+                self._exchange.settle()
+        except BaseException:
+            with contextlib.suppress(SourceError):  # the fault that is raised came first
+                undo()
+            raise
+        return ChangedSource(self, undo)
 
-    def _show(self, objects: Iterable[str]) -> None:
-        with self._lock:
-            gone = [name for name in objects if name in self._hidden]
-            if gone and not self._closed:
-                self._hidden = [name for name in self._hidden if name not in gone]
-                self._set_visible("show", gone)
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise closed_error(self._connection.address)
+    def _renew_camera(self) -> None:
+        self._driver.renew()
+        self._attached = None
+        self._client()
 
     def _client(self) -> Client:
         while self._attached is None or self._attached.broken:
             self._stale_frames.reset()
+            spawned = self._driver.spawned
             self._driver.attach(self._stale_frames)
+            if self._attached is not None and self._driver.spawned != spawned:
+                self._world.check_lost()
+            self._world.set_again()
             self._attached = self._connection.client
         return self._attached
 
-    def _delivered(self, batch: list[Request]) -> Iterator[Capture]:
-        """Yield a batch's captures; those from before a fault are kept, and progress resets the retries."""
+    def _delivered(self, requests: list[Request]) -> Iterator[Capture]:
+        """Yield a turn's captures; those from before a fault are kept, and progress resets the retries."""
+        captures: list[Capture] = []
         fault: SourceError | None = None
-        while batch:
-            with self._lock:
-                self._check_open()
-                captures, fault = self._some(batch, fault)
+        try:
+            with self._exchange.turn():
+                state = self.state  # which does not change within a turn
+                for request in requests:
+                    request.check_state(state, self._connection.address)
+                while len(captures) < len(requests):
+                    left = requests[len(captures) :]
+                    some, fault = self._some(left if self._driver.one_tick else in_flight(left), fault)
+                    captures += some
+        except SourceError as last:
             yield from captures
-            batch = batch[len(captures) :]
+            raise last
+        for capture in captures:
+            if self._exchange.closed:
+                raise closed_error(self._connection.address)
+            yield capture
 
     def _some(
         self, batch: list[Request], fault: SourceError | None
@@ -181,25 +219,25 @@ class UnrealSource(Source):
                     return captures, fault
 
 
-class HiddenObjects(SourceWrapper):
-    """A source in which objects are hidden; closing it shows them, and leaves the source open."""
+class ChangedSource(SourceWrapper):
+    """A source whose world is changed; closing it puts that back, and leaves the source open."""
 
-    def __init__(self, source: Source, show: Callable[[], None]) -> None:
+    def __init__(self, source: Source, undo: Callable[[], None]) -> None:
         super().__init__(source)
-        self._show = show
+        self._undo = undo
 
     def close(self) -> None:
-        self._show()
+        self._undo()
 
 
-def connect(connection: Connection, fix_exposure: bool = False) -> UnrealSource:
+def connect(connection: Connection, fix_exposure: bool = False, freeze: Freeze | None = None) -> UnrealSource:
     """Return a server as a source, whatever its dialect; the connection is closed with it.
 
     The connection that probes the dialect is the one that is used: some servers serve only one (protocol
     reference, section 1.2). ``fix_exposure`` switches vignette and auto exposure off in the running game.
     """
     try:
-        return UnrealSource(connection, open_driver(connection, fix_exposure))
+        return UnrealSource(connection, open_driver(connection, fix_exposure), freeze)
     except BaseException:
         connection.close()
         raise

@@ -6,9 +6,11 @@ from contextlib import contextmanager
 
 import pytest
 from support.unreal import changed_depth, depth_like_legacy, field_of_view_80, relayed
+from support.worlds import DIALECTS, serve
 
 import mock_server
 from omniscv.diagnostics import doctor, seams
+from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.raw_camera import RawCamera
 from omniscv.sources.unreal.commands import FIX_EXPOSURE
 from omniscv.sources.unreal.mask_colors import colors, paint
@@ -31,6 +33,17 @@ def examined(**options):
     """All that the doctor finds, by name."""
     with mock_server.serve("four-wall", **options) as server:
         return {finding.name: finding for finding in doctor.examine_address(server.uri)}
+
+
+def motion(change=None, **options):
+    """What the doctor finds about a world that moves, by name, and the server's world afterwards."""
+    with serve(**{"time_step_s": 0.02, **options}) as server:
+        relay = relayed(server, change or (lambda command, forward: forward(command)))
+        with relay as uri, open_connection(uri) as connection:
+            with RawCamera(connection) as camera:
+                camera.lag = 0
+                findings = MovingWorld(connection, camera).findings()
+            return {finding.name: finding for finding in findings}, server.world
 
 
 def light(*before, **options):
@@ -195,3 +208,56 @@ def test_a_poor_connection_changes_no_finding(fault):
             paint(connection, vertex_colors=False)
             assert doctor.masks(connection, camera, pairs).verdict == "ok"
         assert server.faults.struck[fault.partition("@")[0]]
+
+
+# Worlds that move.
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
+    findings, world = motion(dialect=dialect)
+    assert findings["world moves"].value == "yes: Ball"
+    assert findings["world moves"].verdict == "warning"
+    assert findings["world pauses"].verdict == "ok"
+    late = {"at once", "stale ticks: 1"} if dialect == "0.3.10" else {"at once"}
+    assert findings["captures follow a move"].value in late
+    assert not world.paused
+    assert {name: each.location for name, each in world.objects.items() if name != "Ball"} == {
+        "Box": (200.0, -50.0, 140.0),
+        "Pole": (150.0, 160.0, 150.0),
+    }
+
+
+def test_a_world_that_moves_is_paused_for_what_else_is_measured():
+    with (
+        serve(time_step_s=0.1) as server,
+        open_connection(server.uri) as connection,
+        RawCamera(connection) as camera,
+    ):
+        world = MovingWorld(connection, camera)
+        world.findings()
+        with world.still():
+            assert server.world.paused
+            assert doctor.settle(camera).verdict == "ok"
+        assert not server.world.paused
+
+
+@pytest.mark.parametrize(("late", "verdict"), [(2, "warning"), (5, "bad")])
+def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
+    options = {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
+    finding = motion(**options, faults=[f"late-objects={late}"])[0]["captures follow a move"]
+    assert (finding.value, finding.verdict) == (f"stale ticks: {late}", verdict)
+
+
+def test_a_world_that_cannot_be_paused_is_reported():
+    moving, world = motion(faults=["ignore-pause"])
+    assert moving["world pauses"].verdict == "bad"
+    assert "Ball still moving" in moving["world pauses"].value
+    assert not world.paused
+
+    def refused(command, forward):
+        return "error Argument Invalid" if "/action/game" in command else forward(command)
+
+    findings, _ = motion(refused)
+    assert findings["world pauses"].verdict == "warning"
+    assert "Argument Invalid" in findings["world pauses"].value

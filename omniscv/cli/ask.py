@@ -1,0 +1,28 @@
+"""``omniscv ask``: send commands to a server, and print its replies."""
+
+from typing import Annotated
+
+from typer import Argument, Option, Typer
+
+from omniscv.cli import console, options
+
+app = Typer(add_completion=False)
+
+
+@app.command(
+    epilog="Example: omniscv ask mock://four-wall 'vget /unrealcv/status' 'vget /object/Table/location'"
+)
+def ask(
+    uri: Annotated[str, Argument(help="unreal://host:port or mock://scene.")],
+    commands: Annotated[list[str], Argument(metavar="COMMAND...", help="Of UnrealCV: 'vget /objects'.")],
+    timeout: Annotated[float | None, Option(help="As for record.")] = None,
+    patience: Annotated[float | None, Option(help="As for record.")] = None,
+) -> None:
+    """Send commands to a server, and print its replies; of a binary one, what it is and its size.
+
+    The first command that is refused ends it, with exit code 1. What a command changes stays changed.
+    """
+    from omniscv.diagnostics import replies_to
+
+    for reply in replies_to(uri, commands, **options.deadlines(timeout, patience)):
+        console.document(reply)

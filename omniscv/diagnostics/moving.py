@@ -1,0 +1,134 @@
+"""Whether the world moves, whether it can be paused, and how late captures show a move."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+
+import numpy as np
+
+from omniscv.diagnostics.finding import Finding
+from omniscv.diagnostics.raw_camera import RawCamera
+from omniscv.errors import ServerRefusedError
+from omniscv.sources.unreal.clock import clock_of
+from omniscv.sources.unreal.commands import VERSION
+from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.exchange import Exchange
+from omniscv.sources.unreal.journal import Journal
+from omniscv.sources.unreal.mask_colors import colors
+from omniscv.sources.unreal.placing import Placing
+from omniscv.sources.unreal.replies import numbers
+from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
+from omniscv.sources.unreal.world_commands import TABLES
+
+_TICKS, _FRAMES = 6, 8  # for how long to watch objects, and frames after a move
+_AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface
+_NOISE = 0.01  # relative depth
+_NAMED = 3  # objects that a finding names
+
+
+class MovingWorld:
+    """The objects and the clock of a game that the doctor examines; it is left as it was."""
+
+    def __init__(self, connection: Connection, camera: RawCamera) -> None:
+        exchange = Exchange(connection, camera.driver, StaleFrames())
+        self._connection, self._camera, self._placing = connection, camera, Placing(exchange, Journal())
+        self._toggles = TABLES[camera.driver.capabilities.dialect].pause_toggles
+        self._clock = clock_of(exchange, self._toggles)
+        self._stops = False  # whether it moves, but not while it is paused
+
+    def findings(self) -> list[Finding]:
+        """Return what was found: the world moves, the world pauses, captures follow a move."""
+        moves = self._moves()
+        try:
+            with self._paused():
+                self._stops = moves.verdict != "ok"
+                return [moves, self._pauses(), self._follows()]
+        except ServerRefusedError as refused:
+            pauses = Finding("world pauses", f"no: {refused}", "warning", "freeze: batch or none")
+            return [moves, pauses, self._follows()]
+
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """A context in which a world that moves, as was found, is paused; all else can be measured in it."""
+        with self._paused() if self._stops else nullcontext():
+            yield
+
+    def _moves(self) -> Finding:
+        moving = self._moving()
+        if not moving:
+            return Finding("world moves", "no")
+        return Finding("world moves", f"yes: {_listed(moving)}", "warning", "freeze: puppet or pause")
+
+    def _pauses(self) -> Finding:
+        moving = self._moving()
+        if moving:
+            self._stops = False
+            value = f"no: {_listed(moving)} still moving"
+            return Finding("world pauses", value, "bad", "freeze: batch, with branch 5.2; or stop them")
+        return Finding("world pauses", f"yes, by a command that {'toggles' if self._toggles else 'pauses'}")
+
+    def _follows(self) -> Finding:
+        """Move what has the most pixels, and count the frames that do not show it yet."""
+        name = "captures follow a move"
+        moved = self._largest()
+        if moved is None:
+            return Finding(name, "unknown: no object in sight", "warning", "give --position where one is")
+        location = f"/object/{moved}/location"
+        start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
+        before = self._camera.pixels("depth")
+        try:
+            self._connection.text(f"vset {location} {_text(start + _AWAY_CM)}")
+            frames = [self._camera.pixels("depth") for _ in range(_FRAMES)]
+        finally:
+            self._connection.text(f"vset {location} {_text(start)}")
+        changed = ~np.isclose(before, frames[-1], rtol=_NOISE)
+        if not changed.any():
+            return Finding(name, f"never: {moved} stays", "warning", "set its mobility to Movable")
+        late = [not np.isclose(each, frames[-1], rtol=_NOISE)[changed].mean() > 0.5 for each in frames]
+        count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
+        value = f"stale ticks: {count}" if count else "at once"
+        if count <= SETTLED:
+            return Finding.unless(count == 0, name, value, "warning", "none needed: captures wait for it")
+        return Finding(name, value, "bad", f"at most {SETTLED} are waited for: raise the frame rate")
+
+    def _moving(self) -> list[str]:
+        """Return the names of objects that move while some ticks go by."""
+        names = self._placing.names()
+        before = self._placing.poses(names)
+        for _ in range(_TICKS):
+            self._connection.text(VERSION)
+        after = self._placing.poses(names)
+        return [
+            name
+            for name in names
+            if (before[name].position != after[name].position).any()
+            or (before[name].rotation != after[name].rotation).any()
+        ]
+
+    def _largest(self) -> str | None:
+        """Return the object that has the most pixels in sight straight ahead; None for none."""
+        self._camera.go(0)
+        by_color = {color: name for name, color in colors(self._connection).items()}
+        found, counts = np.unique(
+            self._camera.pixels("object_mask").reshape(-1, 3), axis=0, return_counts=True
+        )
+        areas = {by_color.get(tuple(c)): n for c, n in zip(found.tolist(), counts.tolist(), strict=True)}
+        areas.pop(None, None)
+        return max(areas, key=areas.__getitem__, default=None)
+
+    @contextmanager
+    def _paused(self) -> Iterator[None]:
+        was = self._clock.paused
+        self._clock.set(True)
+        try:
+            yield
+        finally:
+            self._clock.set(was)
+
+
+def _text(location_cm: np.ndarray) -> str:
+    return " ".join(f"{value:.6f}" for value in location_cm.tolist())
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,155 @@
+"""How far an estimated trajectory is off the true one.
+
+What a single moving camera cannot see is aligned first: a similarity takes the estimated positions next to
+the true ones, after S. Umeyama, "Least-squares estimation of transformation parameters between two point
+patterns", PAMI 1991. Then, of the frames that were registered:
+
+ATE          distance of the positions; its root mean square. J. Sturm et al., IROS 2012.
+RPE          the error of the step from each frame to the next, position and rotation. Ibid.
+eps_t        angle at a given origin between the true position and the estimated one; the paper's. It says
+             little about a position that is far from the origin, and grows without bound near it.
+eps_theta    angle of R_gt R_est^T; the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose
+
+FEWEST = 3
+"""Positions, not on one line, that a similarity needs."""
+
+_ON_A_LINE = 1e-9  # relative to the spread along the line
+
+
+class Similarity(NamedTuple):
+    """``p' = scale rotation p + translation``."""
+
+    scale: float
+    rotation: Array
+    translation: Array
+
+    def of(self, pose: Pose) -> Pose:
+        """Return a pose, moved."""
+        position = self.scale * self.rotation @ pose.position + self.translation
+        return Pose(position, self.rotation @ pose.rotation)
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryErrors:
+    """Errors of the N frames that were registered, after alignment.
+
+    Attributes:
+        frames: (N,) their indices in the true trajectory.
+        aligned: (N) their estimated poses in the true world.
+        position_m: (N,) distance from the true positions.
+        eps_t_deg, eps_theta_deg: (N,) the paper's two errors.
+        step_m, step_deg: (M,) errors of the steps between successive frames that were both registered.
+    """
+
+    frames: Sequence[int]
+    aligned: Sequence[Pose]
+    position_m: Array
+    eps_t_deg: Array
+    eps_theta_deg: Array
+    step_m: Array
+    step_deg: Array
+
+
+def umeyama(points: ArrayLike, targets: ArrayLike) -> Similarity:
+    """Return the similarity that takes points next to their targets, with the least sum of squares.
+
+    Args:
+        points, targets: (N, 3).
+
+    Raises:
+        ArgumentError: fewer than three points, or points or targets that lie on one line.
+    """
+    source, target = np.asarray(points, np.float64), np.asarray(targets, np.float64)
+    if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) < FEWEST:
+        got = f"{source.shape} and {target.shape}"
+        raise ArgumentError(f"positions: expected {FEWEST} or more, (N, 3) each, got shapes {got}")
+    mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    for offsets in (source - mean, target - target_mean):
+        spread = np.linalg.svd(offsets, compute_uv=False)
+        if not spread[1] > _ON_A_LINE * spread[0]:
+            raise ArgumentError(f"positions: expected some off a line, got spreads {shown(spread)} m")
+    U, D, Vt = np.linalg.svd((target - target_mean).T @ (source - mean))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    rotation = (U * signs) @ Vt
+    scale = float((D * signs).sum() / ((source - mean) ** 2).sum())
+    return Similarity(scale, rotation, target_mean - scale * rotation @ mean)
+
+
+def trajectory_errors(
+    truth: Sequence[Pose], found: Mapping[int, Pose], origin: ArrayLike = (0.0, 0.0, 0.0)
+) -> TrajectoryErrors:
+    """Return the errors of a trajectory.
+
+    Args:
+        truth: a pose for every frame, world frame.
+        found: the estimated poses by index of the frame, in a frame and scale of their own.
+        origin: (3,) where the angles eps_t are measured, world frame.
+
+    Raises:
+        ArgumentError: fewer than three poses were found, or positions on one line.
+    """
+    frames = sorted(found)
+    true = [truth[i] for i in frames]
+    positions = _positions(true)
+    similarity = umeyama(_positions([found[i] for i in frames]), positions)
+    aligned = [similarity.of(found[i]) for i in frames]
+    reached = _positions(aligned)
+    following = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
+    steps = [_step(true[i : i + 2]).inverse() @ _step(aligned[i : i + 2]) for i in following]
+    return TrajectoryErrors(
+        frames=frames,
+        aligned=aligned,
+        position_m=np.linalg.norm(reached - positions, axis=1),
+        eps_t_deg=_angle_deg(positions - np.asarray(origin), reached - np.asarray(origin)),
+        eps_theta_deg=_turn_deg([a.R_w_c @ b.R_w_c.T for a, b in zip(true, aligned, strict=True)]),
+        step_m=np.linalg.norm(_positions(steps), axis=1),
+        step_deg=_turn_deg([step.rotation for step in steps]),
+    )
+
+
+def path_length(poses: Sequence[Pose]) -> float:
+    """Return the length of the way through poses, metres."""
+    return float(np.linalg.norm(np.diff(_positions(poses), axis=0), axis=1).sum())
+
+
+def rms(values: ArrayLike) -> float:
+    """Return the root mean square; NaN of nothing."""
+    squares = np.square(np.asarray(values, np.float64))
+    return float(np.sqrt(squares.mean())) if squares.size else float("nan")
+
+
+def _positions(poses: Sequence[Pose]) -> Array:
+    return np.array([pose.position for pose in poses]).reshape(-1, 3)
+
+
+def _step(pair: Sequence[Pose]) -> Pose:
+    before, after = pair
+    return before.inverse() @ after
+
+
+def _angle_deg(a: Array, b: Array) -> Array:
+    """Between vectors (N, 3); exact for small angles too, where the arc cosine is not."""
+    across = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.asarray(np.degrees(np.arctan2(across, (a * b).sum(axis=1))))
+
+
+def _turn_deg(rotations: Sequence[Array]) -> Array:
+    if not rotations:
+        return np.zeros(0)
+    return np.asarray(np.degrees(Rotation.from_matrix(np.array(rotations)).magnitude()))

@@ -1,0 +1,103 @@
+"""Motions of objects: where an object is, and how it is turned, at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.arguments import one_of
+from omniscv.errors import ArgumentError
+from omniscv.geometry.pose import R_LEVEL, Pose
+from omniscv.geometry.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import RotationSpline
+
+Curve = Literal["linear", "spline"]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a rigid object moves.
+
+    Before its first waypoint and after its last one the object rests there.
+
+    Args:
+        waypoints: poses from the object's frame to the world (``R_w_o`` and position), with their times in
+            seconds; one without a time is where the object is at all times.
+        curve: between waypoints, ``linear``: positions on straight lines, rotations by the shortest turn
+            (slerp); or ``spline``: cubic splines of positions and rotations, whose velocities are continuous.
+
+    Raises:
+        ArgumentError: several waypoints without times, or another curve.
+    """
+
+    waypoints: Trajectory
+    curve: Curve = "linear"
+
+    def __post_init__(self) -> None:
+        one_of("curve", self.curve, get_args(Curve))
+        if self.waypoints.times is None and len(self.waypoints) > 1:
+            raise ArgumentError(f"waypoints: expected times, got {len(self.waypoints)} poses without")
+
+    @classmethod
+    def through(cls, poses: Mapping[float, Pose], curve: Curve = "linear") -> Motion:
+        """Return the motion through poses by their times, seconds.
+
+        Raises:
+            ArgumentError: no pose, or another curve.
+        """
+        times = sorted(poses)
+        return cls(Trajectory(tuple(poses[time] for time in times), tuple(map(float, times))), curve)
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """The times of the first and the last waypoint, seconds; None where the object never moves."""
+        times = self.waypoints.times
+        return (times[0], times[-1]) if times is not None and len(times) > 1 else None
+
+    def at(self, time: float | None) -> Pose:
+        """Return the pose at a time, seconds.
+
+        Raises:
+            ArgumentError: no time, of an object that moves.
+        """
+        if self.span is None:
+            return self.waypoints[0]
+        if time is None:
+            raise ArgumentError("time: expected seconds for an object that moves, got none")
+        first, last = self.span
+        within = min(max(time, first), last)
+        if self.curve == "linear":
+            return self.waypoints.at(within)
+        positions, rotations = self._splines
+        return Pose(positions(within), rotations(within).as_matrix())
+
+    @cached_property
+    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        times = self.waypoints.times or ()
+        rotations = Rotation.from_matrix(np.stack([pose.rotation for pose in self.waypoints]))
+        positions = CubicSpline(times, np.stack([pose.position for pose in self.waypoints]))
+        return positions, RotationSpline(times, rotations)
+
+
+def object_pose(
+    position: ArrayLike, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
+) -> Pose:
+    """Return the pose of an object: of angles 0 its axes are the world's, X forward, Y left, Z up.
+
+    Args:
+        position: (3,) metres, world frame.
+        yaw_deg, pitch_deg, roll_deg: to the left +, nose up +, right side down +.
+    """
+    looking = Pose.from_angles(position, yaw_deg, pitch_deg, roll_deg)
+    return Pose(looking.position, looking.rotation @ np.transpose(R_LEVEL))

@@ -1,0 +1,1 @@
+"""``blender://SCENE.blend``: captures that Blender renders, in a process of its own."""

@@ -1,0 +1,145 @@
+"""What is requested of sources, and what they deliver: views, requests, captures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omniscv import modalities
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose, pinhole
+
+_POSE_DECIMALS = 7
+"""Of metres, degrees and matrix entries: views that agree to these decimals are equal. 1e-7 rad is a
+ten-thousandth of a pixel at f = 1024; servers print three decimals of a centimetre."""
+
+LONGEST_STATE = 100  # characters
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One perspective picture: a pose, a horizontal field of view in (0, 180), a size of at least 1 x 1 px.
+
+    The picture's frame is the pose's camera frame (x right, y down, z forward); a point is seen at
+    ``u = W/2 + f x/z``, ``v = H/2 + f y/z`` with ``f = (W/2) / tan(fov/2)``, pixel centres at +0.5.
+
+    Raises:
+        ArgumentError: a field of view or size outside its domain.
+    """
+
+    pose: Pose
+    fov_deg: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if not 0 < self.fov_deg < 180:
+            raise ArgumentError(f"fov_deg: expected 0 < fov_deg < 180, got {self.fov_deg!r}")
+        if not (self.width >= 1 and self.height >= 1):
+            raise ArgumentError(f"size: expected at least 1 x 1 px, got {self.width} x {self.height}")
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in px, the same across and down."""
+        return pinhole.focal_px(self.width, self.fov_deg)
+
+    def scaled(self, factor: int) -> Self:
+        """Return the view with ``factor`` times as many pixels each way."""
+        return self if factor == 1 else replace(self, width=factor * self.width, height=factor * self.height)
+
+    def project(self, points_w: ArrayLike) -> Array:
+        """(..., 3) world points to (..., 3): u, v in px, z planar depth in m (z <= 0: behind)."""
+        return pinhole.project(self.pose.to_camera(points_w), self.focal_px, self.width, self.height)
+
+    def ray_lengths(self) -> Array:
+        """(H, W): length of the ray to each pixel's centre per metre of planar depth, ``|(x/z, y/z, 1)|``."""
+        return pinhole.ray_lengths(self.focal_px, self.width, self.height)
+
+    def key(self) -> tuple[Any, ...]:
+        """Width, height, position (3), rotation (9) and ``fov_deg``, rounded: equal views have equal keys."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        numbers = np.concatenate([self.pose.position, self.pose.rotation.ravel(), [self.fov_deg]])
+        rounded = np.round(numbers, _POSE_DECIMALS) + 0.0  # + 0.0: no negative zero
+        return (self.width, self.height, *rounded.tolist())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, View) and self.key() == other.key()
+
+    def __hash__(self) -> int:
+        return hash(self.key())
+
+
+@dataclass(frozen=True)
+class Request:
+    """A view in a mode, of the world in a state.
+
+    Attributes:
+        view: what is captured.
+        mode: a modality that sources deliver; of an alias, the modality's name is kept.
+        state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
+        again: whether it is made to compare with what was captured: neither taken from a recording then, nor
+            added to it.
+
+    Raises:
+        ArgumentError: no such modality, or no short text for a state.
+    """
+
+    view: View
+    mode: str
+    state: str = ""
+    again: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", *modalities.chosen((self.mode,)))
+        if not isinstance(self.state, str) or len(self.state) > LONGEST_STATE:
+            wanted = f"expected a text of at most {LONGEST_STATE} characters"
+            raise ArgumentError(f"state: {wanted}, got {shown(self.state)}")
+
+    def check_state(self, state: str, where: str) -> None:
+        """Raise ArgumentError unless this is a request of the state that a source's world is in.
+
+        Args:
+            state: of the world.
+            where: the source's address, for the message.
+        """
+        if self.state != state:
+            wanted = f"expected requests of the world as it is, state {shown(state)}"
+            raise ArgumentError(f"{where}: {wanted}, got state {shown(self.state)}; plan anew, or use at()")
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """What a source delivers for a request.
+
+    Attributes:
+        request: what was requested.
+        view: what was captured, the view that rays are looked up in. It differs from ``request.view`` where
+            the source cannot capture exactly that.
+        pixels: read-only, (H, W) or (H, W, C) as :mod:`omniscv.modalities` has it. Depth is planar, in
+            metres, +inf for no surface; normals are unit vectors in the world frame, 0 where unknown. Object
+            masks are RGB colours, or uint16 (H, W) instance ids that the source's :class:`ObjectTable` names.
+        provenance: server, scene, command, time: plain JSON values.
+        payload: the bytes as received, for sources with a wire.
+        encoding: the codec of :mod:`omniscv.sources.codecs` that decodes ``payload`` to ``pixels``.
+    """
+
+    request: Request
+    view: View
+    pixels: NDArray[Any]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    payload: bytes | None = None
+    encoding: str | None = None
+
+    @property
+    def mode(self) -> str:
+        """The request's mode."""
+        return self.request.mode

@@ -1,0 +1,46 @@
+"""How requests are divided: turns of whole viewpoints, and what of a turn is in flight at once."""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import accumulate, groupby
+
+from omniscv.sources.base import Request
+
+_BATCH = 24  # requests in flight at once: enough to hide latency, few enough to wait in memory
+_BATCH_PX = 1 << 24  # pixels in flight at once; a larger picture is requested alone
+_TURN_PX = 1 << 27  # pixels of a turn, all of which are held in memory
+
+
+def turns(
+    requests: Iterable[Request], check: Callable[[Request], None], alone: bool
+) -> Iterator[list[Request]]:
+    """Yield requests in turns, between which the world may be changed; raise what ``check`` raises for one.
+
+    A turn is of whole viewpoints: of what follows from one optical centre. Small ones share a turn, unless
+    each is ``alone``; one of more pixels than memory should hold is divided.
+    """
+    turn: list[Request] = []
+    pixels = 0
+    for _, viewpoint in groupby(requests, lambda request: request.view.key()[2:5]):
+        for request in viewpoint:
+            check(request)
+            if turn and not alone and pixels + _pixels(request) > _TURN_PX:
+                yield turn
+                turn, pixels = [], 0
+            turn.append(request)
+            pixels += _pixels(request)
+        if alone or len(turn) >= _BATCH or pixels >= _BATCH_PX:
+            yield turn
+            turn, pixels = [], 0
+    if turn:
+        yield turn
+
+
+def in_flight(requests: Sequence[Request]) -> list[Request]:
+    """Return the first of some requests, as many as are sent together: one at least."""
+    pixels = list(accumulate(map(_pixels, requests[:_BATCH])))
+    return list(requests[: max(1, bisect_right(pixels, _BATCH_PX))])
+
+
+def _pixels(request: Request) -> int:
+    return request.view.width * request.view.height

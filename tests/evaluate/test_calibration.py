@@ -1,0 +1,166 @@
+"""r_vl from the images of lines: exact, noisy, and found in pictures; and what finds them there."""
+
+import cv2
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.evaluate import calibration, calibration_chart
+from omniscv.evaluate.edges import EdgePoints, find_edges
+from omniscv.evaluate.line_calibration import calibrate
+from omniscv.evaluate.line_grouping import group_lines
+from omniscv.evaluate.line_images import models
+from omniscv.evaluate.registry import Settings, run
+
+UNIT = 512
+MODELS = models(UNIT)
+NAMES = sorted(MODELS)
+SOUGHT = (0.3 * UNIT, 2.0 * UNIT)
+
+
+def points_of(name, value, seed):
+    camera = MODELS[name].camera(2 * UNIT, value * UNIT)
+    return calibration.line_points(camera, np.random.default_rng(seed))
+
+
+def estimate(lines, name):
+    return calibrate(lines, MODELS[name], *SOUGHT) / UNIT
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("value", [0.57, 1.33])
+def test_exact_points_give_r_vl(name, value):
+    assert estimate(points_of(name, value, 1), name) == pytest.approx(value, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_noisy_points_give_r_vl(name):
+    value, rng, found = 0.85, np.random.default_rng(2), []
+    for seed in range(5):
+        lines = points_of(name, value, seed)
+        found.append(estimate([each + rng.normal(scale=0.5, size=each.shape) for each in lines], name))
+    assert np.mean(found) == pytest.approx(value, rel=5e-3)
+
+
+def test_curves_that_are_no_lines_do_not_count():
+    lines = points_of("equi-angular", 0.8, 3)
+    turn = np.linspace(0, 5, 60)
+    circles = [
+        center + size * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        for center, size in (((100, 90), 60), ((-200, 50), 90), ((40, -220), 45))
+    ]
+    assert estimate([*lines, *circles], "equi-angular") == pytest.approx(0.8, rel=1e-3)
+
+
+def test_radial_lines_alone_say_nothing():
+    radial = [np.outer(np.linspace(50, 400, 40), (np.cos(a), np.sin(a))) for a in (0.3, 1.1, 2.0)]
+    assert np.isnan(estimate(radial, "stereographic"))
+    assert np.isnan(estimate([], "stereographic"))
+
+
+def polygon(corners, size=400):
+    """A bright polygon, exact to 1/16 px of its coverage."""
+    shown = np.zeros((size * 16, size * 16), np.uint8)
+    cv2.fillPoly(shown, [np.round(np.array(corners) * 16 - 0.5).astype(np.int32)], 200)
+    grey = shown.reshape(size, 16, size, 16).mean(axis=(1, 3))
+    return np.repeat(np.round(20 + grey)[..., None], 3, axis=-1).astype(np.uint8)
+
+
+CORNERS = [(70.3, 80.7), (310.2, 120.4), (280.9, 330.1), (60.4, 290.6)]
+
+
+def test_edges_are_found_to_a_part_of_a_pixel_and_break_at_corners():
+    edges = find_edges(polygon(CORNERS), np.ones((400, 400), bool))
+    counts = np.bincount(edges.chain)
+    assert (counts > 100).sum() == 4
+    for chain in np.flatnonzero(counts > 100):
+        points = edges.pixels[edges.chain == chain]
+        off = []
+        for a, b in zip(np.array(CORNERS), np.roll(CORNERS, -1, axis=0), strict=True):
+            along = (b - a) / np.linalg.norm(b - a)
+            off.append(np.abs((points - a) @ [-along[1], along[0]]))
+        nearest = min(off, key=np.median)
+        assert np.median(nearest) <= 0.05
+        assert np.sqrt((nearest**2).mean()) <= 0.2  # the corners, which the blur rounds, included
+
+
+def test_the_rim_of_an_image_circle_is_no_edge():
+    row, column = np.mgrid[:300, :300] - 149.5
+    circle = np.hypot(row, column) < 120
+    lit = np.where(circle[..., None], 180, 0).astype(np.uint8).repeat(3, axis=-1)
+    assert len(find_edges(lit, circle).pixels) == 0
+    assert len(find_edges(lit, np.ones_like(circle)).pixels) > 600
+
+
+def test_points_of_a_chain_are_grouped_by_line():
+    lines = points_of("stereographic", 0.9, 4)[:3]
+    pixels = np.concatenate(lines) + UNIT
+    edges = EdgePoints(pixels, np.zeros_like(pixels), np.zeros(len(pixels), int))
+    groups = group_lines(edges, np.array([UNIT, UNIT]), MODELS["stereographic"], SOUGHT, 40)
+    assert len(groups) == 3
+    for group in groups:
+        of = [(np.abs(group[:, None] - line).sum(axis=-1).min(axis=1) < 1e-6).mean() for line in lines]
+        assert max(of) >= 0.9
+
+
+PLACE = (0.3, -0.4, 1.5), (35, -20, 10)
+
+
+def rendered_error(renderer, name, value, unit=384):
+    model = models(unit)[name]
+    extent = calibration.Extent(unit, (value,), 1)
+    camera = model.camera(2 * unit, value * unit)
+    (x, angles) = PLACE
+    back = "catadioptric" in name
+    yaw, pitch, roll = (angles[0] + 180, -angles[1], -angles[2]) if back else angles
+    options = omniscv.RenderOptions(strategy="cube", face_size=2 * unit)
+    pose = omniscv.Pose.from_angles(x, yaw, pitch, roll)
+    found = calibration.calibrated_image(renderer, camera, pose, model, extent, options)
+    return abs(found / unit / value - 1)
+
+
+@pytest.mark.parametrize("name", ["equi-solid", "hyper-catadioptric"])
+def test_pictures_of_a_room_give_r_vl(name, room):
+    assert rendered_error(room, name, 0.9) <= 0.02
+
+
+@pytest.fixture(scope="module")
+def room():
+    with omniscv.open_source("scene://four-wall") as source:
+        yield omniscv.Renderer(source)
+
+
+@pytest.mark.soak
+def test_the_whole_evaluation_reaches_its_figures(tmp_path):
+    report = run("calibration", Settings(tmp_path))
+    limits = {"exact": 1e-4, "noisy": 0.5, "rendered": 2.0}  # percent
+    assert len(report.figures) == 18
+    assert len(report.rows) == 3 * 6 * 10 * 5
+    for figure in report.figures:
+        assert figure.value <= limits[figure.name.rsplit(", ", 1)[1]], figure
+    assert all(path.stat().st_size > 10_000 for path in report.written)
+
+
+def rows_of(estimates):
+    """Rows as the evaluation has them, by value of r_vl."""
+    return [
+        {"input": "rendered", "model": "stereographic", "r_vl": value, "image": i, "estimate": each}
+        for value, found in estimates.items()
+        for i, each in enumerate(found)
+    ]
+
+
+def test_a_figure_is_the_largest_error_of_a_mean():
+    (figure,) = calibration.figures(rows_of({0.5: [0.4, 0.61], 1.0: [0.9, 1.12]}))
+    assert figure.name == "r_vl error, stereographic, rendered"
+    assert (figure.unit, figure.n, figure.paper) == ("%", 4, None)
+    assert figure.value == pytest.approx(1.0)
+    means = calibration.means_of(rows_of({1.0: [0.9, 1.12]}), "rendered", "stereographic")
+    assert means == [(1.0, pytest.approx(1.01), pytest.approx(0.11))]
+
+
+def test_an_image_that_gives_nothing_is_not_passed_over(tmp_path):
+    rows = rows_of({0.5: [0.5, float("nan")], 1.0: [1.0, 1.0]})
+    assert np.isnan(calibration.figures(rows)[0].value)
+    calibration_chart.draw(rows, tmp_path / "chart.png")
+    assert cv2.imread(str(tmp_path / "chart.png")).shape == (480, 1000, 3)

@@ -1,0 +1,139 @@
+"""The edges of a room from one non-central image, against the room."""
+
+import numpy as np
+import pytest
+
+import mock_server
+import omniscv
+from omniscv.errors import ArgumentError
+from omniscv.evaluate import line_priors, lines
+from omniscv.evaluate.boundary_lines import BoundaryLine
+from omniscv.evaluate.label_boundaries import boundary, outline
+from omniscv.evaluate.line_refinement import ObservedLine
+from omniscv.evaluate.registry import Settings, run
+from omniscv.evaluate.true_edges import room_edges, seen_edges
+
+
+def test_boundaries_lie_between_the_pixels_of_two_labels():
+    labels = np.array([[1, 1, 2, 2], [1, 3, 3, 2], [1, 1, 1, 2]], np.uint16)
+    assert sorted(map(tuple, boundary(labels, 1, 2))) == [(2.0, 0.5), (3.0, 2.5)]
+    assert sorted(map(tuple, boundary(labels, 3, 1))) == [(1.0, 1.5), (1.5, 1.0), (1.5, 2.0), (2.5, 2.0)]
+    assert len(boundary(labels, 1, 4)) == 0
+    assert sorted(map(tuple, outline(labels, 2))) == [(2.0, 0.5), (2.5, 1.0), (3.0, 1.5), (3.0, 2.5)]
+
+
+def traced(camera, pose, scene):
+    """The labels of an image, by tracing its own rays."""
+    rays = camera.unproject()
+    origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
+    return scene.trace(origins, directions).label
+
+
+@pytest.fixture(scope="module")
+def shot():
+    """The paper's panorama."""
+    camera = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
+    return lines.Shot("panorama-1", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
+
+
+@pytest.fixture(scope="module")
+def seen(shot):
+    """The edges that its exact labels show."""
+    scene = mock_server.load_scene("four-wall")
+    with omniscv.open_source("scene://four-wall") as source:
+        geometry, names = source.geometry(), source.objects().names()
+    labels = traced(shot.camera, shot.pose, scene)
+    return seen_edges(geometry, shot.camera, shot.pose, labels, names)
+
+
+@pytest.fixture(scope="module")
+def rows(seen, shot):
+    """The errors of the lines that those of the room give."""
+    of_room = [each for each in seen if each[0].of == "room"]
+    return list(lines.scored(of_room, lines.reconstructed(of_room, shot), shot))
+
+
+def of(rows, **wanted):
+    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def test_every_edge_of_the_room_is_seen(rows):
+    assert len(of(rows, prior="free")) == 12
+    assert len(of(rows, prior="free", kind="vertical")) == 4
+
+
+def test_an_edges_pixels_are_on_its_image(seen, shot):
+    """Also those of objects, of whose boxes only the edges that their outline follows count."""
+    assert {edge.name.split()[0] for edge, _ in seen if edge.of == "object"} >= {
+        "Door_Frame",
+        "Shelf",
+        "Sofa",
+    }
+    for edge, observed in seen:
+        assert observed.rms_px(edge.line_c(shot.pose)) <= 0.75, edge.name
+
+
+@pytest.mark.parametrize("prior", ["gravity", "Manhattan"])
+def test_vertical_edges_are_within_3_cm(rows, prior):
+    found = [row for row in of(rows, prior=prior, kind="vertical") if row["baseline_m"] >= 0.05]
+    assert len(found) == 2
+    assert max(row["distance_m"] for row in found) <= 0.03
+
+
+@pytest.mark.parametrize("prior", ["free", "gravity", "Manhattan"])
+def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
+    found = [row for row in of(rows, prior=prior, kind="horizontal") if row["baseline_m"] >= 0.4]
+    assert len(found) >= 2
+    assert max(row["distance_m"] for row in found) <= 0.1
+    assert max(row["direction_deg"] for row in found) <= 2
+
+
+def test_bounds_of_half_a_pixel_say_more_than_least_squares(seen, shot):
+    bounded, squares = [], []
+    for edge, boundary_line in seen:
+        if edge.of == "room":
+            true = edge.line_c(shot.pose)
+            for errors, kind in ((bounded, BoundaryLine), (squares, ObservedLine)):
+                line = line_priors.along(kind(shot.camera, boundary_line.pixels), true[:3])
+                errors.append(np.linalg.norm(line[3:] - true[3:]))
+    assert len(bounded) == 12
+    assert np.mean(bounded) <= 0.6 * np.mean(squares)
+
+
+def test_what_is_known_beforehand_helps(rows):
+    def median(prior):
+        return np.median([row["distance_m"] for row in of(rows, prior=prior)])
+
+    assert median("Manhattan") <= median("gravity") < 0.5 * median("free")
+
+
+@pytest.mark.parametrize("scene", ["four-wall", "six-wall"])
+def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
+    with omniscv.open_source(f"scene://{scene}") as source:
+        room = source.geometry().room
+    panorama = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
+    cone = omniscv.cameras.create(
+        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
+    )
+    for camera, *angles in ((panorama, 20, 10, 0), (panorama, 130, 8, -6), (cone, 20, 80, 0)):
+        shot = lines.Shot("", camera, omniscv.Pose.from_angles((0, 0, 1.2), *angles))
+        found = [off for baseline, off in lines.exact_errors(room, shot) if baseline >= 0.05]
+        assert len(found) >= 2
+        assert max(found) <= 1e-9
+
+
+def test_edges_of_an_l_shaped_room_go_once_around():
+    with omniscv.open_source("scene://six-wall") as source:
+        room = source.geometry().room
+    edges = [edge for edge, _ in room_edges(room)]
+    assert [edge.kind for edge in edges].count("vertical") == 6
+    assert len({edge.name for edge in edges}) == len(edges) == 18
+    ends = np.array([edge.ends_w for edge in edges]).reshape(-1, 3)
+    corners, times = np.unique(np.round(ends, 9), axis=0, return_counts=True)
+    assert len(corners) == 12
+    assert set(times.tolist()) == {3}
+
+
+def test_a_source_without_a_room_is_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="source: expected one that knows its room, got one without"):
+        run("lines", Settings(tmp_path, quick=True, source="scene://direction"))

@@ -1,0 +1,183 @@
+"""Lines in space from the rays of one image: exact, with noise, and with what is known beforehand."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import omniscv
+from omniscv.evaluate import line_priors, plucker
+from omniscv.evaluate.line_refinement import ObservedLine
+from omniscv.evaluate.noncentral_lines import effective_baseline, free_line, level_line, line_along
+
+PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
+CAMERAS = {
+    "panorama": (PANORAMA, (0, 1.0, 0)),
+    "cone": (
+        omniscv.cameras.create(
+            "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
+        ),
+        (0, 0, 1.0),
+    ),
+    "ball": (
+        omniscv.cameras.create(
+            "noncentral-spherical-mirror", width=1024, height=1024, mirror_radius=0.5, distance=0.5
+        ),
+        (0, 0, 1.0),
+    ),
+}
+GRAVITY = np.array([0.0, np.cos(0.17), np.sin(0.17)])  # a panorama tilted by 10 degrees
+
+
+def seen_lines(name, count, wanted=12):
+    """Lines (6,), their points (N, 3) and their pixels in an image, of 5 cm of baseline or more."""
+    camera, _ = CAMERAS[name]
+    rng, found = np.random.default_rng(3), []
+    while len(found) < wanted:
+        rays = camera.unproject(rng.uniform(0, (camera.width, camera.height), (2, 2)))
+        a, b = rays.origins + rng.uniform(1, 4, (2, 1)) * rays.directions
+        points = a + np.linspace(0, 1, count)[:, None] * (b - a)
+        pixels, valid = camera.project(points)
+        observed = ObservedLine(camera, pixels) if valid.all() else None
+        if observed and len(observed.pixels) == count:
+            normal = np.cross(observed.directions[0], b - a) / np.linalg.norm(b - a)
+            many = effective_baseline(observed.origins, observed.directions)
+            if (many if count > 2 else abs(np.diff(observed.origins @ normal)[0])) >= 0.05:
+                found.append((plucker.through(a, b - a), points, observed))
+    return found
+
+
+def off(line, points):
+    """The greatest distance of points from a line, as a search along it finds it."""
+    middle = np.cross(line[:3], line[3:])
+    away = points - middle
+    return np.linalg.norm(away - np.outer(away @ line[:3], line[:3]), axis=1).max()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("count", [4, 40])
+def test_exact_rays_give_the_exact_line(name, count):
+    for line, points, observed in seen_lines(name, count):
+        found = free_line(observed.rows, np.array(CAMERAS[name][1]))
+        assert off(found, points) <= 1e-9
+        assert plucker.angle_deg(found[:3], line[:3]) <= 1e-7
+        assert off(observed.refined(found, np.linalg.svd(found[None, :3])[2][1:]), points) <= 1e-9
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_the_axis_meets_every_ray_and_is_never_the_answer(name):
+    axis = np.array(CAMERAS[name][1])
+    for line, _, observed in seen_lines(name, 30):
+        assert np.abs(observed.rows[:, :3] @ axis).max() <= 1e-12
+        found = free_line(observed.rows, axis)
+        assert plucker.angle_deg(found[:3], axis) == pytest.approx(plucker.angle_deg(line[:3], axis))
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_two_rays_give_a_line_of_known_direction(name):
+    for line, points, observed in seen_lines(name, 2):
+        assert off(line_along(observed.rows, line[:3]), points) <= 1e-9
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_exact_rays_give_the_exact_level_line(name):
+    for i, (line, points, observed) in enumerate(seen_lines(name, 20)):
+        gravity = np.cross(line[:3], np.random.default_rng(i).normal(size=3))
+        gravity /= np.linalg.norm(gravity)
+        found = level_line(observed.rows, gravity)
+        assert off(found, points) <= 1e-9
+        assert abs(found[:3] @ gravity) <= 1e-9
+
+
+def test_a_line_meets_its_rays_and_points_are_nearest():
+    rng = np.random.default_rng(5)
+    line = plucker.through(rng.normal(size=3), rng.normal(size=3))
+    origins, directions = rng.normal(size=(2, 6, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    found = plucker.nearest_to_rays(line, origins, directions)
+    assert plucker.distance_to(line, found) == pytest.approx(0, abs=1e-12)
+    base = plucker.nearest_to_origin(line)
+    assert plucker.distance_to(line, base[None]) == pytest.approx(0, abs=1e-12)
+    for point, origin, direction in zip(found, origins, directions, strict=True):
+
+        def gap(x, o=origin, d=direction):
+            return ((base + x[0] * line[:3] - o - x[1] * d) ** 2).sum()
+
+        best = minimize(gap, (0, 0), tol=1e-14).x[0]
+        assert point == pytest.approx(base + best * line[:3], abs=1e-5)
+        row = plucker.incidence(point - 2 * direction, direction)
+        assert row @ line == pytest.approx(0, abs=1e-12)
+
+
+def test_a_central_camera_has_no_effective_baseline():
+    camera = omniscv.cameras.create("equirectangular", width=512, height=256)
+    points = np.array([1.0, 2, 3]) + np.linspace(0, 1, 30)[:, None] * [2, -1, 0.5]
+    rays = camera.unproject(camera.project(points)[0])
+    assert effective_baseline(rays.origins, rays.directions) == 0
+    shifted = rays.origins + np.cross(*points[:2])[None] / np.linalg.norm(np.cross(*points[:2])) * 0.3
+    shifted[::2] = 0
+    assert effective_baseline(shifted, rays.directions) == pytest.approx(0.3, abs=1e-9)
+
+
+def noisy(start, end, seed, px=0.5, count=300):
+    pixels, valid = PANORAMA.project(np.linspace(start, end, count))
+    assert valid.all()
+    return ObservedLine(PANORAMA, pixels + np.random.default_rng(seed).normal(scale=px, size=(count, 2)))
+
+
+WIDE = np.array([-2.0, 0.9, 2.5]), np.array([2.2, 0.4, 2.4])
+
+
+def test_refinement_and_priors_each_bring_the_line_nearer():
+    """Of a wide edge and half a pixel of noise; the bounds are those of the published figures for it."""
+    gravity = np.cross(WIDE[1] - WIDE[0], [0, 0, 1.0])
+    gravity /= np.linalg.norm(gravity)
+    direction = (WIDE[1] - WIDE[0]) / np.linalg.norm(WIDE[1] - WIDE[0])
+    errors = []
+    for seed in range(5):
+        observed = noisy(*WIDE, seed)
+        algebraic = free_line(observed.rows, np.array([0, 1.0, 0]))
+        free = line_priors.free(observed, np.array([0, 1.0, 0]))
+        level = line_priors.with_gravity(observed, gravity)
+        known = line_priors.along(observed, direction)
+        errors.append([off(each, np.array(WIDE)) for each in (algebraic, free, level, known)])
+    algebraic, free, level, known = np.median(errors, axis=0)
+    assert free < algebraic
+    assert free <= 0.12
+    assert level <= 0.05
+    assert known <= 0.03
+
+
+def test_distances_in_pixels_are_those_from_the_projected_line():
+    observed = noisy(*WIDE, 7)
+    line = plucker.through(WIDE[0], WIDE[1] - WIDE[0])
+    along = 0.02 * (WIDE[1] - WIDE[0])
+    curve, _ = PANORAMA.project(np.linspace(WIDE[0] - along, WIDE[1] + along, 8_000))
+    gaps = np.linalg.norm(observed.pixels[:, None] - curve, axis=-1).min(axis=1)
+    assert np.abs(observed.distances_px(line)) == pytest.approx(gaps, abs=0.03)
+    assert observed.rms_px(line) == pytest.approx(0.5, rel=0.1)
+
+
+def test_upright_and_level_lines_are_told_apart_by_their_image():
+    up = -GRAVITY
+    foot = np.array([1.5, 1.0, 2.6])
+    upright = noisy(foot, foot + 1.8 * up, 1, px=0.2)
+    assert plucker.angle_deg(line_priors.with_gravity(upright, GRAVITY)[:3], up) <= 1e-9
+    across = np.cross(up, [1.0, 0, 0.4])
+    level = noisy(foot, foot - 3 * across, 2, px=0.2)
+    assert plucker.angle_deg(line_priors.with_gravity(level, GRAVITY)[:3], up) == pytest.approx(90)
+
+
+def test_a_rooms_directions_come_from_its_level_lines():
+    x = np.cross(GRAVITY, [0.2, 0.1, 1.0])
+    x /= np.linalg.norm(x)
+    y = np.cross(GRAVITY, x)
+    corner = -1.0 * GRAVITY - 2.0 * x - 2.0 * y
+    ends = [(corner, corner + 4 * x), (corner, corner + 4 * y), (corner + 4 * y, corner + 4 * x + 4 * y)]
+    observed = [noisy(*each, seed, px=0.3) for seed, each in enumerate(ends)]
+    level = [line_priors.with_gravity(each, GRAVITY) for each in observed]
+    found = line_priors.manhattan(observed, level, GRAVITY)
+    assert plucker.angle_deg(found[0][:3], found[1][:3]) == pytest.approx(90)
+    assert plucker.angle_deg(found[0][:3], found[2][:3]) == pytest.approx(0, abs=1e-5)
+    for line, direction, points in zip(found, (x, y, x), ends, strict=True):
+        assert plucker.angle_deg(line[:3], direction) <= 0.1
+        assert off(line, np.array(points)) <= 0.03

@@ -1,0 +1,167 @@
+"""Odometry end to end: images of the mock's room, both methods, scores and files."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from omniscv.cameras import create
+from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.evaluate import odometry, odometry_sequence, registry
+from omniscv.evaluate.bearing_features import detect, inner_mask
+from omniscv.evaluate.registry import Settings
+from omniscv.evaluate.structure_from_motion import reconstruct
+from omniscv.evaluate.trajectory_errors import path_length, rms, trajectory_errors
+from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
+from omniscv.sources.registry import open_source
+
+ARC = odometry_sequence.flight(60)[:15:3]
+RIG = Rig(
+    {
+        "panorama": RigCamera(create("equirectangular", 512, 256)),
+        "mirror": RigCamera.turned(create("catadioptric-hyperbolic", 320, 320), pitch_deg=90),
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory):
+    with open_source("scene://four-wall") as source:
+        done = []
+        yield odometry_sequence.shoot(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
+    assert done == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [("panorama", reconstruct), ("panorama", odometry.odometry), ("mirror", odometry.odometry)],
+)
+def test_an_arc_is_recovered(images, name, method):
+    mounted = RIG.cameras[name]
+    found = method(images[name], mounted.camera)
+    assert list(found) == list(range(len(ARC)))
+    errors = trajectory_errors(ARC, {i: pose @ mounted.pose.inverse() for i, pose in found.items()})
+    assert rms(errors.position_m) < 0.01 * path_length(ARC)
+    assert max(errors.eps_t_deg.max(), errors.eps_theta_deg.max()) < 2
+
+
+def test_the_same_images_give_the_same_poses(images):
+    camera = RIG.cameras["mirror"].camera
+    first, again = (odometry.odometry(images["mirror"][:2], camera) for _ in range(2))
+    assert len(first) == 2
+    assert [pose.to_dict() for pose in first.values()] == [pose.to_dict() for pose in again.values()]
+
+
+def test_the_flight_is_a_loop_of_even_times():
+    flight = odometry_sequence.flight(60)
+    steps = [path_length(pair) for pair in zip(flight, [*flight[1:], flight[0]], strict=True)]
+    assert max(steps) < 1.3 * min(steps)
+    assert 6.3 < sum(steps) < 7.0
+    np.testing.assert_allclose(np.diff(flight.times), odometry_sequence.SECONDS / 60)
+
+
+def test_the_bearing_of_a_feature_is_that_of_the_place_where_it_is():
+    """Not half a pixel off, from which OpenCV counts, nor a quarter, by which its usual pyramid is off."""
+    camera = create("equirectangular", 512, 256)
+    places = np.array([(100.0, 90.5), (201.3, 120.2), (330.7, 160.0), (460.4, 77.9)])
+    u, v = np.moveaxis(camera.pixels(), -1, 0)
+    image = sum(200 * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * 3.0**2)) for x, y in places)
+    found = detect(np.round(image).astype(np.uint8), camera, 100)
+    pixels, valid = camera.project(found.bearings)
+    assert valid.all()
+    nearest = np.linalg.norm(pixels[:, None] - places, axis=2)
+    assert (nearest.min(axis=0) < 0.1).all()
+    np.testing.assert_allclose(np.linalg.norm(found.descriptors, axis=1), 1, rtol=1e-2)
+
+
+def test_the_rim_of_the_image_circle_is_no_feature():
+    camera = create("fisheye-equidistant", 200, 200, fov_deg=170)
+    white = np.where(camera.valid(), 255, 0).astype(np.uint8)
+    white[60:64, 60:64] = 0
+    pixels, _ = camera.project(detect(white, camera, 100).bearings)
+    assert np.hypot(*(pixels - 62).T).min() < 0.5
+    assert np.hypot(*(pixels - 100).T).max() < 95
+    inner = inner_mask(camera) > 0
+    radius = np.hypot(*np.moveaxis(camera.pixels() - 100, -1, 0))
+    assert inner[radius < 90].all()
+    assert not inner[8:-8, 8:-8][radius[8:-8, 8:-8] > 96].any()
+    assert inner_mask(create("equirectangular", 64, 32)).all()
+
+
+def test_a_report_of_a_flight_too_short_to_score(tmp_path):
+    """Two poses have no alignment: there are figures of what was registered, and no errors."""
+    path = tmp_path / "two.tum"
+    path.write_text(write_tum(Trajectory(ARC.poses[:2], (5.0, 6.5))))
+    done = []
+    settings = Settings(
+        tmp_path, quick=True, options={"trajectory": path}, progress=lambda *at: done.append(at)
+    )
+    report = registry.run("odometry", settings)
+    assert done == [(1, 12), (2, 12), (4, 12), (6, 12), (8, 12), (10, 12), (12, 12)]
+    values = {figure.name: figure for figure in report.figures}
+    assert values["panorama, COLMAP: registered"].value == 0
+    assert values["panorama, COLMAP: registered"].n == 2
+    assert np.isnan(values["mirror, bearings: ATE, rms"].value)
+    assert {figure.paper for figure in report.figures if "eps" in figure.name} == {8.0}
+    written = report.write("odometry", tmp_path)
+    assert set(written) == {
+        tmp_path / name for name in ("odometry.json", "odometry.csv", "odometry.png", "odometry/truth.tum")
+    }
+    rows = list(csv.DictReader((tmp_path / "odometry.csv").read_text().splitlines()))
+    assert [row["time_s"] for row in rows] == ["5.0", "6.5"] * len(odometry.RUNS)
+    assert {row["eps_t_deg"] for row in rows} == {""}
+    assert json.loads((tmp_path / "odometry.json").read_text())["about"]["poses"] == 2
+    assert read_trajectory(tmp_path / "odometry" / "truth.tum").times == (5.0, 6.5)
+    for name, size in (("odometry.png", (1200, 460)), ("odometry/mirror/0001.png", (512, 512))):
+        with Image.open(tmp_path / name) as picture:
+            assert picture.size == size
+
+
+def test_without_pycolmap(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(OmniscvError, match=r"expected pycolmap; install omniscv\[evaluate\]"):
+        registry.run("odometry", Settings(tmp_path))
+
+
+def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
+    """Importing it alone makes SIGTERM print a stack and end the process at once."""
+    script = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))\n"
+        "from omniscv.evaluate.structure_from_motion import load_pycolmap\n"
+        "load_pycolmap()\n"
+        "os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (7, "")
+
+
+def test_a_trajectory_that_is_none(tmp_path):
+    with pytest.raises(ArgumentError, match=r"nothing\.tum"):
+        registry.run("odometry", Settings(tmp_path, options={"trajectory": tmp_path / "nothing.tum"}))
+
+
+def test_colours_of_floating_point_are_refused(tmp_path):
+    with open_source("scene://four-wall?lit=float32") as source, pytest.raises(ArgumentError, match="bytes"):
+        odometry_sequence.shoot(RIG, ARC[:1], source, tmp_path, lambda done: None)
+
+
+@pytest.mark.soak
+def test_the_papers_bounds_are_kept(tmp_path):
+    """The acceptance of the evaluation, on the panorama; the others are below the paper's 8 degrees."""
+    report = registry.run("odometry", Settings(tmp_path, quick=True))
+    values = {figure.name: figure.value for figure in report.figures}
+    assert values["panorama, COLMAP: registered"] >= 95
+    assert values["panorama, COLMAP: ATE, rms, of the path"] <= 1
+    assert values["panorama, COLMAP: turn, mean"] <= 0.5
+    for method in ("COLMAP", "bearings"):
+        assert values[f"panorama, {method}: eps_t, largest"] <= 1
+        assert values[f"panorama, {method}: eps_theta, largest"] <= 1
+    for camera, method in odometry.RUNS:
+        assert values[f"{camera}, {method}: eps_t, largest"] < 8
+        assert values[f"{camera}, {method}: eps_theta, largest"] < 8

@@ -1,0 +1,75 @@
+"""Jobs that move objects of a game: what they do not move stands still, and replay needs no game."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.datasets import tree
+
+import mock_server
+from omniscv import dataset, jobs
+
+JOB = """
+source: {uri}
+cameras: {{pano: {{model: equirectangular, width: 48, height: 24}}}}
+poses: [{{position: [0, 0, 1.2]}}]
+times: [0, 0.5, 1]
+modes: [object_mask, depth]
+face_size: 32
+truth: {{boxes3d: true, flow: {{scene: true}}}}
+record: kept.sqlite
+out: made
+freeze: {freeze}
+{more}
+"""
+SLIDE = "motions: {Cabinet: [{time: 0, position: [-2, -0.6, 0.85]}, {time: 2, position: [-1.2, 0.8, 0.85]}]}"
+
+
+@pytest.fixture(scope="module")
+def server():
+    """A game whose own objects move."""
+    with mock_server.serve("workshop", size=(64, 64), time_step_s=0.05) as running:
+        yield running
+
+
+def made(folder, server, freeze, more=""):
+    """Make the dataset of a job, and make it again from its recording: the same bytes; return its frames."""
+    (folder / "job.yaml").write_text(JOB.format(uri=server.uri, freeze=freeze, more=more), encoding="utf-8")
+    job = jobs.load(folder / "job.yaml")
+    jobs.make(job)
+    again = replace(
+        job, source=str(folder / "kept.sqlite"), record=None, source_options={}, out=folder / "again"
+    )
+    jobs.make(again)
+    assert tree(folder / "again") == tree(folder / "made")
+    return dataset.open(folder / "made")
+
+
+def boxes(frame):
+    return {box["name"]: np.array(box["center_world"]) for box in frame.truth["boxes3d"]}
+
+
+def test_what_a_job_does_not_move_stands_still_from_frame_to_frame(server, tmp_path):
+    """The game is paused in between too; afterwards it runs, and the object is where it was."""
+    with_box = np.array(server.world.placed().bounds("Cabinet"))
+    frames = made(tmp_path, server, "puppet", SLIDE)
+    for one, two in pairwise(map(boxes, frames)):
+        for name in one.keys() & two.keys() - {"Cabinet"}:
+            np.testing.assert_allclose(one[name], two[name], atol=1e-4)
+    for time, frame in zip((0, 0.5, 1), frames, strict=True):
+        place = (-2 + 0.4 * time, -0.6 + 0.7 * time, 0.85)
+        np.testing.assert_allclose(frame.truth["poses"]["Cabinet"]["position"], place, atol=1e-9)
+        np.testing.assert_allclose(boxes(frame)["Cabinet"], place, atol=1e-3)
+    np.testing.assert_allclose(server.world.placed().bounds("Cabinet"), with_box, atol=1e-6)
+    assert not server.world.paused
+
+
+def test_a_game_that_is_paused_where_it_is_has_the_poses_that_were_read(server, tmp_path):
+    """Objects that move by themselves go on between frames; the boxes of each are where its poses say."""
+    frames = made(tmp_path, server, "pause")
+    places = [np.array(frame.truth["poses"]["Crate"]["position"]) for frame in frames]
+    for one, two in pairwise(places):
+        assert np.abs(one - two).max() > 1e-3
+    for frame, place in zip(frames, places, strict=True):
+        np.testing.assert_allclose(boxes(frame)["Crate"], place, atol=1e-3)

@@ -1,0 +1,288 @@
+"""Jobs of worlds that move: each image is of the world at its own time, judged by the scene at that time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mock_server
+import omniscv
+from omniscv import Pose, RenderOptions, jobs
+from omniscv.errors import ArgumentError
+from omniscv.geometry.motions import Motion, object_pose
+from omniscv.geometry.trajectory import Trajectory, write_tum
+from omniscv.jobs.moments import Exposure
+from omniscv.sources.scene import SceneSource
+
+WORKSHOP = mock_server.load_scene("workshop")
+PANORAMA = "{model: equirectangular, width: 48, height: 24}"
+SLIDE = "[{time: 0, position: [-2, -0.6, 0.85]}, {time: 2, position: [-1.2, 0.8, 0.85], yaw_deg: 60}]"
+
+JOB = """
+source: scene://workshop
+cameras: {{pano: {camera}}}
+poses: [{{position: [0, 0, 1.2]}}]
+modes: [lit, object_mask, depth]
+face_size: 32
+{more}
+"""
+
+
+def job_of(folder, more="", camera=PANORAMA):
+    path = folder / "job.yaml"
+    path.write_text(JOB.format(camera=camera, more=more), encoding="utf-8")
+    return jobs.load(path)
+
+
+def slid(time):
+    """Where SLIDE has the cabinet, written out: a straight way, and an even turn about the vertical."""
+    share = min(max(time / 2, 0), 1)
+    return {"Cabinet": (_turned(60 * share), np.array([-2 + 0.8 * share, -0.6 + 1.4 * share, 0.85]))}
+
+
+def _turned(degrees):
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def rendered(job, time, camera=None, pose=None, poses=None):
+    """An image of the job's kind, of the scene as it is at a time."""
+    scene = WORKSHOP.at(time, slid(time) if poses is None else poses)
+    with SceneSource(scene) as source:
+        renderer = omniscv.Renderer(source)
+        return renderer.render(camera or job.cameras["pano"], pose or job.poses[0], job.modes, job.options)
+
+
+def images_of(job):
+    """The images that a job writes, as read back, by stem."""
+    written = jobs.run(job)
+    stems = sorted({path.name.partition(".")[0] for path in written if path.suffix == ".png"})
+    found = {}
+    for stem in stems:
+        layers = {path.name.split(".")[1]: path for path in written if path.name.startswith(f"{stem}.")}
+        found[stem] = {name: omniscv.dataset.frames.Frame(stem, "", None, None, layers, {}).layer(name)
+                       for name in ("lit", "labels", "depth")}  # fmt: skip
+    return found
+
+
+def assert_same(layers, image):
+    for name, layer in layers.items():
+        np.testing.assert_array_equal(layer, image[name], err_msg=name)
+
+
+def test_each_image_is_of_the_scene_at_its_time(tmp_path):
+    """An object is moved by the job, others move by themselves; one pose is taken at three times."""
+    job = job_of(tmp_path, f"times: [0, 0.5, 1.25]\nmotions: {{Cabinet: {SLIDE}}}")
+    found = images_of(job)
+    assert list(found) == ["pano-0", "pano-1", "pano-2"]
+    for time, layers in zip((0, 0.5, 1.25), found.values(), strict=True):
+        assert_same(layers, rendered(job, time))
+    assert (found["pano-0"]["labels"] != found["pano-2"]["labels"]).any()
+
+
+def test_a_world_with_a_clock_of_its_own_is_at_the_poses_times(tmp_path):
+    """Only where 'times' is given: the poses' own times alone are those of a trajectory in a still world."""
+    poses = "poses: [{position: [0, 0, 1.2], time: 1.25}]"
+    job = job_of(tmp_path)
+    still = replace(job, times=(1.25,))
+    moving = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: poses"), poses))
+    assert (still.moves, moving.moves) == (False, True)
+    assert_same(images_of(still)["pano"], rendered(job, 0, poses={}))
+    assert_same(images_of(moving)["pano"], rendered(job, 1.25, poses={}))
+
+
+def _written(folder, text, poses):
+    path = folder / "timed.yaml"
+    path.write_text(text.replace("poses: [{position: [0, 0, 1.2]}]", poses), encoding="utf-8")
+    return path
+
+
+def test_motions_of_files_and_splines(tmp_path):
+    """A file in the form of TUM holds the object's own rotation; a spline goes where the waypoints do."""
+    known = Trajectory((object_pose((1, 2, 0.5), 10), object_pose((2, 2, 0.5), 50)), (0.0, 1.0))
+    (tmp_path / "crate.tum").write_text(write_tum(known), encoding="utf-8")
+    motions = f"{{Crate: crate.tum, Cabinet: {{spline: crate.tum}}, Lamp: {{spline: {SLIDE}}}}}"
+    more = f"times: [0, 1]\nmotions: {motions}"
+    job = job_of(tmp_path, more)
+    assert [motion.curve for motion in job.motions.values()] == ["linear", "spline", "spline"]
+    for moment, wanted in zip(job.moments(), known, strict=True):
+        for name in ("Crate", "Cabinet"):
+            np.testing.assert_allclose(moment.instant.poses[name].rotation, wanted.rotation, atol=1e-9)
+            np.testing.assert_allclose(moment.instant.poses[name].position, wanted.position, atol=1e-12)
+
+
+def test_times_of_poses(tmp_path):
+    """One pose at all times; a pose for each; a trajectory at other times than its own."""
+    ranged = job_of(tmp_path, "times: {start: 1, rate: 4, count: 3}")
+    assert ranged.times == (1.0, 1.25, 1.5)
+    assert len(ranged) == 3
+    poses = "poses: [{position: [0, 0, 1], time: 0}, {position: [2, 0, 1], time: 4}]"
+    along = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: [1, 3]"), poses))
+    assert [pose.position[0] for pose in along.poses] == [0.5, 1.5]
+    sampled = "poses: {path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
+    path = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: poses"), sampled))
+    assert path.times == (0.0, 0.5, 1.0)
+    assert [moment.instant.time for moment in path.moments()] == [0.0, 0.5, 1.0]
+
+
+def test_poses_at_one_time_share_the_instant(tmp_path):
+    poses = "poses: [{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
+    text = JOB.format(camera=PANORAMA, more=f"times: [0.5, 0.5]\nmotions: {{Cabinet: {SLIDE}}}")
+    first, second = jobs.load(_written(tmp_path, text, poses)).moments()
+    assert first.instant.state == second.instant.state != ""
+
+
+def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
+    rig = f"""rig: {{cameras: {{left: {{camera: {PANORAMA}}},
+      right: {{camera: {PANORAMA}, position: [0.1, 0, 0], time_offset: 0.25}}}}}}"""
+    poses = "poses: [{position: [0, 0, 1.2], time: 0}, {position: [0, 0, 1.2], time: 1}]"
+    text = JOB.format(camera=PANORAMA, more=f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}")
+    job = jobs.load(_written(tmp_path, text, poses))
+    times = {
+        picture.stem: (moment.instant.time, picture.time)
+        for moment in job.moments()
+        for picture in moment.pictures
+    }
+    assert times["right-0"] == times["right-0"][:1] * 2 == (0.25, 0.25)
+    assert times["pano-1"] == times["left-1"] == (1.0, 1.0)
+    found = images_of(job)
+    beside = Pose.from_angles((0, -0.1, 1.2))
+    assert_same(found["right-0"], rendered(job, 0.25, job.cameras["right"], beside))
+    assert_same(found["pano-1"], rendered(job, 1.0))
+
+
+# -- exposures ---------------------------------------------------------------------------------------------
+
+
+def test_colours_are_the_mean_of_an_exposure_and_the_truth_is_its_middle(tmp_path):
+    job = job_of(
+        tmp_path, f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.5, instants: 5}}"
+    )
+    layers = images_of(job)["pano"]
+    parts = [rendered(job, time) for time in (0.8, 0.9, 1.0, 1.1, 1.2)]
+    mean = np.mean([part.lit.astype(int) for part in parts], axis=0)
+    assert np.abs(layers["lit"] - mean).max() <= 0.5
+    assert (layers["lit"] != parts[2].lit).any()
+    for name in ("labels", "depth"):
+        np.testing.assert_array_equal(layers[name], parts[2][name])
+
+
+def test_a_camera_that_moves_is_exposed_along_its_way(tmp_path):
+    """In a still world; a camera that rests, and one that stands still, show what a single instant does."""
+    poses = "poses: [{position: [0, 0, 1.2], time: 0}, {position: [1, 0, 1.2], time: 1}]"
+    text = JOB.format(camera=PANORAMA, more="exposure: {seconds: 0.3, instants: 3}")
+    job = jobs.load(_written(tmp_path, text, poses))
+    found = images_of(job)
+    for i, start in enumerate((0.0, 1.0)):
+        ways = [Pose.from_angles((start + offset, 0, 1.2)) for offset in (-0.1, 0, 0.1)]
+        parts = [rendered(job, 0, pose=pose, poses={}) for pose in ways]
+        mean = np.mean([part.lit.astype(int) for part in parts], axis=0)
+        assert np.abs(found[f"pano-{i}"]["lit"] - mean).max() <= 0.5
+        np.testing.assert_array_equal(found[f"pano-{i}"]["depth"], parts[1].depth)
+    resting = images_of(replace(job, exposure=Exposure(0.3, 3, "rests")))
+    assert_same(resting["pano-0"], rendered(job, 0, poses={}))
+
+
+def test_lines_of_a_rolling_shutter_show_the_world_when_they_are_read(tmp_path):
+    """Every pixel's ray is traced in the scene at the instant of its line."""
+    lens = (
+        "{model: rolling-shutter, width: 40, height: 30, readout: 1.0, base: {model: pinhole, fov_deg: 100}}"
+    )
+    more = f"times: [0]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{instants: 5}}"
+    job = job_of(tmp_path, more, lens)
+    job = replace(
+        job, poses=(Pose.from_angles((0.5, 0, 1.2), 170),), options=RenderOptions("cube", face_size=128)
+    )
+    layers = images_of(job)["pano"]
+    rays = job.cameras["pano"].unproject()
+    directions_w = rays.directions @ job.poses[0].rotation.T
+    shown = np.rint((np.arange(30) + 0.5) / 30 * 4) / 4
+    expected = np.stack(
+        [WORKSHOP.at(time, slid(time)).trace(job.poses[0].position, row).label
+         for time, row in zip(shown, directions_w, strict=True)]
+    )  # fmt: skip
+    frozen = WORKSHOP.at(0.0, slid(0.0)).trace(job.poses[0].position, directions_w).label
+    wrong = layers["labels"] != expected
+    assert wrong.mean() < 0.01  # edges of objects
+    assert (layers["labels"] != frozen).mean() > 5 * wrong.mean()
+    np.testing.assert_array_equal(np.isfinite(layers["depth"]), layers["labels"] > 0)
+
+
+def test_a_plan_counts_every_instant(tmp_path):
+    """As many captures as there are instants; of an exposure, colour alone but for its middle."""
+    one = job_of(tmp_path)
+    times = job_of(tmp_path, f"times: [0, 1, 2]\nmotions: {{Cabinet: {SLIDE}}}")
+    blurred = job_of(
+        tmp_path, f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.1, instants: 3}}"
+    )
+    single, thrice, exposed = (
+        {cost.strategy: cost.requests for cost in jobs.costs(job)}["cube"] for job in (one, times, blurred)
+    )
+    assert (single, thrice, exposed) == (18, 54, 18 + 12)
+    colour = replace(times, modes=("lit",), options=RenderOptions("cube", face_size=16))
+    assert jobs.capture(colour, tmp_path / "kept.sqlite") == 3 * 6
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("motions: [Cabinet]", "motions: expected a mapping from objects to motions"),
+        ("motions: {Cabinet: 3}", "motions.Cabinet: expected waypoints, {spline: waypoints}, or the name"),
+        ("motions: {Cabinet: []}", "motions.Cabinet: expected waypoints"),
+        ("motions: {Cabinet: {curve: []}}", "motions.Cabinet: expected fields among spline"),
+        ("motions: {Cabinet: [{yaw_deg: 3}]}", "motions.Cabinet[0]: expected a field 'position'"),
+        ("motions: {Cabinet: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]}", "expected a field 'time'"),
+        ("motions: {Cabinet: [{time: 1, position: [0, 0, 0]}, {time: 1, position: [1, 0, 0]}]}",
+         "motions.Cabinet: times: expected increasing seconds"),
+        ("motions: {Cabinet: nowhere.tum}", "nowhere.tum"),
+        (f"motions: {{Cabinet: {SLIDE}}}", "times: expected them where something moves"),
+        (f"times: [7, 8]\nmotions: {{Cabinet: {SLIDE}}}", "the job's times, 7 to 8 s, got 0 to 2 s"),
+        ("times: poses", "times: expected poses with times, got some without"),
+        ("times: []", "times: expected a list of seconds, {start, rate, count}, or 'poses'"),
+        ("times: {rate: 0, count: 3}", "times.rate: expected a finite number > 0"),
+        ("times: {rate: 2}", "times: expected a field 'count'"),
+        ("freeze: hard", "freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
+        ("exposure: {seconds: -1}", "exposure.seconds: expected a finite number >= 0"),
+        ("exposure: {seconds: 1, instants: 4}", "exposure.instants: expected an odd number, got 4"),
+        ("exposure: {camera: jumps}", "exposure.camera: expected one of moves, rests"),
+        ("exposure: {seconds: 1}", "times: expected them where something moves"),
+    ],
+)  # fmt: skip
+def test_wrong_keys_are_refused_before_a_source_is_opened(more, says, tmp_path):
+    with pytest.raises(ArgumentError) as failed:
+        job_of(tmp_path, more)
+    assert says in str(failed.value)
+    assert len(str(failed.value)) <= 300
+
+
+def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
+    with pytest.raises(ArgumentError, match="freeze: expected auto, puppet, batch or none for motions and"):
+        job_of(tmp_path, f"times: [0]\nmotions: {{Cabinet: {SLIDE}}}\nfreeze: pause")
+    assert job_of(tmp_path, "freeze: pause").source_options == {"freeze": "pause"}
+
+
+def test_numbers_of_poses_and_times_agree(tmp_path):
+    poses = "poses: [{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
+    with pytest.raises(ArgumentError, match="times: expected one for each of 2 poses, got 3"):
+        jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: [0, 1, 2]"), poses))
+
+
+def test_an_object_that_the_scene_does_not_have_is_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Cupboard'"):
+        jobs.run(job_of(tmp_path, "motions: {Cupboard: [{position: [0, 0, 1]}]}"))
+
+
+def test_a_still_source_refuses_to_move(tmp_path):
+    """A recording of one state holds nothing of another."""
+    job = job_of(tmp_path)
+    jobs.capture(job, tmp_path / "still.sqlite")
+    moving = replace(job, source=str(tmp_path / "still.sqlite"), times=(0.5,), clock=True)
+    with pytest.raises(omniscv.OmniscvError):
+        jobs.run(moving)
+
+
+def test_a_motion_given_in_python(tmp_path):
+    pose = object_pose((-1.5, 0.2, 0.85), 30)
+    job = replace(job_of(tmp_path), motions={"Cabinet": Motion(Trajectory((pose,)))})
+    image = rendered(job, 0, poses={"Cabinet": (pose.rotation, pose.position)})
+    assert_same(images_of(job)["pano"], image)

@@ -1,0 +1,233 @@
+"""What Blender renders, against exact tracing and against what is known of small scenes."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from support import blender
+from support.faces import face_requests
+from support.killed import moments
+from support.recordings import contents
+
+import omniscv
+from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry import Pose
+from omniscv.sources import Request, View
+
+MODES = ("object_mask", "depth", "normals")
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    """A function that returns the address of a scene of support.blender_scenes, made once."""
+    folder = tmp_path_factory.mktemp("scenes")
+
+    def address(name, query="samples=4"):
+        path = folder / f"{name}.blend"
+        if not path.exists():
+            blender.run_inside(blender.HERE / "blender_scenes.py", name, path)
+        return f"blender://{path}?{query}"
+
+    return address
+
+
+def captured(source, view, *modes):
+    return [capture.pixels for capture in source.capture(Request(view, mode) for mode in modes)]
+
+
+def ahead(yaw_deg=0.0, width=16, height=16, fov_deg=60.0, center=(0.0, 0.0, 0.0)):
+    return View(Pose.from_angles(center, yaw_deg=yaw_deg), fov_deg, width, height)
+
+
+@pytest.fixture(scope="module")
+def room():
+    """The four-wall room in Blender, and traced."""
+    with (
+        omniscv.open_source(blender.address("four-wall", sides=512)) as rendered,
+        omniscv.open_source("scene://four-wall?masks=ids") as traced,
+    ):
+        yield rendered, traced
+
+
+@pytest.mark.parametrize(("fov_deg", "width", "height"), [(90, 96, 96), (25, 40, 120), (140, 160, 48)])
+def test_a_room_equals_its_exact_trace(fov_deg, width, height, room):
+    """Ids but on edges, depth and normals of flat surfaces.
+
+    Blender's narrowest pixel filter draws the sample within 0.005 px of the centre.
+    """
+    pose = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=37, pitch_deg=-11, roll_deg=-23)
+    view = View(pose, fov_deg, width, height)
+    (ids, depth, normals), (wanted_ids, wanted, wanted_normals) = (
+        captured(each, view, *MODES) for each in room
+    )
+    same = ids == wanted_ids
+    assert same.mean() > 0.999
+    error = (np.abs(depth - wanted) / wanted)[same]
+    assert np.median(error) <= 0.005 / view.focal_px
+    assert np.quantile(error, 0.995) <= 10 * 0.005 / view.focal_px
+    chord = np.linalg.norm(normals - wanted_normals, axis=-1)[same]
+    assert np.degrees(2 * np.arcsin(np.median(chord) / 2)) <= 0.001
+
+
+def test_names_and_boxes_are_those_of_the_exact_scene(room):
+    rendered, traced = room
+    assert rendered.objects().names() == traced.objects().names()
+    found, wanted = (each.geometry().boxes for each in room)
+    assert set(found) == set(wanted)
+    for name in ("Ball", "Books", "Layout_Wall_1"):
+        for ends in (np.min, np.max):
+            corners = [ends(boxes[name].corners_w(), axis=0) for boxes in (found, wanted)]
+            assert np.allclose(*corners, atol=1e-4)
+
+
+def test_instances_are_objects_of_their_own_and_what_is_not_rendered_is_none(scenes):
+    with omniscv.open_source(scenes("sets")) as source:
+        table, boxes = source.objects(), source.geometry().boxes
+        assert table.names() == ["East/Seat", "North", "South", "West/Seat"]
+        assert set(boxes) == set(table.names())
+        assert boxes["East/Seat"].center_w == pytest.approx([5, 0, 0], abs=1e-6)
+        assert boxes["West/Seat"].size == pytest.approx([1, 1, 1], abs=1e-6)
+        seen = {"East/Seat": (0, 4.5), "North": (90, 4.0), "West/Seat": (180, 4.5), "South": (-90, 4.0)}
+        for name, (yaw_deg, depth_m) in seen.items():
+            ids, depth, normals = captured(source, ahead(yaw_deg), *MODES)
+            assert ids[8, 8] == table.ids[name]
+            assert depth[8, 8] == pytest.approx(depth_m, abs=1e-5)
+            assert normals[8, 8] @ Pose.from_angles((0, 0, 0), yaw_deg=yaw_deg).rotation[
+                :, 2
+            ] == pytest.approx(-1)
+        with source.without(["North"]) as hidden:
+            ids, depth, normals = captured(hidden, ahead(90), *MODES)
+        assert (ids == 0).all()
+        assert np.isinf(depth).all()
+        assert (normals == 0).all()
+        assert captured(source, ahead(90), "object_mask")[0].any()
+
+
+def test_objects_of_other_files_have_names_and_count_for_the_identity(scenes, tmp_path):
+    address = scenes("linking")
+    with omniscv.open_source(address) as source:
+        table, identity = source.objects(), source.scene_identity
+        names = table.names()
+        assert names == ["Chair", "Chair [linking-library.blend]"]
+        assert [captured(source, ahead(yaw), "object_mask")[0][8, 8] for yaw in (180, 0)] == [1, 2]
+    library = address.removeprefix("blender://").partition("?")[0].replace(".blend", "-library.blend")
+    blender.run_inside(blender.HERE / "blender_scenes.py", "centimetres", library)
+    with omniscv.open_source(address) as source:
+        assert source.scene_identity.differs(identity)
+
+
+def test_units_of_the_file_become_metres(scenes):
+    with omniscv.open_source(scenes("centimetres")) as source:
+        view = ahead(center=(1.0, 0.0, 0.0))
+        assert captured(source, view, "depth")[0][8, 8] == pytest.approx(3.0, abs=1e-5)
+        assert source.geometry().boxes["Cube"].center_w == pytest.approx([5, 0, 0], abs=1e-5)
+
+
+def test_colours_are_the_same_whatever_came_before_and_in_every_process(scenes):
+    """Also from a file that draws a border and two eyes at half the size."""
+    views = [ahead(yaw, 24, 40, 75, (0.0, 0.0, 1.5)) for yaw in (0, 120)]
+    pictures = []
+    for order in (1, -1):
+        with omniscv.open_source(scenes("lit")) as source:
+            found = {}
+            for view in views[::order]:
+                found[view] = captured(source, view, *("lit", "depth")[::order])[::order]
+            pictures.append([found[view] for view in views])
+    for one, other in zip(*pictures, strict=True):
+        assert one[0].shape == (40, 24, 3)
+        assert one[0].dtype == np.uint8
+        assert len(np.unique(one[0])) > 20
+        assert np.array_equal(one[0], other[0])
+        assert np.array_equal(one[1], other[1])
+
+
+def test_linear_floats_are_the_colours_before_the_view_transform(scenes):
+    """Standard is the sRGB curve; IEC 61966-2-1."""
+    view = ahead(0, 24, 24, 75, (0.0, 0.0, 1.5))
+    with (
+        omniscv.open_source(scenes("lit")) as source,
+        omniscv.open_source(scenes("lit", "samples=4&lit=float32")) as linear,
+    ):
+        shown, light = captured(source, view, "lit")[0], captured(linear, view, "lit")[0]
+    with omniscv.open_source(scenes("lit", "samples=4&seed=1")) as seeded:
+        (other,) = captured(seeded, view, "lit")
+    assert light.dtype == np.float32
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0) ** (1 / 2.4) - 0.055)
+    assert np.abs(np.clip(255 * curve, 0, 255) - shown).max() <= 0.51
+    assert not np.array_equal(other, shown)
+
+
+def test_a_damaged_scene_is_one_clear_sentence(scenes, tmp_path):
+    path = tmp_path / "room.blend"
+    whole = Path(scenes("lit").removeprefix("blender://").partition("?")[0]).read_bytes()
+    for data in (b"", b"no scene at all", whole[: len(whole) // 2]):
+        path.write_bytes(data)
+        with pytest.raises(
+            SourceError, match=r"room\.blend: expected Blender to open the scene, got: "
+        ) as error:
+            omniscv.open_source(f"blender://{path}")
+        assert "\n" not in str(error.value)
+
+
+def test_what_blender_cannot_do_is_one_clear_sentence(scenes):
+    with pytest.raises(SourceError, match="expected a device of kind metal"):
+        omniscv.open_source(scenes("lit", "device=metal"))
+    with pytest.raises(SourceError, match="expected one of the scenes Scene, got 'Kitchen'"):
+        omniscv.open_source(scenes("lit", "scene=Kitchen"))
+    with (
+        omniscv.open_source(scenes("lit")) as source,
+        pytest.raises(ArgumentError, match="sides of 4 to 65536 px"),
+    ):
+        captured(source, ahead(width=2), "lit")
+
+
+def kill_blender():
+    for each in psutil.Process().children(recursive=True):
+        each.kill()
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(20, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])])
+def test_killed_while_it_records_it_completes_with_equal_bytes(kills, scenes, tmp_path):
+    requests = face_requests(64, ("lit", "depth"))
+
+    def recorded(path, kill_after_s):
+        with omniscv.open_source(scenes("lit")) as live, omniscv.record(live, path) as source:
+            timer, started = threading.Timer(kill_after_s, kill_blender), time.monotonic()
+            timer.start()
+            source.objects()
+            list(source.capture(requests))
+            timer.cancel()
+            return time.monotonic() - started
+
+    duration_s = recorded(tmp_path / "whole.sqlite", 3600)
+    for number, moment_s in enumerate(moments(kills, duration_s)):
+        recorded(tmp_path / f"{number}.sqlite", moment_s)
+        assert contents(tmp_path / f"{number}.sqlite") == contents(tmp_path / "whole.sqlite")
+
+
+def test_blender_ends_when_whoever_started_it_was_killed(scenes, tmp_path):
+    """In the middle of a picture; its folder is gone too."""
+    program = (
+        "import omniscv; from omniscv.geometry import Pose; from omniscv.sources import Request, View\n"
+        f"source = omniscv.open_source({scenes('lit', 'samples=100000')!r})\n"
+        "view = View(Pose.from_angles((0, 0, 1.5)), 90, 512, 512)\n"
+        "print('open', flush=True); list(source.capture([Request(view, 'lit')]))\n"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, env=environment
+    ) as process:
+        assert process.stdout.readline() == b"open\n"
+        children = psutil.Process(process.pid).children()
+        assert len(children) == 1
+        assert len(list(tmp_path.glob("omniscv-blender-*"))) == 1
+        time.sleep(1)
+        process.kill()
+    assert psutil.wait_procs(children, timeout=30)[1] == []
+    assert list(tmp_path.glob("omniscv-blender-*")) == []

@@ -1,0 +1,291 @@
+"""States of the world in recordings: each is replayed from its own captures, whatever happened."""
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.killed import Processes
+from support.recorder import SMALL, STATES, requests
+from support.recordings import contents, downgrade
+
+import omniscv
+from omniscv.errors import ArgumentError, DamagedRecordingError, MissingCaptureError
+from omniscv.geometry.instant import Instant
+from omniscv.sources import SourceWrapper
+from omniscv.sources.recording.folders import export, import_folder
+from omniscv.sources.recording.inspection import info, verify
+from omniscv.sources.recording.rows import keys
+
+LATER, EMPTIER = STATES[1:]
+KEPT = Path(__file__).parents[2] / "captures"
+SOME = [2, pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(1800)])]
+POSES = st.builds(
+    omniscv.Pose.from_angles,
+    st.tuples(*[st.floats(-100, 100)] * 3),
+    *[st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180)],
+)
+INSTANTS = st.builds(
+    Instant,
+    st.dictionaries(st.text(st.characters(exclude_characters="\0"), min_size=1), POSES, max_size=3),
+    st.frozensets(st.sampled_from(["Crate", "Sofa"])),
+    st.none() | st.floats(-1e6, 1e6),
+    st.sampled_from(["", "dusk"]),
+)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    with omniscv.open_source("scene://workshop") as source:
+        yield source
+
+
+@pytest.fixture(scope="module")
+def truth(scene):
+    """By request, what the scene shows, traced at its instant."""
+    found = {}
+    for instant in STATES:
+        with scene.at(instant) as there:
+            for capture in there.capture(requests(SMALL, instant.state)):
+                found[capture.request] = capture.pixels
+    return found
+
+
+@pytest.fixture(scope="module")
+def processes():
+    found = Processes()
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def recorded(scene, tmp_path):
+    """A recording of the same few views in all states."""
+    return record(scene, tmp_path / "room.sqlite", STATES)
+
+
+def poses_of(source):
+    return {name: pose.to_dict() for name, pose in source.object_poses().items()}
+
+
+def record(scene, path, instants):
+    with omniscv.record(scene.at(Instant()), path) as recording:
+        for instant in instants:
+            with recording.at(instant) as source:
+                list(source.capture(requests(SMALL, source.state)[:12]))
+    return path
+
+
+SETS = st.sampled_from(["each", "whole"])
+STEPS = st.tuples(st.integers(0, len(STATES) - 1), st.integers(0, 40), st.integers(1, 48), SETS)
+RUNS = st.tuples(st.lists(STEPS, max_size=3), st.none() | STEPS)
+
+
+@pytest.mark.parametrize("examples", SOME)
+def test_states_never_mix(examples, processes, truth):
+    """Whatever is recorded in which order, killed, and resumed: what is held is what its state shows."""
+
+    @settings(max_examples=examples)
+    @given(st.lists(RUNS, min_size=1, max_size=3))
+    def check(runs):
+        with TemporaryDirectory() as folder:
+            path, held = Path(folder) / "room.sqlite", set()
+            for steps, unfinished in runs:
+                plan = [*steps, *([] if unfinished is None else [(*unfinished[:3], "killed")])]
+                processes.run("states", path, json.dumps(plan))
+                for which, first, last, _ in steps:
+                    held.update(requests(SMALL, STATES[which].state)[first:last])
+                assert verify(path).ok
+                with omniscv.open_source(path) as replay:
+                    for request, pixels in truth.items():
+                        if request in held:
+                            (capture,) = replay.capture([request])
+                            assert capture.request == request
+                            assert np.array_equal(capture.pixels, pixels)
+                        else:
+                            with pytest.raises(MissingCaptureError):
+                                list(replay.capture([request]))
+
+    check()
+
+
+def test_images_are_replayed_of_their_own_state(scene, recorded):
+    camera = omniscv.cameras.create("equirectangular", width=16, height=8)
+    pose, modes = omniscv.Pose.from_angles((0.1, 0, 1.2)), ("lit", "object_mask", "depth")
+    with omniscv.record(scene.at(Instant()), recorded) as recording:
+        for instant in STATES:
+            with recording.at(instant) as source:
+                omniscv.render(camera, pose, source, modes, face_size=8)
+    shown = []
+    with omniscv.open_source(recorded) as replay:
+        for instant in (*STATES, *STATES):
+            with replay.at(instant) as there, scene.at(instant) as live:
+                image, wanted = (omniscv.render(camera, pose, s, modes, face_size=8) for s in (there, live))
+                assert all(np.array_equal(image[name], wanted[name]) for name in ("depth", "lit"))
+                assert there.geometry().to_dict()["boxes"] == live.geometry().to_dict()["boxes"]
+                assert (there.state, there.instant.to_dict()) == (instant.state, instant.to_dict())
+                if instant.state:
+                    assert poses_of(there) == poses_of(live)
+                shown.append(image.depth.tobytes())
+    assert len(set(shown)) == len(STATES)
+
+
+def test_a_miss_names_the_states_that_are_held(recorded):
+    with omniscv.open_source(recorded) as replay:
+        with pytest.raises(MissingCaptureError, match=f"the still one, '{LATER.state}', '{EMPTIER.state}'"):
+            replay.at(Instant(time=9.0))
+        (unknown,) = requests(SMALL, "dusk")[:1]
+        with pytest.raises(MissingCaptureError, match=f"in state 'dusk'; .* '{LATER.state}'"):
+            list(replay.capture([unknown]))
+        with replay.at(LATER) as there, pytest.raises(MissingCaptureError, match="nearest recorded view"):
+            list(there.capture(requests(SMALL, LATER.state)[24:]))
+
+
+def test_a_live_source_refuses_requests_of_another_state(scene):
+    (still,), (later,) = requests(SMALL)[:1], requests(SMALL, LATER.state)[:1]
+    with scene.at(LATER) as there:
+        for source, request in ((scene, later), (there, still)):
+            with pytest.raises(ArgumentError, match="expected requests of the world as it is"):
+                list(source.capture([request]))
+    with omniscv.open_source("mock://four-wall") as live, pytest.raises(ArgumentError, match="state"):
+        list(live.capture([later]))
+
+
+@pytest.mark.parametrize("room", ["four-wall", "six-wall"])
+@pytest.mark.parametrize("version", [1, 2])
+def test_earlier_recordings_hold_the_still_state(room, version, tmp_path):
+    path = tmp_path / "room.sqlite"
+    if version == 1:
+        downgrade(KEPT / f"{room}.sqlite", path)
+    else:
+        shutil.copy(KEPT / f"{room}.sqlite", path)
+    before = contents(path)
+    with omniscv.open_source(path) as replay:
+        assert (replay.state, replay.states()) == ("", ("",))
+        with replay.at(Instant()) as there:
+            assert there.recorded_views() == replay.recorded_views()
+        with pytest.raises(MissingCaptureError, match="states the still one"):
+            replay.at(Instant(time=1.0))
+    assert contents(path) == before
+
+
+def test_a_still_world_is_recorded_as_before(scene, tmp_path):
+    """The file has no table or column for states, and is given them when the world moves; nothing else is
+    touched: rows and checksums stay."""
+    path = record(scene, tmp_path / "room.sqlite", [Instant()])
+    with closing(sqlite3.connect(path)) as database:
+        columns = [row[1] for row in database.execute("PRAGMA table_info(capture)")]
+        rows = database.execute("SELECT * FROM capture ORDER BY number").fetchall()
+    assert "state" not in columns
+    assert json.loads(rows[0][1]) == ["lit", *requests(SMALL)[0].view.key()]
+    assert info(path).schema_version == 3
+    record(scene, path, [LATER])
+    with closing(sqlite3.connect(path)) as database:
+        after = database.execute("SELECT * FROM capture ORDER BY number").fetchall()
+    assert [row[:-1] for row in after[: len(rows)]] == rows
+    assert {row[-1] for row in after[len(rows) :]} == {LATER.state}
+    assert (info(path).schema_version, verify(path).ok) == (4, True)
+    assert not {*keys(requests(SMALL, LATER.state)[0])} & {row[1] for row in rows}
+
+
+def test_a_reader_follows_a_recorder_that_needs_states(scene, tmp_path):
+    path = record(scene, tmp_path / "room.sqlite", [Instant()])
+    with omniscv.open_source(path) as reader:
+        record(scene, path, [LATER])
+        wanted = [requests(SMALL)[0], requests(SMALL, LATER.state)[0]]
+        assert [capture.request for capture in reader.capture(wanted)] == wanted
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE capture SET state = '' WHERE number = 20",
+        f"UPDATE capture SET state = '{EMPTIER.state}' WHERE state = '{LATER.state}'",
+        f"UPDATE capture SET state = '{LATER.state}' WHERE number = 1",
+        f"DELETE FROM state WHERE name = '{LATER.state}'",
+        f"UPDATE state SET name = 'dusk' WHERE name = '{LATER.state}'",
+        "UPDATE state SET content = replace(content, '0.7', '0.8')",
+    ],
+)
+def test_a_state_that_was_changed_in_the_file_is_damage(recorded, change):
+    with closing(sqlite3.connect(recorded)) as database, database:
+        assert database.execute(change).rowcount
+    assert not verify(recorded).ok
+    with pytest.raises(DamagedRecordingError), omniscv.open_source(recorded) as replay:
+        replay.at(LATER).geometry()
+
+
+def test_folders_hold_states(recorded, tmp_path):
+    again = tmp_path / "again.sqlite"
+    assert export(recorded, tmp_path / "faces") == import_folder(tmp_path / "faces", again) == 36
+    assert contents(again) == contents(recorded)
+    assert info(again).states == info(recorded).states
+    with omniscv.open_source(again) as replay, omniscv.open_source(recorded) as first:
+        for instant in STATES:
+            assert replay.at(instant).geometry().to_dict() == first.at(instant).geometry().to_dict()
+
+
+def test_states_are_listed_with_what_is_known(recorded):
+    found = info(recorded).states
+    assert list(found) == [instant.state for instant in STATES]
+    for instant in STATES:
+        assert found[instant.state] == {"captures": 12, "instant": instant.to_dict()}
+
+
+def test_anew_replaces_captures_of_the_same_state_only(scene, recorded, truth):
+    with omniscv.record(scene.at(Instant()), recorded, anew=True) as recording, recording.at(LATER) as source:
+        list(source.capture(requests(SMALL, LATER.state)[:12]))
+    assert {state: each["captures"] for state, each in info(recorded).states.items()} == dict.fromkeys(
+        (instant.state for instant in STATES), 12
+    )
+    with omniscv.open_source(recorded) as replay:
+        for instant in STATES:
+            for capture in replay.capture(requests(SMALL, instant.state)[:12]):
+                assert np.array_equal(capture.pixels, truth[capture.request])
+
+
+@given(INSTANTS)
+@settings(max_examples=20)
+def test_an_instant_is_the_same_when_it_was_written(instant):
+    again = Instant.from_dict(json.loads(json.dumps(instant.to_dict())))
+    assert (again.state, again.to_dict()) == (instant.state, instant.to_dict())
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        [],
+        {"poses": {}, "hidden": [], "time": None},
+        {"poses": {"Crate": {}}, "hidden": [], "time": None, "name": ""},
+        {"poses": {}, "hidden": [], "time": "soon", "name": ""},
+        {"poses": {}, "hidden": "Crate", "time": None, "name": ""},
+    ],
+)
+def test_what_is_no_instant_is_an_argument_error(data):
+    with pytest.raises(ArgumentError):
+        Instant.from_dict(data)
+
+
+class Found(SourceWrapper):
+    """A world that is paused, not set: it is found where it is."""
+
+    def at(self, instant):
+        return super().at(LATER)
+
+
+def test_a_state_that_was_found_is_replayed_for_what_was_to_be_set(scene, truth, tmp_path):
+    path, wanted = tmp_path / "room.sqlite", Instant(time=5.0)
+    with omniscv.record(Found(scene.at(Instant())), path) as recording, recording.at(wanted) as source:
+        assert (source.state, source.instant.to_dict()) == (LATER.state, LATER.to_dict())
+        list(source.capture(requests(SMALL, source.state)[:6]))
+    with omniscv.open_source(path) as replay:
+        for there in (replay.at(wanted), replay.at(LATER)):
+            assert there.instant.to_dict() == LATER.to_dict()
+            for capture in there.capture(requests(SMALL, there.state)[:6]):
+                assert np.array_equal(capture.pixels, truth[capture.request])

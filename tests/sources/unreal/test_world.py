@@ -1,0 +1,275 @@
+"""The world behind a live source: objects, clock and console in every dialect, and the state that follows."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from support.unreal import agrees, relayed
+from support.worlds import DIALECTS, MOVED, SCENE, ahead, placed, serve, turned
+
+import omniscv
+from omniscv.errors import ArgumentError, ServerRefusedError, SourceError
+
+STILL = {"time_step_s": 0.0}
+
+
+@pytest.fixture(scope="module", params=DIALECTS)
+def server(request):
+    with serve(request.param, **STILL) as running:
+        running.dialect = request.param
+        yield running
+
+
+@pytest.fixture(scope="module")
+def source(server):
+    with omniscv.open_source(server.uri) as opened:
+        yield opened
+
+
+@pytest.fixture
+def world(source):
+    """The world, put back after each test."""
+    with source.world.changes():
+        yield source.world
+    assert source.state == ""
+
+
+def shows(source, scene):
+    """Whether captures show a scene."""
+    return all(agrees(capture, source, scene) for capture in source.capture(ahead(source)))
+
+
+def located(server, name):
+    """Where the server has an object, cm and degrees of Unreal."""
+    found = server.world.objects[name]
+    return np.array([*found.location, *found.rotation])
+
+
+def test_a_moved_object_is_where_it_was_moved_in_the_very_next_capture(source, world):
+    assert shows(source, SCENE)
+    world.move("Box", MOVED)
+    np.testing.assert_allclose(world.pose("Box").position, MOVED.position, atol=1e-4)
+    np.testing.assert_allclose(world.pose("Box").rotation, MOVED.rotation, atol=4e-4)
+    assert shows(source, placed({"Box": MOVED}))
+    assert not shows(source, SCENE)
+
+
+def test_a_hidden_object_is_in_no_capture_until_it_is_shown(source, world):
+    world.hide("Ball")
+    (hidden,) = source.capture(ahead(source))
+    world.show("Ball")
+    assert source.state == ""
+    (shown,) = source.capture(ahead(source))
+    assert np.isinf(hidden.pixels).sum() > np.isinf(shown.pixels).sum()
+
+
+def test_the_state_is_that_of_the_instant_and_empty_when_all_is_put_back(source):
+    with source.world.changes():
+        source.world.move("Box", MOVED)
+        moved = source.state
+        assert moved == omniscv.geometry.instant.Instant({"Box": MOVED}).state
+        with source.world.changes():
+            source.world.hide("Pole")
+            source.world.move("Box", turned((1.0, 0.0, 1.0)))
+            assert source.state not in ("", moved)
+        assert source.state == moved
+        assert shows(source, placed({"Box": MOVED}))
+    assert source.state == ""
+
+
+def test_requests_of_another_state_are_refused(source, world):
+    before = ahead(source)
+    world.move("Box", MOVED)
+    with pytest.raises(ArgumentError, match="expected requests of the world as it is"):
+        list(source.capture(before))
+
+
+def test_pausing_leaves_a_game_as_it_was(server, source, world):
+    for was in (False, True):
+        server.world.paused = was
+        with world.changes():
+            world.pause()
+            world.pause()
+            assert server.world.paused
+            assert world.paused
+            world.resume()
+            world.resume()
+            assert not world.paused
+        assert server.world.paused is was
+    server.world.paused = False
+
+
+def test_what_a_dialect_cannot_do_is_refused_before_anything_is_sent(server, source, world):
+    refused = {
+        "read the bounds": (lambda: world.bounds("Box"), "0.3.10"),
+        "spawn objects": (lambda: world.spawn("cube", "New", MOVED), "0.3.10"),
+        "destroy objects": (lambda: world.destroy("Box"), "0.3.10"),
+        "set lights": (lambda: world.light("Lamp", MOVED, 5.0), "0.3.10"),
+        "set the exposure": (lambda: world.exposure("manual", 1.0), "0.3.10 M"),
+        "console command of at most 3": (lambda: world.console("a b c d"), "0.3.10"),
+        "console command of at most 6": (lambda: world.console("a b c d e f g"), "M N1 N2"),
+    }
+    for what, (do, dialects) in refused.items():
+        if server.dialect in dialects.split():
+            sent = server.statistics.total("")
+            with pytest.raises(ServerRefusedError, match=f"expected.*{what}.*got"):
+                do()
+            assert server.statistics.total("") == sent
+
+
+def test_unknown_objects_are_refused(world):
+    for do in (world.pose, world.hide, world.show, lambda name: world.move(name, MOVED)):
+        with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Chair'"):
+            do("Chair")
+
+
+def test_bounds_are_along_the_worlds_axes(server, world):
+    if server.dialect != "0.3.10":
+        box, (low, high) = world.bounds("Pole"), SCENE.bounds("Pole")
+        np.testing.assert_allclose(box.center_w, (low + high) / 2, atol=1e-4)
+        np.testing.assert_allclose(box.size, high - low, atol=2e-4)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS[1:])
+def test_a_spawned_object_is_captured_and_destroyed_again(dialect):
+    with serve(dialect, **STILL) as server, omniscv.open_source(server.uri) as source:
+        world = source.world
+        with world.changes():
+            world.spawn("cube", "New", turned((1.5, 0.0, 1.5), 30.0))
+            assert "New" in world.objects()
+            middle = next(source.capture(ahead(source))).pixels[12, 12]
+            assert 0.9 < middle < 1.1  # a cube of a metre, in place of the sky or what is behind it
+            with pytest.raises(ArgumentError, match="expected one that no object has, got 'New'"):
+                world.spawn("cube", "New", MOVED)
+            with pytest.raises(ArgumentError, match="spawned within these changes"):
+                world.destroy("Pole")
+        assert "New" not in world.objects()
+        assert source.state == ""
+        with pytest.raises(ServerRefusedError, match="Can not find a class with name 'Teapot'"):
+            world.spawn("Teapot", "Pot", MOVED)
+        assert source.state == ""
+        assert shows(source, SCENE)
+
+
+def test_console_commands_give_a_state_that_is_not_put_back():
+    with serve("N2", **STILL) as server, omniscv.open_source(server.uri) as source:
+        with source.world.changes():
+            source.world.console("r.MotionBlurQuality 0")
+            source.world.console("DisableAllScreenMessages")
+        assert source.state != ""
+        assert server.statistics.counts["vrun r.MotionBlurQuality 0"] == 1
+        assert server.statistics.counts["vcmd DisableAllScreenMessages"] == 1
+
+
+def test_the_exposure_is_put_back_by_a_new_camera():
+    with serve("N2", **STILL) as server, omniscv.open_source(server.uri) as source:
+        with source.world.changes():
+            source.world.exposure("manual", 1.5)
+            assert source.state != ""
+            assert server.statistics.counts["vset /camera/1/exposure_bias 1.500000"] == 1
+        assert source.state == ""
+        assert server.statistics.total("vset /cameras/spawn") == 2
+        assert len(server.world.cameras) == 2
+        assert shows(source, SCENE)
+    assert len(server.world.cameras) == 1
+
+
+def test_functions_of_blueprints_reply_or_are_refused():
+    with serve("N1") as server, omniscv.open_source(server.uri) as source:
+        with pytest.raises(ServerRefusedError, match="Fail to execute the function 'set_light' of Ball"):
+            source.world.light("Ball", turned((0, 0, 0), 90.0), 5.0, (1.0, 0.5, 0.0))
+        sent = "vbp Ball set_light 0.000000 -90.000000 0.000000 5.000000 1.000000 0.500000 0.000000"
+        assert server.statistics.counts[sent] == 1
+        assert source.state == ""
+
+
+# What is put back, whatever happens.
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_changes_are_put_back_after_an_error_and_a_connection_fault(dialect):
+    """The connection breaks behind the move, and once more while it is put back."""
+    breaks = set()
+
+    def change(command, forward):
+        reply = forward(command)
+        for start in list(breaks):
+            if command.startswith(start):
+                breaks.discard(start)
+                raise OSError
+        return reply
+
+    with (
+        serve(dialect, **STILL) as server,
+        relayed(server, change) as uri,
+        omniscv.open_source(uri, retries=8) as source,
+    ):
+        before = located(server, "Box")
+        with contextlib.suppress(ZeroDivisionError), source.world.changes():
+            source.world.pause()
+            source.world.hide("Pole")
+            breaks.add("vset /object/Box/location")
+            source.world.move("Box", MOVED)
+            assert np.abs(located(server, "Box") - before).max() > 1
+            breaks.update(("vset /object/Box/rotation", "vset /object/Pole/show"))
+            raise ZeroDivisionError
+        assert not breaks
+        np.testing.assert_allclose(located(server, "Box"), before, atol=0.006)
+        assert not server.world.objects["Pole"].hidden
+        assert not server.world.paused
+        assert source.state == ""
+        assert shows(source, SCENE)
+
+
+def test_closing_the_source_puts_open_changes_back():
+    with serve("M", **STILL) as server:
+        source = omniscv.open_source(server.uri)
+        with contextlib.ExitStack() as unfinished:
+            unfinished.enter_context(source.world.changes())
+            source.world.pause()
+            source.world.hide("Ball")
+            source.close()
+            assert not server.world.paused
+            assert not server.world.objects["Ball"].hidden
+        with pytest.raises(SourceError, match="expected an open source"):
+            source.world.pause()
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
+def test_a_pause_whose_reply_is_lost_is_not_sent_twice_where_it_toggles(dialect):
+    lost = []
+
+    def change(command, forward):
+        reply = forward(command)
+        if command == "vset /action/game/pause" and not lost:
+            lost.append(command)
+            raise OSError
+        return reply
+
+    with (
+        serve(dialect, **STILL) as server,
+        relayed(server, change) as uri,
+        omniscv.open_source(uri) as source,
+    ):
+        expected = pytest.raises(SourceError, match="not sent again") if dialect == "0.3.10" else None
+        with source.world.changes():
+            with expected or contextlib.nullcontext():
+                source.world.pause()
+            assert server.world.paused
+        assert not server.world.paused
+
+
+def test_an_object_that_cannot_move_is_refused_and_nothing_else_moves():
+    def change(command, forward):
+        if command == "vget /object/Pole/mobility":
+            return "Static"
+        return "ok" if command.startswith("vset /object/Pole/") else forward(command)
+
+    with (
+        serve("N1", **STILL) as server,
+        relayed(server, change) as uri,
+        omniscv.open_source(uri) as source,
+    ):
+        with pytest.raises(ServerRefusedError, match="can be moved, got 'Pole', whose mobility is 'Static'"):
+            source.world.move("Pole", MOVED)
+        assert source.state == ""

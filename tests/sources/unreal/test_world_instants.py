@@ -1,0 +1,277 @@
+"""A live source at an instant: captures show exactly the scene then, and the game is as it was afterwards."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from support.unreal import agrees, face_requests, relayed
+from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, THINGS, ahead, at_time, placed, serve
+
+import mock_server
+import omniscv
+from omniscv.errors import ArgumentError, ServerRefusedError, SourceError, TornSetError
+from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
+from omniscv.sources import Request, View
+
+MODES = ("depth",)
+RUNNING = {"time_step_s": 0.02}
+
+
+def faces(source):
+    """Requests of the six faces, in the state of a source."""
+    return [Request(each.view, each.mode, source.state) for each in face_requests(SIZE, MODES, CENTER)]
+
+
+def wrong(source, scene):
+    """The faces and modes that do not show a scene."""
+    captures = source.capture(faces(source))
+    return [(c.mode, c.view.pose.angles()) for c in captures if not agrees(c, source, scene)]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_puppet_shows_the_scene_at_any_time(dialect):
+    with serve(dialect, **RUNNING) as server, omniscv.open_source(server.uri) as source:
+        for time_s in (0.4, 3.25):
+            instant = at_time(time_s)
+            with source.at(instant) as still:
+                assert server.world.paused
+                assert still.state == source.state == instant.state
+                assert not wrong(still, SCENE.at(time_s))
+            assert not server.world.paused
+            assert (source.state, source.instant.poses) == ("", {})
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_pausing_reads_where_the_objects_are(dialect):
+    with serve(dialect, **RUNNING) as server, omniscv.open_source(server.uri, freeze="pause") as source:
+        states = set()
+        for _ in range(2):
+            with source.at(Instant({"Ball": MOVED}, time=1.0)) as still:
+                time_s = server.world.time_s
+                found = still.instant
+                states.add(still.state)
+                assert set(found.poses) == {"Ball"}
+                assert found.time is None
+                assert abs(found.poses["Ball"].position - SCENE.at(time_s).pose("Ball")[1]).max() < 1e-4
+                assert not wrong(still, SCENE.at(time_s))
+            assert not server.world.paused
+        assert len(states) == 2
+        assert source.state == ""
+
+
+def test_without_names_every_movable_object_is_read():
+    with serve(**RUNNING) as server, omniscv.open_source(server.uri, freeze="pause") as source:
+        server.world.paused = True
+        with source.at(Instant()) as still:
+            assert set(still.instant.poses) == {"Ball", "Box", "Pole"}
+        assert server.world.paused  # as it was
+
+
+def test_a_batch_is_answered_in_one_tick():
+    """More requests than a tick or a batch without it takes."""
+    view = View(Pose.from_angles(CENTER), 90.0, 16, 16)
+    payloads = {}
+    for freeze in ("none", "batch"):
+        with serve("N2", **RUNNING) as server, omniscv.open_source(server.uri, freeze=freeze) as source:
+            with source.at(Instant(hidden=frozenset({"Box"}))) as there:
+                requests = [Request(view, "depth", there.state)] * 80
+                payloads[freeze] = {capture.payload for capture in there.capture(requests)}
+                other = Request(View(Pose.from_angles((0, 0.2, 1.5)), 90.0, 16, 16), "depth", there.state)
+                assert len(list(there.capture([*requests[:6], other]))) == 7
+            assert server.statistics.total("vbatch") == (3 if freeze == "batch" else 0)
+            assert not server.world.paused
+    assert len(payloads["batch"]) == 1
+    assert len(payloads["none"]) > 1
+
+
+def test_a_batch_survives_faults():
+    with serve("N2", seed=3, time_step_s=0.0) as server:
+        with omniscv.open_source(server.uri, freeze="batch", timeout_s=1.0, retries=8) as source:
+            server.faults.start("reset@0.01")
+            for _ in range(3):
+                assert not wrong(source, SCENE)
+        assert server.faults.struck["reset"] > 0
+
+
+def test_nothing_is_paused_where_nothing_is_to_be_kept():
+    with serve(time_step_s=0.0) as server, omniscv.open_source(server.uri, freeze="none") as source:
+        with source.at(Instant({"Box": MOVED}, frozenset({"Ball"}), 1.5, "night")) as there:
+            assert there.state == Instant({"Box": MOVED}, frozenset({"Ball"}), 1.5, "night").state
+            assert not server.world.paused
+            (capture,) = there.capture(ahead(there, ("object_mask",)))
+            assert source.objects().colors["Ball"] not in {
+                tuple(color) for color in capture.pixels.reshape(-1, 3).tolist()
+            }
+        assert not wrong(source, SCENE)
+        assert server.statistics.total("vset /action/game") == 0
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_images_of_a_world_that_moves_are_refused_unless_it_is_kept_still(dialect):
+    """The clock advances before every picture, but for a game that is paused."""
+    camera = omniscv.cameras.create("fisheye-equidistant", width=24, height=24, fov_deg=100)
+    instant, later = at_time(0.35), at_time(0.6)
+
+    def depth(source):
+        options = {"modes": ("depth",), "strategy": "faces", "face_size": SIZE}
+        return omniscv.render(camera, Pose.from_angles(CENTER, 20.0), source, **options).depth
+
+    with serve(dialect, time_step_s=0.0317, faults=["torn"]) as server:
+        with omniscv.open_source(server.uri, freeze="none") as source, pytest.raises(TornSetError):
+            depth(source)
+        with omniscv.open_source(server.uri) as source:
+            with source.at(instant) as there:
+                found = depth(there)
+            with source.at(later) as there:
+                assert not np.allclose(found, depth(there), rtol=1e-3)
+    ball = {"solids": [{"sphere": 0.6, "at": instant.poses["Ball"].position.tolist()}]}
+    still = mock_server.Scene("yard", {"objects": {**THINGS, "Ball": ball}})
+    with serve(dialect, still) as server, omniscv.open_source(server.uri) as source:
+        wanted = depth(source)
+    close = np.isclose(found, wanted, rtol=1e-3) | (np.isinf(found) & np.isinf(wanted))
+    assert close.mean() > 0.99  # on an edge a last digit decides
+
+
+def test_a_picture_that_proves_is_another_picture():
+    """Also where it follows what it proves at once, and a camera gives several modes together."""
+    with serve("0.3.10", **RUNNING) as server, omniscv.open_source(server.uri) as source:
+        (first,) = ahead(source)
+        before = server.statistics.counts["vget /camera/0/depth npy"]
+        captures = list(source.capture([first, dataclasses.replace(first, again=True)]))
+        assert len(captures) == 2
+        assert server.statistics.counts["vget /camera/0/depth npy"] >= before + 2
+
+
+@pytest.mark.parametrize("late", [1, 3])
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_captures_right_after_a_move_show_it_also_where_frames_lag(dialect, late):
+    with (
+        serve(dialect, time_step_s=0.0, faults=[f"late-objects={late}"]) as server,
+        omniscv.open_source(server.uri) as source,
+    ):
+        requests = ahead(source)
+        list(source.capture(requests))
+        with source.at(Instant({"Box": MOVED})) as there:
+            (capture,) = there.capture(ahead(there))  # from where the camera was
+            assert agrees(capture, source, placed({"Box": MOVED}))
+        (capture,) = source.capture(requests)
+        assert agrees(capture, source, SCENE)
+
+
+def test_hidden_objects_may_be_left_out_of_an_instant():
+    with serve(time_step_s=0.0) as server, omniscv.open_source(server.uri) as source:
+        instant = Instant({"Box": MOVED}, frozenset({"Pole"}))
+        with source.at(instant) as there:
+            with there.without(["Pole", "Ball"]) as fewer:
+                assert fewer.state == instant.state
+                list(fewer.capture(ahead(fewer)))
+                assert server.world.objects["Ball"].hidden
+            assert not server.world.objects["Ball"].hidden
+            assert server.world.objects["Pole"].hidden
+        assert not server.world.objects["Pole"].hidden
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
+def test_a_game_that_is_started_anew_is_brought_to_the_instant_again(dialect):
+    instant = Instant({"Box": MOVED}, frozenset({"Ball"}), 2.0)
+    rest = {name: THINGS[name] for name in ("Box", "Pole")}
+    fewer = mock_server.Scene("yard", {"objects": rest}).at(0, {"Box": (MOVED.rotation, MOVED.position)})
+    server = serve(dialect, **RUNNING)
+    with omniscv.open_source(server.uri) as source, source.at(instant) as there:
+        list(there.capture(ahead(there)))
+        server.stop()
+        with serve(dialect, port=server.port, **RUNNING) as again:
+            (capture,) = there.capture(ahead(there))
+            assert again.world.paused
+            assert agrees(capture, source, fewer)
+            source.close()
+            assert not again.world.paused
+
+
+def test_what_cannot_be_set_again_in_a_game_that_is_started_anew_is_an_error_and_then_another_state():
+    server = serve(**RUNNING)
+    with omniscv.open_source(server.uri, freeze="pause") as source:
+        source.command("vrun slomo 0.5")
+        requests = ahead(source)
+        list(source.capture(requests))
+        server.stop()
+        with serve(port=server.port, time_step_s=0.5):
+            with pytest.raises(SourceError, match="in which these were changed: commands; got one"):
+                list(source.capture(requests))
+            assert source.state == ""
+            assert len(list(source.capture(ahead(source)))) == 1
+
+
+def test_objects_that_were_read_are_where_they_were_after_a_fault_or_it_is_an_error():
+    server = serve(**RUNNING)
+    with omniscv.open_source(server.uri, freeze="pause", retries=8) as source:
+        there = source.at(Instant({"Ball": MOVED}))
+        requests = ahead(there)
+        server.faults.start("reset@0.05")
+        for _ in range(5):
+            list(there.capture(requests))
+        server.stop()
+        with serve(port=server.port, time_step_s=0.0731):
+            with pytest.raises(SourceError, match="expected objects where they were read"):
+                list(there.capture(requests))
+            assert source.state != requests[0].state
+            there.close()
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize("dialect", DIALECTS[:3])
+def test_batches_are_refused_where_the_dialect_has_none(dialect):
+    with (
+        serve(dialect) as server,
+        pytest.raises(ServerRefusedError, match="expected a server that can answer a batch in one tick, got"),
+    ):
+        omniscv.open_source(server.uri, freeze="batch")
+
+
+def test_a_wrong_word_is_refused():
+    with pytest.raises(ArgumentError, match=r"freeze: expected one of auto, puppet, .*; got 'hard'"):
+        omniscv.open_source("unreal://localhost:1", freeze="hard")
+
+
+def test_an_unknown_object_is_refused_and_the_game_goes_on():
+    with serve(**RUNNING) as server, omniscv.open_source(server.uri) as source:
+        for instant in (Instant({"Chair": MOVED}), Instant(hidden=frozenset({"Chair"}))):
+            with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Chair'"):
+                source.at(instant)
+        assert source.state == ""
+        assert not server.world.paused
+
+
+def test_a_game_that_does_not_stand_still_when_it_is_paused_is_refused():
+    """As where its command to pause does nothing: plugin 0.3.10 cannot report it."""
+
+    def change(command, forward):
+        return "ok" if command == "vset /action/game/pause" else forward(command)
+
+    with (
+        serve("0.3.10", **RUNNING) as server,
+        relayed(server, change) as uri,
+        omniscv.open_source(uri) as source,
+        pytest.raises(ServerRefusedError, match="expected a game that stands still"),
+    ):
+        source.at(at_time(1.0))
+
+
+def test_a_fault_while_an_instant_is_set_leaves_the_game_as_it_was():
+    def change(command, forward):
+        return "error no" if command == "vset /object/Pole/hide" else forward(command)
+
+    with (
+        serve(time_step_s=0.0) as server,
+        relayed(server, change) as uri,
+        omniscv.open_source(uri) as source,
+    ):
+        with pytest.raises(SourceError, match="'vset /object/Pole/hide' with ok, got 'error no'"):
+            source.at(Instant({"Box": MOVED}, frozenset({"Ball", "Pole"})))
+        assert source.state == ""
+        assert not server.world.paused
+        assert not server.world.objects["Ball"].hidden
+        assert not wrong(source, SCENE)
