@@ -183,8 +183,8 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
     """Over TCP, into one recording: the same as from one server alone."""
     requests = [
         request
-        for step in range(12)
-        for request in face_requests(modes=("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
+        for step in range(18)
+        for request in face_requests(32, ("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
     ]
     alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
     with mock_server.serve("four-wall") as first, mock_server.serve("four-wall", latency_ms=30) as second:
