@@ -51,6 +51,7 @@ def parts(scene: mock_server.Scene, size: int) -> dict:
 def client_of(server: mock_server.Server, size: int) -> unrealcv.Client:
     """Return the official client, with a camera."""
     logging.getLogger("unrealcv").setLevel(logging.CRITICAL)
+    unrealcv.print = lambda *_: None  # the module's own name, not the builtin
     client = unrealcv.Client((server.host, server.port))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
