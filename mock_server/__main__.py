@@ -60,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--latency-ms", type=float, help="delay of every reply, ms")
     step = "what the clock of a scene that moves advances in a frame, seconds (default 1/60)"
     add("--time-step", type=float, dest="time_step_s", help=step)
+    add("--paced", action="store_true", help="requests wait for the next of 60 frames a second")
     add("--size", type=_size, help="of images, px (default 640x480)")
     add("--fov", type=float, dest="fov_deg", help="field of view, degrees (default 90)")
     add("--window", type=_size, help="size of the game's window, px (default as --size)")

@@ -50,6 +50,33 @@ class Requests:
             self._waiting -= len(payload) + _OVERHEAD
 
 
+class PacedRequests(Requests):
+    """The requests of a client whose server's frames last as long as an engine's.
+
+    A frame begins when the one before it has lasted ``frame_s``; it answers requests that came at least
+    ``latency_s`` before it began.
+    """
+
+    def __init__(self, frame_s: float, latency_s: float) -> None:
+        super().__init__()
+        self._frame_s, self._latency_s = frame_s, latency_s
+        self._began = time.monotonic()
+        self._first: deque[Request | None] = deque()
+
+    def get(self, timeout_s: float) -> Request | None:
+        """As :meth:`Requests.get`; with a timeout it waits for the next frame first."""
+        if timeout_s:
+            now = time.monotonic()
+            time.sleep(max(0.0, self._began + self._frame_s - now))
+            self._began = max(self._began + self._frame_s, now)
+        if not self._first:
+            self._first.append(super().get(0))
+        first = self._first[0]
+        if first is not None and first[0] + self._latency_s > self._began:
+            raise queue.Empty
+        return self._first.popleft()
+
+
 class Statistics:
     """Counts the commands received, by the starts of their texts; very many different ones by their verbs."""
 

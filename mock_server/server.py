@@ -11,7 +11,7 @@ from typing import Self, Unpack
 
 from mock_server.catalog import load_scene
 from mock_server.dialects import BY_NAME
-from mock_server.engine import Requests, Statistics, replies
+from mock_server.engine import PacedRequests, Requests, Statistics, replies
 from mock_server.faults import Faults
 from mock_server.files import OutputFolder
 from mock_server.protocol import FrameError, read_frame
@@ -32,6 +32,7 @@ class Server:
 
     A frame of the engine ends whenever all requests received are answered, and at the frame rate while there
     are none: clients that wait for each reply see poses lag as with an engine, without its waiting times.
+    Where ``settings.paced``, requests wait for the next frame.
 
     Args:
         scene: a Scene, or the name or YAML path of one.
@@ -150,7 +151,7 @@ class Server:
 
     def _serve(self, connection: socket.socket) -> None:
         """Answer one client until it leaves: this thread answers, another reads."""
-        requests = Requests()
+        requests = self._requests()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
         transport = Transport(connection, self.faults, self._stopping.wait)
         with contextlib.suppress(OSError):
@@ -163,6 +164,10 @@ class Server:
         with contextlib.suppress(OSError):
             connection.shutdown(socket.SHUT_RD)  # wakes the reader, and sends the client nothing yet
         reader.join()
+
+    def _requests(self) -> Requests:
+        given = self.settings
+        return PacedRequests(1 / given.frames_per_s, given.latency_ms / 1e3) if given.paced else Requests()
 
     @staticmethod
     def _read(connection: socket.socket, requests: Requests) -> None:
@@ -182,8 +187,8 @@ def serve(
         scene: a Scene, or the name or YAML path of one.
         port: 0 takes any free port.
         dialect: one of ``DIALECTS``.
-        options: host, depth, platform, latency_ms, size, fov_deg, window, frames_per_s, folder, faults and
-            seed: see :class:`Settings`.
+        options: host, depth, platform, latency_ms, size, fov_deg, window, frames_per_s, paced, folder, faults
+            and seed: see :class:`Settings`.
 
     Raises:
         ValueError: an unknown scene, word or fault, or a number out of its range.

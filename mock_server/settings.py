@@ -40,6 +40,7 @@ class Options(TypedDict, total=False):
     fov_deg: float
     window: tuple[int, int] | None
     frames_per_s: float
+    paced: bool
     time_step_s: float
     folder: Path | None
     faults: Iterable[str]
@@ -62,7 +63,9 @@ class Settings:
         fov_deg: horizontal field of view of new cameras.
         window: width and height of the game's window, from which dialect 0.3.10 takes its masks, px; None
             for ``size``.
-        frames_per_s: the frame rate while no request comes.
+        frames_per_s: the frame rate while no request comes; with ``paced``, the highest.
+        paced: requests wait for the next frame, as with an engine; a frame begins ``1 / frames_per_s`` after
+            the one before, or once all of that is answered. For measurements of throughput.
         time_step_s: what the scene's clock advances in a frame, seconds: a fixed time step.
         folder: where commands that name a file write; None for a temporary one, removed at the end.
         faults: faults to inject, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
@@ -82,6 +85,7 @@ class Settings:
     fov_deg: float = 90.0
     window: tuple[int, int] | None = None
     frames_per_s: float = 60.0
+    paced: bool = False
     time_step_s: float = 1 / 60
     folder: Path | None = None
     faults: Iterable[str] = ()
@@ -101,6 +105,7 @@ class Settings:
                 isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size
             )
             self._expect(key, whole and len(size) == 2, f"(width, height) of 1 to {_MOST_PX} px each,")
+        self._expect("paced", isinstance(self.paced, bool), "true or false,")
         self._expect("host", _is_host(self.host), "an address,")
         self._expect("folder", isinstance(self.folder, Path | None), "a Path or None,")
         self._expect("faults", not isinstance(self.faults, str), "a list of texts,")

@@ -33,9 +33,9 @@ from omniscv.sources.world import World
 
 T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
-_BATCH = 24  # requests that a replica gets at once: as many as a live source has under way
-
-_AHEAD = 4  # batches per replica that are captured ahead of those that are used
+_BATCH = 96  # requests that a replica gets at once: enough for a live source to hide latency
+_BATCH_PX = 1 << 24  # pixels that it gets at once, which wait in memory
+_AHEAD = 2  # batches per replica that are captured ahead of those that are used
 
 _log = logging.getLogger("omniscv")
 
@@ -150,8 +150,11 @@ class SourcePool(Source):
 
     def _batches(self, coming: Iterator[Request]) -> Iterator[list[Request]]:
         """Requests in batches; few requests are distributed evenly, so that every replica has some."""
-        while some := list(islice(coming, _BATCH * max(1, len(self._working)))):
-            size = -(-len(some) // max(1, len(self._working)))
+        while first := next(coming, None):
+            replicas = max(1, len(self._working))
+            most = max(1, min(_BATCH, _BATCH_PX // (first.view.width * first.view.height)))
+            some = [first, *islice(coming, most * replicas - 1)]
+            size = -(-len(some) // replicas)
             yield from (some[start : start + size] for start in range(0, len(some), size))
 
     def close(self) -> None:

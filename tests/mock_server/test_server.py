@@ -31,6 +31,7 @@ from mock_server.protocol import MAGIC, MAX_PAYLOAD
         ({"latency_ms": True}, "latency_ms: expected a number from 0 to 3.6e+06, got True"),
         ({"port": 0.5}, "port: expected a whole number, got 0.5"),
         ({"frames_per_s": 0}, "frames_per_s: expected a number from 0.001 to 1e+06, got 0"),
+        ({"paced": 1}, "paced: expected true or false, got 1"),
         ({"host": ""}, "host: expected an address, got ''"),
         ({"host": " "}, "host: expected an address, got ' '"),
         ({"host": "a\0b"}, r"host: expected an address, got 'a\x00b'"),

@@ -19,10 +19,11 @@ from omniscv.sources.pool import SourcePool
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.registry import open_sources
 
+BATCH_OF_24 = 836  # px of a face; replicas get 2^24 pixels at once
 REQUESTS = [
     request
     for step in range(20)
-    for request in face_requests(size=8, modes=("lit", "depth"), center=(0.1 * step, 0.0, 1.5))
+    for request in face_requests(size=BATCH_OF_24, modes=("lit", "depth"), center=(0.1 * step, 0.0, 1.5))
 ]
 
 
@@ -83,12 +84,12 @@ def test_requests_are_read_a_few_batches_ahead():
         captures = pool.capture(read.append(request) or request for request in REQUESTS)
         assert read == []
         next(captures)
-        assert len(read) <= 8 * 24  # four shares for each game
+        assert len(read) <= 4 * 24  # two shares for each game
         captures.close()
 
 
 def test_a_slow_replica_does_not_delay_the_others():
-    """The first one waits until the second has captured five batches."""
+    """The first one waits until the second has captured three batches."""
     release = threading.Event()
 
     class Slow(Game):
@@ -99,7 +100,7 @@ def test_a_slow_replica_does_not_delay_the_others():
     class Quick(Game):
         def capture(self, requests):
             yield from super().capture(requests)
-            if len(self.made) >= 5 * 24:
+            if len(self.made) >= 3 * 24:
                 release.set()
 
     slow, quick = Slow(), Quick()
@@ -182,8 +183,8 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
     """Over TCP, into one recording: the same as from one server alone."""
     requests = [
         request
-        for step in range(12)
-        for request in face_requests(modes=("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
+        for step in range(18)
+        for request in face_requests(32, ("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
     ]
     alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
     with mock_server.serve("four-wall") as first, mock_server.serve("four-wall", latency_ms=30) as second:

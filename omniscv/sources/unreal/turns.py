@@ -6,7 +6,7 @@ from itertools import accumulate, groupby
 
 from omniscv.sources.base import Request
 
-_BATCH = 24  # requests in flight at once: enough to hide latency, few enough to wait in memory
+_BATCH = 96  # requests of a turn, at least: enough to hide latency, few enough for others to wait for
 _BATCH_PX = 1 << 24  # pixels in flight at once; a larger picture is requested alone
 _TURN_PX = 1 << 27  # pixels of a turn, all of which are held in memory
 
@@ -37,9 +37,10 @@ def turns(
 
 
 def in_flight(requests: Sequence[Request]) -> list[Request]:
-    """Return the first of some requests, as many as are sent together: one at least."""
-    pixels = list(accumulate(map(_pixels, requests[:_BATCH])))
-    return list(requests[: max(1, bisect_right(pixels, _BATCH_PX))])
+    """Return the first of some requests, as many as are sent together: one at least, and equal shares."""
+    pixels = list(accumulate(map(_pixels, requests)))
+    share = pixels[-1] / -(-pixels[-1] // _BATCH_PX)
+    return list(requests[: max(1, bisect_right(pixels, share))])
 
 
 def _pixels(request: Request) -> int:

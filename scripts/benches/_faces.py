@@ -1,0 +1,47 @@
+"""Faces of noise, and the map that an image samples them by."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from omniscv import RenderOptions
+from omniscv.compose.atlas import Atlas
+from omniscv.compose.gutter import FILTER_SUPPORT_PX
+from omniscv.compose.ray_bundle import ImageRays
+from omniscv.compose.samplers import CpuSampler
+from omniscv.geometry import Pose
+from omniscv.planning import CameraRays, Task, rounds
+from omniscv.sources import Capabilities, Capture, ObjectTable, Request, Source, View
+
+
+class Noise(Source):
+    """Faces of noise, made once for each size: they take no time."""
+
+    capabilities = Capabilities()
+
+    def __init__(self) -> None:
+        self._faces: dict[int, np.ndarray] = {}
+
+    def face(self, edge: int) -> np.ndarray:
+        """Return (edge, edge, 3) noise, uint8."""
+        if edge not in self._faces:
+            self._faces[edge] = np.random.default_rng(1).integers(0, 256, (edge, edge, 3), dtype=np.uint8)
+        return self._faces[edge]
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for request in requests:
+            yield Capture(request, request.view, self.face(request.view.width))
+
+    def objects(self) -> ObjectTable:
+        return ObjectTable({})
+
+
+def made_map(
+    rays: CameraRays, image_rays: ImageRays, pose: Pose, face_size: int
+) -> tuple[list[View], Atlas, np.ndarray, np.ndarray]:
+    """Return views, an atlas, and where an image samples its picture: what a renderer keeps for bilinear."""
+    task = Task(rays, pose, Noise.capabilities, RenderOptions("cube", face_size=face_size))
+    views = next(rounds(task)).viewpoints[0].views
+    lookup = CpuSampler(image_rays.whole, pose.R_w_c, views).lookup
+    atlas = Atlas(views, range(1), FILTER_SUPPORT_PX if lookup.margin < FILTER_SUPPORT_PX else 0)
+    return views, atlas, *atlas.coordinates(lookup)

@@ -1,0 +1,69 @@
+"""How long a map takes to make, for a new orientation and for a camera never seen, and what keeping saves.
+
+A map is views, a lookup and coordinates. The goals are 15 ms and 100 ms at 2048 x 1024. A job of four
+fisheyes at six turning poses, pose by pose, is to take at most 1.1 times what it takes camera by camera.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import count
+
+from benches import Figure, Reference, best_ms
+from benches._faces import Noise, made_map
+from omniscv import Renderer, RenderOptions, cameras
+from omniscv.cameras import Camera
+from omniscv.compose.ray_bundle import ImageRays
+from omniscv.geometry import Pose
+from omniscv.planning import CameraRays
+
+FISHEYES = ("fisheye-equidistant", "fisheye-stereographic", "fisheye-equisolid", "fisheye-orthographic")
+POSES = 6
+
+
+def measure(quick: bool) -> Iterator[Figure]:
+    turns, width, edge = (1, 64, 16) if quick else (15, 2048, 512)
+    took = best_ms(maps(width), turns)
+    for (name, ms), goal in zip(took.items(), (15, 100), strict=True):
+        yield Figure(f"map of {width} x {width // 2}", name, "ms", ms, limit=Reference("goal", goal))
+    by_camera, by_pose = best_ms(orders(edge), max(1, turns // 3)).values()
+    title = f"four fisheyes of {edge}^2 at {POSES} turning poses"
+    peer = Reference("camera by camera", by_camera)
+    yield Figure(title, "pose by pose", "ms", by_pose, peer)
+
+
+def maps(width: int) -> dict[str, Callable[[], object]]:
+    """Return what makes maps; each call has an orientation of its own."""
+    turn = count()
+
+    def camera() -> CameraRays:
+        return CameraRays(cameras.create("equirectangular", width=width, height=width // 2))
+
+    def make(rays: CameraRays, image_rays: ImageRays) -> object:
+        return made_map(rays, image_rays, Pose.from_angles((0, 0, 1.5), yaw_deg=0.1 * next(turn)), width // 2)
+
+    def from_nothing() -> object:
+        rays = camera()
+        return make(rays, ImageRays(rays))
+
+    rays = camera()
+    image_rays = ImageRays(rays)
+    return {
+        "new orientation of a known camera": lambda: make(rays, image_rays),
+        "camera never seen": from_nothing,
+    }
+
+
+def orders(edge: int) -> dict[str, Callable[[], object]]:
+    """Return one job in two orders, each time by a new renderer."""
+    source, options = Noise(), RenderOptions("cube", face_size=edge)
+    four = [cameras.create(name, width=edge, height=edge, fov_deg=170) for name in FISHEYES]
+    poses = [Pose.from_angles((0, 0, 1.5), yaw_deg=11.0 * i, pitch_deg=2.0 * i) for i in range(POSES)]
+
+    def work(items: Iterable[tuple[Camera, Pose]]) -> None:
+        renderer = Renderer(source)
+        for camera, pose in items:
+            renderer.render(camera, pose, ("lit",), options)
+
+    return {
+        "camera by camera": lambda: work((camera, pose) for camera in four for pose in poses),
+        "pose by pose": lambda: work((camera, pose) for pose in poses for camera in four),
+    }

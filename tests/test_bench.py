@@ -1,0 +1,64 @@
+"""``scripts/bench``: every bench runs, and its figures have the one form."""
+
+import json
+import math
+import subprocess
+import sys
+
+import pytest
+from support.command_line import ROOT
+
+SCRIPTS = ROOT / "scripts"
+NAMES = sorted(path.stem for path in (SCRIPTS / "benches").glob("[a-z]*.py"))
+
+
+@pytest.fixture
+def benches(monkeypatch):
+    """The package of benches, which lies beside the script."""
+    monkeypatch.syspath_prepend(SCRIPTS)
+    import benches
+
+    return benches
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
+    found = benches.figures(name, quick=True)
+    rows = [(figure.table, figure.name, figure.unit, figure.peer, figure.limit) for figure in found]
+    assert len(set(rows)) == len(rows) > 0
+    for figure in found:
+        assert all(figure.as_dict()[key] for key in ("table", "name", "unit"))
+        assert figure.peer is None or figure.limit is None
+        others = [other.value for other in (figure.peer, figure.limit) if other]
+        assert all(math.isfinite(each) and each > 0 for each in (figure.ours, *others)), figure
+        assert figure.ratio == (figure.ours / others[0] if others else None)
+
+
+def bench(*words):
+    command = [sys.executable, SCRIPTS / "bench", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env={"PYTHONPATH": str(ROOT)})
+
+
+def test_help_lists_every_bench_with_a_line():
+    shown = bench("--help").stdout
+    for name in NAMES:
+        assert any(line.split()[0] == name and len(line.split()) > 3 for line in shown.splitlines() if line)
+
+
+def test_a_table_and_a_file_of_the_benches_that_are_named(tmp_path):
+    done = bench("start", "--quick", "--json", str(tmp_path / "figures.json"))
+    assert done.returncode == 0, done.stderr
+    written = json.loads((tmp_path / "figures.json").read_text())
+    assert list(written["benches"]) == ["start"]
+    assert written["machine"]["cores"] > 0
+    header, *rows = done.stdout.splitlines()[1:][: 1 + len(written["benches"]["start"])]
+    assert header.split()[-5:] == ["unit", "ours", "peer", "limit", "ratio"]
+    for row, figure in zip(rows, written["benches"]["start"], strict=True):
+        assert row.split()[-1] == f"{figure['ratio']:.2f}"
+
+
+def test_an_unknown_bench_is_refused_in_one_line():
+    done = bench("start", "speed")
+    assert done.returncode == 2
+    assert "NAME: expected any of" in done.stderr
+    assert "got 'speed'" in done.stderr
