@@ -85,7 +85,7 @@ def _farthest(images: Any) -> float:
 def _draw_image(axes: Sequence[Axes], caption: str, image: OmniImage, farthest: float) -> None:
     lit, mask, depth = _layers(image)
     outside = ~image.valid
-    for ax, picture in zip(axes, (lit, mask, _colored_depth(depth, farthest)), strict=True):
+    for ax, picture in zip(axes, (lit, mask, colored_depth(depth, farthest)), strict=True):
         shown = picture.copy()
         shown[outside] = tuple(int(_OUTSIDE[i : i + 2], 16) for i in (1, 3, 5))
         ax.imshow(shown, interpolation="lanczos" if ax is axes[0] else "nearest")
@@ -97,7 +97,8 @@ def _draw_image(axes: Sequence[Axes], caption: str, image: OmniImage, farthest: 
         axes[2].set_title(note, loc="right", size=9, color="#5b6472", pad=4)
 
 
-def _colored_depth(depth: NDArray[np.float32], farthest: float) -> NDArray[np.uint8]:
+def colored_depth(depth: NDArray[np.float32], farthest: float) -> NDArray[np.uint8]:
+    """Return (H, W, 3) RGB of depth (H, W): red is near, blue is ``farthest`` metres, white no surface."""
     finite = np.where(np.isfinite(depth), depth, farthest)
     rgba = colormaps["turbo_r"](np.clip(finite / farthest, 0, 1), bytes=True)
     rgb: NDArray[np.uint8] = rgba[..., :3].copy()
@@ -107,7 +108,7 @@ def _colored_depth(depth: NDArray[np.float32], farthest: float) -> NDArray[np.ui
 
 def _draw_depth_bar(figure: Figure, farthest: float, height_in: float) -> None:
     ax = figure.add_axes((0.012, 0.62 / height_in, 0.22, 0.2 / height_in))
-    ax.imshow(_colored_depth(np.linspace(1e-3, farthest, 512, dtype=np.float32)[None], farthest),
+    ax.imshow(colored_depth(np.linspace(1e-3, farthest, 512, dtype=np.float32)[None], farthest),
               aspect="auto", extent=(0, farthest, 0, 1))  # fmt: skip
     ax.set_yticks([])
     ax.tick_params(labelsize=10, colors=_INK)

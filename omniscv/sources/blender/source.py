@@ -80,6 +80,7 @@ class BlenderSource(Source):
         coming = iter(requests)
         while batch := list(islice(coming, _AHEAD)):
             for request in batch:
+                request.check_state(self.state, self._blender.name)
                 _check(request)
             kept: dict[Request, Any] = {}
             for number, request in enumerate(batch):
