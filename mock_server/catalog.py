@@ -5,7 +5,7 @@ from pathlib import Path
 from mock_server import yaml_text
 from mock_server.scene import Scene
 
-_SCENES = Path(__file__).parent / "scenes"
+SCENES = Path(__file__).parent / "scenes"
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -16,7 +16,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """
     path = Path(name_or_path)
     if path.suffix not in (".yaml", ".yml"):
-        path = _SCENES / f"{name_or_path}.yaml"
+        path = SCENES / f"{name_or_path}.yaml"
         if str(name_or_path) not in scene_names():
             known = ", ".join(scene_names())
             raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
@@ -29,4 +29,4 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 def scene_names() -> list[str]:
     """Return the names of the scenes in this package."""
-    return sorted(path.stem for path in _SCENES.glob("*.yaml"))
+    return sorted(path.stem for path in SCENES.glob("*.yaml"))

@@ -2,4 +2,4 @@
 
 from support import blender
 
-collect_ignore = [] if blender.found() else ["test_rendered.py"]
+collect_ignore = [] if blender.found() else ["test_blender_rendered.py"]
