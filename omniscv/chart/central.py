@@ -184,6 +184,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
             )
     axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
+    drawing.label(axes, ways, looks)
     return [drawing.write_rows(rows, out, "chart-central"), *drawing.save(made, out, "chart-central")]
 
 

@@ -26,6 +26,8 @@ COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v")
 
 _WIDTH_IN, _DPI = 8.0, 100
+_POINTS = 72 / _DPI
+"""In a pixel."""
 _TITLE_CHARACTERS = 95
 _REACH = (7, 14, 24)  # points from a dot to its label
 _SIDES = ((1, 0.5), (1, 1), (1, 0), (0, 0.5), (0, 1), (0, 0), (0.5, 1), (0.5, 0))
@@ -99,7 +101,7 @@ def save(made: Figure, out: Path, name: str) -> list[Path]:
 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    """Draw ways on logarithmic axes, shade what others beat, and label the dots."""
+    """Draw ways on logarithmic axes, and shade what others beat."""
     axes.set(xscale="log", yscale="log")
     for series, look in looks.items():
         mine = [dot for dot in ways if dot.series == series]
@@ -112,20 +114,19 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
     for dot in ways:
         if dot.default:
             axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
-    axes.margins(0.12)
+    axes.margins(0.18)
     for axis in (axes.xaxis, axes.yaxis):
         plain(axis)
     axes.grid(True, which="major", color="#d5d9e0", lw=0.5, zorder=0)
     axes.tick_params(labelsize=8, colors=INK)
     _shade(axes, ways)
-    label(axes, [dot for dot in ways if dot.label], ways, looks)
 
 
-def plain(axis: Axis) -> None:
+def plain(axis: Axis, ticks: Sequence[int] = (1, 2, 5)) -> None:
     """Write the ticks of a logarithmic axis as plain numbers: 1, 2, 5, 10, and so on."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_locator(LogLocator(subs=ticks))
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     axis.set_minor_formatter(NullFormatter())
 
@@ -147,24 +148,27 @@ def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
 
 
-def label(axes: Axes, labelled: Sequence[Dot], ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    """Write each dot's label at the side of it where it covers the least of dots, labels and borders."""
+def label(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
+    """Write each dot's label at the side of it where it covers the least of dots, labels and borders.
+
+    To be called when all else is drawn: titles and other panels move the axes.
+    """
     axes.figure.canvas.draw()  # limits and text sizes are known from here on
     to_px = axes.transData.transform
-    taken = [_around(x, y, 4, 4) for x, y in to_px([(dot.x, dot.y) for dot in ways])]
-    for dot in labelled:
+    taken = [_around(x, y, 5, 5) for x, y in to_px([(dot.x, dot.y) for dot in ways])]
+    for dot in (each for each in ways if each.label):
         x, y = to_px((dot.x, dot.y))
         look = looks[dot.series]
         text = axes.annotate(
-            dot.label, (dot.x, dot.y), (0, 0), textcoords="offset pixels", size=8, color=_dark(look.color)
+            dot.label, (dot.x, dot.y), (0, 0), textcoords="offset points", size=8, color=_dark(look.color)
         )
         size = text.get_window_extent()
         tried = [
             (_placed(x, y, size, side, reach), reach)
-            for reach, side in product((0.01 * _DPI * r for r in _REACH), _SIDES)
+            for reach, side in product((r / _POINTS for r in _REACH), _SIDES)
         ]
         box = min(tried, key=lambda each: _cost(each[0], taken, axes.bbox) + each[1])[0]
-        text.set_position((box.x0 - x, box.y0 - y))
+        text.set_position((_POINTS * (box.x0 - x), _POINTS * (box.y0 - y)))
         taken.append(box)
 
 

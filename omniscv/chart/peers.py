@@ -21,7 +21,7 @@ from omniscv.geometry import R_LEVEL, cube_rotations
 Image = NDArray[np.uint8]
 Peer = Callable[[], Image]
 
-PAPER = "paper's algorithm"
+PAPER = "the paper's algorithm"
 
 
 def peers(faces: Mapping[str, Image], camera: Camera) -> dict[str, Peer]:

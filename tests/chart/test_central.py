@@ -19,13 +19,13 @@ def test_ours_and_the_peers_are_measured(rows):
     ours = {(row.name, row.face_size) for row in rows if row.ours and row.map == "kept"}
     assert ours == {(filter, size) for filter in central.FILTERS for size in (8, 16, 32)}
     peers = {row.name for row in rows if not row.ours}
-    assert peers == {"paper's algorithm", "py360convert", "ffmpeg v360", "cv2.remap, map ready"}
+    assert peers == {"the paper's algorithm", "py360convert", "ffmpeg v360", "cv2.remap, map ready"}
     assert [row.face_size for row in rows if row.default] == [16, 16]  # its map kept, and new
 
 
 def test_the_papers_algorithm_is_our_nearest_filter(rows):
     """The same faces and rays, computed apart: the same error."""
-    (paper,) = (row for row in rows if row.name == "paper's algorithm")
+    (paper,) = (row for row in rows if row.name == "the paper's algorithm")
     (nearest,) = (row for row in rows if (row.name, row.face_size) == ("nearest", 16))
     assert nearest.rms == pytest.approx(paper.rms, rel=1e-3)  # rays on the border between two pixels
 

@@ -29,7 +29,9 @@ def test_labels_do_not_overlap_where_there_is_room():
         for twin in (0, 1)
     ]
     _, (axes,) = drawing.figure(1, 4.0, "Of labels")
-    drawing.dots(axes, ways, {"a": Look("#0072b2", "o", "")})
+    looks = {"a": Look("#0072b2", "o", "")}
+    drawing.dots(axes, ways, looks)
+    drawing.label(axes, ways, looks)
     boxes = [text.get_window_extent() for text in axes.texts]
     assert len(boxes) == len(ways)
     assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
