@@ -1,10 +1,11 @@
 """SIGINT, SIGTERM and SIGHUP unwind a command, so that its files are whole and its games stop."""
 
+import atexit
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Any
 
@@ -33,6 +34,11 @@ def _end(number: int, _: FrameType | None) -> None:
     os._exit(128 + (_received or [number])[0])
 
 
+def _ignore(numbers: Sequence[int]) -> None:
+    for number in numbers:
+        signal.signal(number, signal.SIG_IGN)
+
+
 def unwound(command: Callable[[], int]) -> int:
     """Run a command and return its exit code: 128 + the signal's number where a signal stopped it.
 
@@ -54,6 +60,7 @@ def unwound(command: Callable[[], int]) -> int:
         numbers.append(signal.SIGHUP)
     for number in numbers:
         signal.signal(number, stop)
+    atexit.register(_ignore, numbers)  # Python's own end brings the default back, which kills
     sys.unraisablehook = _unraisable
     try:
         code = command()
