@@ -8,6 +8,7 @@ import numpy as np
 from omniscv.diagnostics.finding import Finding
 from omniscv.diagnostics.raw_camera import RawCamera
 from omniscv.errors import ServerRefusedError
+from omniscv.geometry import Pose
 from omniscv.sources.unreal.clock import clock_of
 from omniscv.sources.unreal.commands import VERSION
 from omniscv.sources.unreal.connection import Connection
@@ -93,16 +94,13 @@ class MovingWorld:
     def _moving(self) -> list[str]:
         """Return the names of objects that move while some ticks go by."""
         names = self._placing.names()
-        before = self._placing.poses(names)
-        for _ in range(_TICKS):
-            self._connection.text(VERSION)
-        after = self._placing.poses(names)
-        return [
-            name
-            for name in names
-            if (before[name].position != after[name].position).any()
-            or (before[name].rotation != after[name].rotation).any()
-        ]
+        seen = [self._placing.poses(names)]
+        for ticks in (_TICKS, 1):  # an object that swings may be back where it was, but not twice
+            for _ in range(ticks):
+                self._connection.text(VERSION)
+            seen.append(self._placing.poses(names))
+        first, *later = seen
+        return [name for name in names if any(_differ(first[name], each[name]) for each in later)]
 
     def _largest(self) -> str | None:
         """Return the object that has the most pixels in sight straight ahead; None for none."""
@@ -123,6 +121,10 @@ class MovingWorld:
             yield
         finally:
             self._clock.set(was)
+
+
+def _differ(one: Pose, other: Pose) -> bool:
+    return bool((one.position != other.position).any() or (one.rotation != other.rotation).any())
 
 
 def _text(location_cm: np.ndarray) -> str:
