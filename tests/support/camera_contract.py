@@ -132,6 +132,11 @@ def check_points(camera):
     never_wrong(camera, np.array(list(itertools.product(special, repeat=3))))
 
 
+def length(vectors):
+    """(...) of (..., 3) vectors as long as 1e250: squares of 1e155 leave float64."""
+    return np.linalg.norm(vectors / 1e100, axis=-1) * 1e100
+
+
 def never_wrong(camera, points, tolerance=ANGLE_TOLERANCE, at_the_border=0.0):
     """Each point (N, 3) is invalid, or the answer's ray points to it: to ``tolerance`` and what 1e-7 px turn
     the ray and move its origin.
@@ -144,16 +149,16 @@ def never_wrong(camera, points, tolerance=ANGLE_TOLERANCE, at_the_border=0.0):
     rays = camera.unproject(pixels[valid])
     assert rays.valid.all()
     offset = points[valid] - rays.origins
-    distance = np.linalg.norm(offset / 1e100, axis=1) * 1e100  # squares of 1e150 may not leave float64
+    distance = length(offset)
     # A point next to a cone's tip is off by the last digits of its pixel, in metres, whatever the angle.
-    away = distance > 1e-12 * np.linalg.norm(rays.origins, axis=1)
+    away = distance > 1e-12 * length(rays.origins)
     offset, directions = offset[away], rays.directions[away]
     offset /= np.abs(offset).max(axis=1, keepdims=True)
     offset /= np.linalg.norm(offset, axis=1, keepdims=True)
     assert ((offset * directions).sum(axis=1) > 0).all()
     angle = np.linalg.norm(np.cross(offset, directions), axis=1)
     moved, turned = change_of_a_hair(camera, pixels[valid][away], at_the_border)
-    rounding = (moved + 1e-12 * np.linalg.norm(rays.origins[away], axis=1)) / distance[away]
+    rounding = (moved + 1e-12 * length(rays.origins[away])) / distance[away]
     assert (angle <= tolerance + turned + rounding).all()
 
 
@@ -163,7 +168,7 @@ def change_of_a_hair(camera, pixels, at_the_border):
     aside = np.multiply.outer(HAIR_PX * HAIR_PARTS, [[-1, 0], [1, 0], [0, -1], [0, 1]]).reshape(-1, 1, 2)
     own, beside = camera.unproject(pixels), camera.unproject(pixels + aside)
     turned = np.linalg.norm(beside.directions - own.directions, axis=-1)
-    moved = np.linalg.norm(beside.origins - own.origins, axis=-1)
+    moved = length(beside.origins - own.origins)
     turned = np.where(np.isnan(turned), at_the_border, turned)
     return np.nan_to_num(moved).max(axis=0), turned.max(axis=0)
 
