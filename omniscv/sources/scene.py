@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -37,6 +38,15 @@ _START = Instant()
 _NEAR = 1e-3
 """Metres in front of a camera from which on boxes are projected."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
+
+
+@dataclass
+class _Traced:
+    """A view: its pixels by mode, which of all (H, W) they are (None: all), and what colours come from."""
+
+    pixels: dict[str, NDArray[Any]]
+    where: NDArray[np.bool_] | None
+    hits: Hits | None
 
 
 class SceneSource(Source):
@@ -108,10 +118,7 @@ class SceneSource(Source):
             if request.mode not in _CAPABILITIES.modes:
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
-            pixels, where = self._traced(request.view)
-            image = (
-                pixels[request.mode] if request.mode in pixels else self._lit_of(self._hits(request.view)[0])
-            )
+            image, where = self._pixels(request)
             if where is not None:
                 image = _spread(image, where, self._beyond[request.mode])
             yield Capture(request, request.view, image, provenance)
@@ -157,21 +164,26 @@ class SceneSource(Source):
         if self._closed:
             raise closed_error(f"scene {self.scene.name}")
 
-    def _trace(self, view: View) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_] | None]:
-        """By mode, the pixels (H, W, ...) of a view; where objects are hidden, only those (N, ...) that may
-        show another, without colours, which are hardly ever wanted then, and which these are."""
+    def _pixels(self, request: Request) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+        """A mode's pixels (H, W, ...); where objects are hidden, only those (N, ...) that may show another,
+        and which these are. Colours cost as much as all else: they are computed where they are wanted.
+        """
+        traced = self._traced(request.view)
+        hits, traced.hits = traced.hits, None  # five times the pixels' bytes: not kept beyond the first use
+        if request.mode not in traced.pixels:
+            traced.pixels["lit"] = _frozen(self._lit_of(hits or self._hits(request.view)[0]))
+        return traced.pixels[request.mode], traced.where
+
+    def _trace(self, view: View) -> _Traced:
+        """A view in all modes but colour."""
         hits, lengths, where = self._hits(view)
         self.made += 1
-        pixels: dict[str, NDArray[Any]] = {
-            "object_mask": self._shown[hits.label],
-            "depth": (hits.distance / lengths).astype(np.float32),
-            "normals": hits.normal.astype(np.float32),
+        pixels = {
+            "object_mask": _frozen(self._shown[hits.label]),
+            "depth": _frozen((hits.distance / lengths).astype(np.float32)),
+            "normals": _frozen(hits.normal.astype(np.float32)),
         }
-        if not self._hidden:
-            pixels["lit"] = self._lit_of(hits)
-        for array in pixels.values():
-            array.flags.writeable = False
-        return pixels, where
+        return _Traced(pixels, where, hits)
 
     def _hits(self, view: View) -> tuple[Hits, NDArray[np.float64], NDArray[np.bool_] | None]:
         """What the pixels' rays hit, the rays' lengths per metre of depth, and (H, W) which pixels these are;
@@ -206,6 +218,11 @@ class SceneSource(Source):
         """The corners (8, 3) of the boxes of objects that are not hidden."""
         names = set(self.scene.objects) - self._hidden
         return [ObjectBox.of(*self.scene.box(name), "scene").corners_w() for name in names]
+
+
+def _frozen(pixels: NDArray[Any]) -> NDArray[Any]:
+    pixels.flags.writeable = False
+    return pixels
 
 
 def _around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
