@@ -138,12 +138,13 @@ class Server:
                     opened.callback(self.unix_path.unlink, missing_ok=True)
 
     def _unix_listener(self) -> socket.socket:
-        if self.unix_path.is_socket():
-            self.unix_path.unlink()
+        bound = self.unix_path.with_suffix(".bound")
+        bound.unlink(missing_ok=True)
         listener = socket.socket(socket.AF_UNIX)
         try:
-            listener.bind(str(self.unix_path))
+            listener.bind(str(bound))
             listener.listen(_BACKLOG)
+            bound.replace(self.unix_path)  # who sees it can connect
         except OSError as cause:
             listener.close()
             raise OSError(f"{self.unix_path}: {cause.strerror}") from cause

@@ -26,7 +26,7 @@ SMALL = {
         "noncentral-spherical-mirror", width=80, height=80, mirror_radius=0.3, distance=0.3, fov_deg=280
     ),
     "noncentral-conical-mirror": create(
-        "noncentral-conical-mirror", width=80, height=80, half_angle_deg=55.0, distance=0.3
+        "noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3
     ),
 }
 MOVING = {
@@ -82,12 +82,12 @@ CASES = [
     ("noncentral-panorama", "fence", WAYS[2]),
     ("noncentral-spherical-mirror", "open", WAYS[0]),
     ("noncentral-spherical-mirror", "four-wall", WAYS[1]),
-    ("noncentral-conical-mirror", "open", WAYS[1]),
+    ("noncentral-conical-mirror", "fence", WAYS[1]),
     ("noncentral-conical-mirror", "four-wall", WAYS[2]),
     ("ods", "fence", WAYS[0]),
     ("rolling-shutter", "fence", WAYS[0]),
     ("rolling-shutter", "four-wall", WAYS[1]),
-    ("push-broom", "open", WAYS[1]),
+    ("push-broom", "fence", WAYS[1]),
     ("push-broom", "four-wall", WAYS[2]),
     ("orthographic", "four-wall", WAYS[0]),
 ]

@@ -26,6 +26,13 @@ CAMERAS = {
     "ball": (create("noncentral-spherical-mirror", **SQUARE, mirror_radius=0.5), 90.0),
 }
 
+DEAR = {("cone", "strips"), ("ball", "adaptive")}
+WAYS = [
+    pytest.param(name, strategy, marks=[pytest.mark.soak] * ((name, strategy) in DEAR))
+    for name in CAMERAS
+    for strategy in ("strips", "adaptive")
+]
+
 
 def edges():
     """Each edge: points on it, world frame, without its ends."""
@@ -39,8 +46,7 @@ def edges():
             yield points
 
 
-@pytest.mark.parametrize("strategy", ["strips", "adaptive"])
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(("name", "strategy"), WAYS)
 def test_label_boundaries_are_where_edges_project(name, strategy):
     """More than a pixel off a silhouette on either side, labels are what the exact ray there says."""
     camera, pitch = CAMERAS[name]

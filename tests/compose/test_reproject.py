@@ -41,7 +41,11 @@ def right(image, truth):
 
 @pytest.mark.parametrize(
     ("name", "room"),
-    [("panorama", "six-wall"), ("ball", "four-wall"), ("cone", "six-wall")],
+    [
+        ("panorama", "six-wall"),
+        pytest.param("ball", "four-wall", marks=pytest.mark.soak),
+        ("cone", "six-wall"),
+    ],
 )
 def test_few_centres_serve_as_well(name, room):
     """A twentieth of the paper's views for a panorama, an eighth for these small mirrors, and no hole."""

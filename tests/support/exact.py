@@ -29,9 +29,10 @@ _ALIKE = {
 """To composition, which knows nothing of models but their rays, others stand for these."""
 
 
-def by_rays(names):
-    """Parameters of a test for every model: those whose rays are like another one's only with ``--soak``."""
-    return [pytest.param(name, marks=[pytest.mark.soak] * (name in _ALIKE)) for name in names]
+def by_rays(names, dear=()):
+    """Parameters of a test for every model: those whose rays are like another one's, and those that are dear,
+    only with ``--soak``."""
+    return [pytest.param(name, marks=[pytest.mark.soak] * (name in {*_ALIKE, *dear})) for name in names]
 
 
 def float_source(scene, capabilities=None):
