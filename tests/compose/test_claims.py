@@ -87,7 +87,7 @@ CASES = [
     ("ods", "fence", WAYS[0]),
     ("rolling-shutter", "fence", WAYS[0]),
     ("rolling-shutter", "four-wall", WAYS[1]),
-    ("push-broom", "fence", WAYS[1]),
+    ("push-broom", "four-wall", WAYS[1]),
     ("push-broom", "four-wall", WAYS[2]),
     ("orthographic", "four-wall", WAYS[0]),
 ]

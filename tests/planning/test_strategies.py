@@ -131,7 +131,7 @@ def test_strips_of_the_papers_panorama():
 )
 def test_strips_show_what_cubes_show(name):
     """Within the filter's error: both against exact tracing of the pixels' own rays."""
-    camera = cameras_at(64)[name]
+    camera = CAMERAS[name]
     truth, errors = traced(ROOM, camera, LEVEL), {}
     for strategy in ("cube", "strips"):
         image = omniscv.render(
