@@ -91,14 +91,19 @@ class Job:
         return (self.source,) if isinstance(self.source, str) else self.source
 
     def open_live(self) -> Source:
-        """Open the job's source as it is, without its recording. The caller closes it.
+        """Open the job's source as it is, without its recording. The caller closes it."""
+        return open_sources(self.sources, **self.live_options)
+
+    @property
+    def live_options(self) -> SourceOptions:
+        """The options that the job's source is opened with.
 
         A game in which nothing is set is paused where it is, and what moves in it is read.
         """
         options = self.source_options
         if options.get("freeze") in ("auto", "puppet") and not self.moves:
-            options = {**options, "freeze": "pause"}
-        return open_sources(self.sources, **options)
+            return {**options, "freeze": "pause"}
+        return options
 
     def open(self, live: Source | None = None) -> Source:
         """Open the job's source, recorded where the job has a file for it. The caller closes it.
