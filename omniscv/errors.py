@@ -1,4 +1,4 @@
-"""The family of errors: arguments, sources, recordings, storage, datasets."""
+"""The family of errors: arguments, sources, recordings, storage, clusters, datasets."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -78,6 +78,10 @@ class StorageError(OmniscvError):
 
 class MissingFileError(StorageError):
     """There is no file of that name."""
+
+
+class ClusterError(OmniscvError):
+    """A cluster cannot be reached, has lost its scheduler, or cannot do a part of the work."""
 
 
 class DatasetError(OmniscvError):

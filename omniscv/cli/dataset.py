@@ -25,18 +25,31 @@ def make(
     shard: Annotated[
         str | None, Option(help="I/N: only this part of the frames, I from 0; finish with --resume.")
     ] = None,
+    cluster: Annotated[
+        str | None,
+        Option(help="By workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."),
+    ] = None,
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
     freeze: Annotated[str | None, Option(help="As for render.")] = None,
 ) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
-    The same job gives the same bytes, whatever the workers, shards and interruptions.
+    The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
+    clusters go on with a dataset that is there; see docs/scale.md.
     """
     from omniscv import jobs
 
     wanted = jobs.load(job)
     wanted = replace(wanted, source_options={**wanted.source_options, **options.frozen(freeze)})
+    if cluster is not None and (shard is not None or workers != 1):
+        raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
     with console.progress_bar("frames") as progress:
+        if cluster is not None:
+            from omniscv.cluster import make, place
+
+            made = make(wanted, place(cluster), progress=progress, warn=console.error, note=console.line)
+            console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
+            return
         made = jobs.make(
             wanted,
             resume=resume,
