@@ -222,6 +222,9 @@ def _opener(scheme: str, address: str) -> Opener:
                 wanted = f"expected the entry point {entry.value!r} to be importable"
                 raise SourceError(f"{address}: {wanted}, got: {cause}") from cause
     if found is None:
-        forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in schemes())
-        raise ArgumentError(f"source: expected {forms} or the path of a recording; got {shown(address)}")
+        others = (each for each in schemes() if each not in storage.SCHEMES)
+        forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in others)
+        raise ArgumentError(
+            f"source: expected {forms} or the path or URL of a recording; got {shown(address)}"
+        )
     return resolve_name(found) if isinstance(found, str) else found
