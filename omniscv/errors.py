@@ -1,4 +1,4 @@
-"""The family of errors: arguments, sources, recordings, datasets."""
+"""The family of errors: arguments, sources, recordings, storage, clusters, datasets."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -70,6 +70,18 @@ class MissingCaptureError(RecordingError):
     """The recording does not hold the capture; the message describes it and the nearest one."""
 
     longest = 2 * LONGEST_LINE
+
+
+class StorageError(OmniscvError):
+    """A file of a folder or an object store cannot be read or written."""
+
+
+class MissingFileError(StorageError):
+    """There is no file of that name."""
+
+
+class ClusterError(OmniscvError):
+    """A cluster cannot be reached, has lost its scheduler, or cannot do a part of the work."""
 
 
 class DatasetError(OmniscvError):

@@ -13,7 +13,8 @@ from omniscv.errors import ArgumentError
 _HELP = "Images with all their truth, as files that other programs read."
 app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=False)
 
-Dataset = Annotated[Path, Argument(metavar="DIR", help="A dataset.")]
+# Texts: as a path, a URL would lose a slash.
+Dataset = Annotated[str, Argument(metavar="DIR", help="A dataset, by path or URL.")]
 Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
 Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
 
@@ -25,18 +26,31 @@ def make(
     shard: Annotated[
         str | None, Option(help="I/N: only this part of the frames, I from 0; finish with --resume.")
     ] = None,
+    cluster: Annotated[
+        str | None,
+        Option(help="By workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."),
+    ] = None,
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
     freeze: Annotated[str | None, Option(help="As for render.")] = None,
 ) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
-    The same job gives the same bytes, whatever the workers, shards and interruptions.
+    The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
+    clusters go on with a dataset that is there; see docs/scale.md.
     """
     from omniscv import jobs
 
     wanted = jobs.load(job)
     wanted = replace(wanted, source_options={**wanted.source_options, **options.frozen(freeze)})
+    if cluster is not None and (shard is not None or workers != 1):
+        raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
     with console.progress_bar("frames") as progress:
+        if cluster is not None:
+            from omniscv.cluster import make, place
+
+            made = make(wanted, place(cluster), progress=progress, warn=console.error, note=console.line)
+            console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
+            return
         made = jobs.make(
             wanted,
             resume=resume,
@@ -53,7 +67,9 @@ def make(
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
-    out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    out: Annotated[
+        str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
+    ] = None,
     camera: Cameras = None,
     given: Given = None,
 ) -> None:
@@ -72,12 +88,13 @@ def check(
 ) -> None:
     """Check a dataset against its manifest: one line for each fault. Exit code 1 if there is any."""
     from omniscv.dataset import check, open
+    from omniscv.storage import without_secrets
 
     faults = check(folder, deep=deep, format=format)
     for fault in faults:
         console.line(fault)
     if not faults:
-        console.line(f"{folder}: {len(open(folder))} frames, no faults")
+        console.line(f"{without_secrets(folder)}: {len(open(folder))} frames, no faults")
     raise Exit(1 if faults else 0)
 
 
@@ -116,7 +133,9 @@ def classes(
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
-    out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    out: Annotated[
+        str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
+    ] = None,
     camera: Cameras = None,
     given: Given = None,
 ) -> None:
@@ -129,7 +148,7 @@ def pack(
 @app.command(epilog="Example: omniscv dataset video dataset --camera panorama --out panorama.mp4 --rate 10")
 def video(
     folder: Dataset,
-    out: Annotated[Path, Option(help="The MP4 file.")],
+    out: Annotated[str, Option(help="The MP4 file, by path or URL.")],
     camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
     rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
     quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
@@ -138,13 +157,15 @@ def video(
     from omniscv.arguments import one_of
     from omniscv.dataset import open
     from omniscv.dataset.video import write_video
+    from omniscv.storage import without_secrets
 
     every = open(folder)
     if camera is not None:
         one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
     frames = [frame for frame in every if camera in (None, frame.camera_name)]
     with console.progress_bar("frames") as progress:
-        console.line(write_video(frames, out, rate=rate, quality=quality, progress=progress))
+        written = write_video(frames, out, rate=rate, quality=quality, progress=progress)
+        console.line(without_secrets(written))
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -18,11 +18,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from omniscv import storage
 from omniscv.arguments import optional_number, shown, text, whole_number
 from omniscv.cameras import Camera, from_dict
-from omniscv.compose.files import versions, whole_file, write_json
-from omniscv.errors import ArgumentError, DatasetError
+from omniscv.compose.files import versions
+from omniscv.errors import ArgumentError, DatasetError, StorageError
 from omniscv.geometry import Pose
+from omniscv.storage import Folder
 from omniscv.truth.classes import ClassRules, ClassTable
 
 DATASET, FRAMES = "dataset.json", "frames.jsonl"
@@ -215,61 +217,70 @@ class Manifest:
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
 
-def read(out: Path) -> Manifest:
+def read(out: str | Path | Folder) -> Manifest:
     """Return what ``dataset.json`` holds.
 
     Raises:
         ArgumentError: no dataset is there.
         DatasetError: the file is damaged, or missing beside frames.
     """
-    path = out / DATASET
-    if not path.is_file() and not (out / FRAMES).is_file():
-        raise ArgumentError(f"{out}: expected the folder of a dataset, got none: it has no {DATASET}")
-    with _damage(path):
-        return Manifest.from_dict(json.loads(path.read_bytes()))
+    folder = storage.folder(out)
+    if not folder.exists(DATASET) and not folder.exists(FRAMES):
+        raise ArgumentError(f"{folder}: expected the folder of a dataset, got none: it has no {DATASET}")
+    with _damage(f"{folder}/{DATASET}"):
+        return Manifest.from_dict(json.loads(folder.read(DATASET)))
 
 
-def write(out: Path, manifest: Manifest) -> None:
-    """Write ``dataset.json``, whole or not at all.
+def write(out: Folder, manifest: Manifest, first: bool = False) -> bool:
+    """Write ``dataset.json``, whole or not at all; with ``first``, only where there is none.
+
+    Returns:
+        Whether it was written.
 
     Raises:
         UnmatchedNamesError: no rule of the classes matches some names.
     """
-    write_json(out / DATASET, manifest.to_dict())
+    text = json.dumps(manifest.to_dict(), indent=2, allow_nan=False)
+    return out.put(DATASET, f"{text}\n".encode(), first)
 
 
-def read_frames(out: Path) -> list[FrameEntry]:
+def read_frames(out: str | Path | Folder) -> list[FrameEntry]:
     """Return the lines of ``frames.jsonl``, in their order.
 
     Raises:
         DatasetError: the file is damaged, or missing: the dataset is not complete.
     """
-    path = out / FRAMES
-    if not path.is_file():
+    folder = storage.folder(out)
+    if not folder.exists(FRAMES):
         advice = "finish it by 'omniscv dataset make JOB --resume'"
-        raise DatasetError(f"{out}: expected a complete dataset, got no {FRAMES} in it; {advice}")
-    with _damage(path):
-        lines = path.read_bytes().decode("utf-8").splitlines()
+        raise DatasetError(f"{folder}: expected a complete dataset, got no {FRAMES} in it; {advice}")
+    with _damage(f"{folder}/{FRAMES}"):
+        lines = folder.read(FRAMES).decode("utf-8").splitlines()
         return [FrameEntry.from_dict(json.loads(line)) for line in lines]
 
 
-def write_frames(out: Path, frames: Iterable[FrameEntry]) -> None:
+def write_frames(out: str | Path | Folder, frames: Iterable[FrameEntry]) -> None:
     """Write ``frames.jsonl`` in the order of keys, whole or not at all."""
     lines = [json.dumps(each.to_dict(), allow_nan=False) for each in sorted(frames, key=lambda f: f.key)]
-    with whole_file(out / FRAMES) as part:
-        part.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    storage.folder(out).put(FRAMES, "".join(f"{line}\n" for line in lines).encode())
 
 
 def read_entry(path: Path) -> FrameEntry:
-    """Return the frame that its ``STEM.json`` describes, that file among its files.
+    """Return the frame that its ``STEM.json`` describes, as :func:`entry_of`."""
+    with _damage(path):
+        return entry_of(path.name, path.read_bytes())
+
+
+def entry_of(name: str, content: bytes) -> FrameEntry:
+    """Return the frame that a ``STEM.json`` of some bytes describes, that file among its files.
 
     Raises:
         DatasetError: the file is no such description.
     """
-    with _damage(path):
-        data = json.loads(path.read_bytes())
-        entry = FrameEntry.from_dict(data["frame"])
-        return replace(entry, files={**entry.files, IMAGE: FileEntry.of(path)})
+    with _damage(name):
+        entry = FrameEntry.from_dict(json.loads(content)["frame"])
+        own = FileEntry(name, len(content), hashlib.sha256(content).hexdigest())
+        return replace(entry, files={**entry.files, IMAGE: own})
 
 
 @contextmanager
@@ -295,9 +306,11 @@ def checksum(path: Path) -> str:
 
 
 @contextmanager
-def _damage(path: Path) -> Iterator[None]:
+def _damage(path: Path | str) -> Iterator[None]:
     """Raise what is wrong with a file as a DatasetError that names it."""
     try:
         yield
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as cause:
+    except (
+        OSError, StorageError, ValueError, TypeError, KeyError, AttributeError, RecursionError
+    ) as cause:  # fmt: skip
         raise DatasetError(f"{path}: expected a file of a dataset, got: {cause}") from cause

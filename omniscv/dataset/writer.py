@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -12,17 +13,19 @@ from typing import Any, Self
 
 import numpy as np
 
+from omniscv import storage
 from omniscv.arguments import number, shown
 from omniscv.cameras import Camera
 from omniscv.compose.files import OBJECTS, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
-from omniscv.dataset import manifest, photo_sphere
+from omniscv.dataset import manifest, photo_sphere, stored
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import MOST_IDS, FileEntry, FrameEntry, Manifest, check_key
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.parallel import side_by_side
+from omniscv.storage import Folder
 from omniscv.truth.classes import ClassRules
 
 
@@ -66,7 +69,7 @@ class Writer:
     killed leaves whole files; what it had added is taken up with ``resume``.
 
     Args:
-        out: the folder; made if it is not there.
+        out: the folder, by path or URL; made if it is not there.
         classes: path or content of a ``classes.yaml``, or :class:`omniscv.truth.classes.ClassRules`; those of
             a dataset that is resumed if not given.
         resume: go on with a dataset that is there.
@@ -98,32 +101,36 @@ class Writer:
         if self._media["xmp"] and image_format not in photo_sphere.SUFFIXES:
             suffixes = " or ".join(photo_sphere.SUFFIXES)
             raise ArgumentError(f"media.xmp: expected image_format {suffixes}, got {image_format}")
-        self.out, self._image_format, self._closed = Path(out), image_format, closed
+        self._folder, self._image_format, self._closed = storage.folder(out), image_format, closed
         self._lock = Lock()
         wanted = begun or Manifest()
         if classes is not None:
             wanted = replace(wanted, rules=class_rules(classes))
         self._entries: dict[str, FrameEntry] = {}
         self._written: set[str] = set()
-        self.out.mkdir(parents=True, exist_ok=True)
-        with manifest.locked(self.out):
+        if self._folder.local is not None:
+            self._folder.local.mkdir(parents=True, exist_ok=True)
+        with stored.alone(self._folder):
             self.manifest = self._begun(wanted, resume)
-        self.take_up()
 
     def _begun(self, wanted: Manifest, resume: bool) -> Manifest:
-        """The manifest, on disk: that of the dataset that is there, with what is wanted of it."""
-        there = any((self.out / name).exists() for name in (manifest.DATASET, manifest.FRAMES))
-        if (there and not resume) or (self.out / OBJECTS).exists():
-            got = "a dataset; resume it, or" if there else "images of 'render';"
-            raise ArgumentError(f"{self.out}: expected a new folder, got {got} write elsewhere")
-        had = manifest.read(self.out) if there else None
-        found = wanted if had is None else _resumed(had, wanted, self.out)
-        if had is None or had.to_dict() != found.to_dict():
-            manifest.write(self.out, found)
+        """The manifest, written: that of the dataset that is there, with what is wanted of it."""
+        if not resume:
+            check_new(self._folder)
+        elif self._folder.exists(OBJECTS):
+            raise _taken(self._folder, "images of 'render';")
+        if not is_there(self._folder) and manifest.write(self._folder, wanted, first=True):
+            return wanted
+        had = manifest.read(self._folder)
+        found = _resumed(had, wanted, self._folder)
+        if had.to_dict() != found.to_dict():
+            manifest.write(self._folder, found)
         return found
 
     def has(self, shot: Shot) -> bool:
         """Return whether a frame is there, whole, as it was written."""
+        if shot.key not in self._entries:
+            self.take_up([shot.key])
         entry = self._entries.get(shot.key)
         return entry is not None and entry.to_dict() == _entry(shot, entry.files).to_dict()
 
@@ -197,24 +204,33 @@ class Writer:
             if shot.key in self._written:
                 raise ArgumentError(f"key: expected one that no other frame has, got {shown(shot.key)} again")
             self._written.add(shot.key)
-        files = write_layers(image.layers, self.out, shot.key, self._image_format)
-        if self._media["xmp"] and "lit" in files and photo_sphere.refuses(shot.camera) is None:
-            photo_sphere.tag(files["lit"], shot.camera, shot.pose, self._media["north"])
-        for kind, record in records.items():
-            # Not indented: curves are long lists.
-            files[kind] = write_json(self.out / f"{shot.key}.{kind}.json", record, indent=None)
-        entries = {kind: FileEntry.of(path) for kind, path in files.items()}
-        said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
-        path = write_json(self.out / f"{shot.key}.json", said)
+        with stored.workplace(self._folder) as place:
+            files = write_layers(image.layers, place, shot.key, self._image_format)
+            if self._media["xmp"] and "lit" in files and photo_sphere.refuses(shot.camera) is None:
+                photo_sphere.tag(files["lit"], shot.camera, shot.pose, self._media["north"])
+            for kind, record in records.items():
+                # Not indented: curves are long lists.
+                files[kind] = write_json(place / f"{shot.key}.{kind}.json", record, indent=None)
+            entries = {kind: FileEntry.of(path) for kind, path in files.items()}
+            said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
+            path = write_json(place / f"{shot.key}.json", said)
+            stored.put(self._folder, (*files.values(), path))
+            entry = manifest.read_entry(path)
         with self._lock:
-            self._entries[shot.key] = manifest.read_entry(path)
+            self._entries[shot.key] = entry
         return True
 
+    def entries(self, shots: Iterable[Shot]) -> list[FrameEntry]:
+        """Return what the dataset holds of frames that it has."""
+        return [self._entries[shot.key] for shot in shots]
+
     def finish(self) -> list[FrameEntry]:
-        """Write ``frames.jsonl``, and return its lines in the order of keys."""
+        """Write ``frames.jsonl`` of all frames that are there, and return its lines in the order of keys."""
+        names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
+        self.take_up([key for key in names if "." not in key and "/" not in key])
         entries = [self._entries[key] for key in sorted(self._entries)]
-        with manifest.locked(self.out):
-            manifest.write_frames(self.out, entries)
+        with stored.alone(self._folder):
+            manifest.write_frames(self._folder, entries)
         return entries
 
     def __enter__(self) -> Self:
@@ -226,11 +242,17 @@ class Writer:
         if kind is None:
             self.finish()
 
-    def take_up(self) -> None:
-        """Find the frames that are there, those that other processes wrote too; damaged ones are left out."""
-        there = [path for path in sorted(self.out.glob("*.json")) if path.stem not in self._entries]
-        for entry in side_by_side(_whole_frame, there):
+    def take_up(self, keys: Iterable[str]) -> None:
+        """Find those of some frames that are there; damaged ones are left out."""
+        missing = [key for key in keys if key not in self._entries]
+        for entry in side_by_side(partial(stored.frame_of, self._folder), missing):
             if entry is not None:
+                self._entries[entry.key] = entry
+
+    def take_up_marked(self, marked: Iterable[FrameEntry]) -> None:
+        """Take frames as the marker of a finished part lists them, but for those whose files are gone."""
+        for entry in marked:
+            if not stored.damaged(self._folder, entry, deep=False):
                 self._entries[entry.key] = entry
 
     def _camera_name(self, camera: Camera) -> str:
@@ -258,19 +280,30 @@ class Writer:
             return self.manifest
 
     def _grow(self, grown: Manifest) -> None:
-        with manifest.locked(self.out):
-            manifest.write(self.out, grown)
+        with stored.alone(self._folder):
+            manifest.write(self._folder, grown)
         self.manifest = grown
 
 
-def _whole_frame(path: Path) -> FrameEntry | None:
-    """The frame that a ``STEM.json`` describes; None for other files, and where a file of it is damaged."""
-    try:
-        entry = manifest.read_entry(path)
-    except DatasetError:
-        return None
-    damaged = entry.key != path.stem or any(each.fault(path.parent) for each in entry.files.values())
-    return None if damaged else entry
+def check_new(folder: Folder) -> None:
+    """Refuse a folder that holds a dataset, or images of ``render``.
+
+    Raises:
+        ArgumentError: it does.
+    """
+    if is_there(folder):
+        raise _taken(folder, "a dataset; resume it, or")
+    if folder.exists(OBJECTS):
+        raise _taken(folder, "images of 'render';")
+
+
+def is_there(folder: Folder) -> bool:
+    """Return whether a folder holds a dataset, complete or not."""
+    return any(folder.exists(name) for name in (manifest.DATASET, manifest.FRAMES))
+
+
+def _taken(folder: Folder, got: str) -> ArgumentError:
+    return ArgumentError(f"{folder}: expected a new folder, got {got} write elsewhere")
 
 
 def _numbered(names: Mapping[str, int], fresh: Iterable[str]) -> dict[str, int]:
@@ -285,7 +318,7 @@ def _numbered(names: Mapping[str, int], fresh: Iterable[str]) -> dict[str, int]:
     return found
 
 
-def _resumed(had: Manifest, wanted: Manifest, out: Path) -> Manifest:
+def _resumed(had: Manifest, wanted: Manifest, out: Folder) -> Manifest:
     """The manifest of a dataset that goes on; ArgumentError where it was begun otherwise."""
     for name, camera in wanted.cameras.items():
         if had.cameras.get(name, camera) != camera:
@@ -299,7 +332,7 @@ def _resumed(had: Manifest, wanted: Manifest, out: Path) -> Manifest:
     return replace(had, names=names, cameras={**had.cameras, **wanted.cameras})
 
 
-def _other(out: Path, had: str) -> ArgumentError:
+def _other(out: Folder, had: str) -> ArgumentError:
     return ArgumentError(
         f"{out}: expected the dataset that is resumed to be the same, it has {had}; write elsewhere"
     )

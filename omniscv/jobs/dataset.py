@@ -1,50 +1,46 @@
-"""Make the dataset that a job describes."""
+"""Make the dataset that a job describes, at once or part by part."""
 
 from __future__ import annotations
 
-import hashlib
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import nullcontext
-from dataclasses import asdict, astuple, dataclass, replace
-from functools import partial
-from itertools import chain
-from threading import Lock
-from typing import Any, TypeVar
+from collections.abc import Callable
+from dataclasses import asdict, astuple, dataclass
+from typing import Any, NamedTuple
 
-from omniscv import modalities
+from omniscv import modalities, storage
 from omniscv.arguments import whole_number
-from omniscv.compose.image import OmniImage
-from omniscv.compose.renderer import Renderer
-from omniscv.dataset import exporting, manifest, reading, truths
-from omniscv.dataset.manifest import Manifest
-from omniscv.dataset.observing import derive
-from omniscv.dataset.truths import Observation
-from omniscv.dataset.writer import Shot, Writer
-from omniscv.geometry import Pose
-from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.dataset import manifest
+from omniscv.dataset import parts as marked
+from omniscv.dataset.manifest import FrameEntry, Manifest
+from omniscv.dataset.writer import Writer, check_new
+from omniscv.jobs.finishing import finish, listed, missing_frames
 from omniscv.jobs.job import Job
-from omniscv.jobs.moments import Exposure, Moment, images_of, renderer_at
-from omniscv.jobs.running import part_of, warnings_of
+from omniscv.jobs.making import Making
+from omniscv.jobs.moments import Exposure
+from omniscv.jobs.parts import Part
 from omniscv.sources.base import Source
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Made:
-    """What :func:`make` did.
+class PartMade:
+    """What :func:`run_part` did.
 
     Attributes:
         written: frames that were made.
         kept: frames that were there.
-        missing: frames of the job that other shards have still to make; exports wait for them.
     """
 
     written: int
     kept: int
+
+
+@dataclass(frozen=True)
+class Made(PartMade):
+    """What :func:`make` did.
+
+    Attributes:
+        missing: frames of parts that are not finished; the dataset waits for them.
+    """
+
     missing: int
 
 
@@ -62,8 +58,9 @@ def make(
     Args:
         job: what to make.
         resume: go on with a dataset that is there; frames whose files have their checksums are kept.
-        shard: (i, n): only the frames whose key's hash is i modulo n, into a dataset that may be there. The
-            folders of shards are joined by copying them into one, and are finished by ``resume``.
+        shard: (i, n): only part i of n (:class:`omniscv.jobs.Part`), into a dataset that may be there. The
+            last one finishes the dataset. The folders of shards are joined by copying them into one, and are
+            finished by ``resume``.
         workers: images that are composed at a time.
         progress: called with (frames done, frames of this shard).
         warn: called with a line for what is worth a look.
@@ -73,161 +70,87 @@ def make(
         UnmatchedNamesError: no rule of the classes matches some objects.
         OmniscvError: as :func:`omniscv.render`, a truth or a format; frames that were made stay.
     """
-    index, count = (0, 1) if shard is None else shard
     whole_number("workers", workers, most=256)
-    whole_number("shard", count, least=1)
-    whole_number("shard", index, least=0, most=count - 1)
+    part = Part() if shard is None else Part(*shard)
+    folder = storage.folder(job.out)
+    if not (resume or shard):
+        check_new(folder)
+    complete = folder.exists(manifest.FRAMES) and not marked.names(folder)
+    made, job, frames = _run(job, part, None, workers, progress, warn)
+    if shard and complete and not made.written:
+        keys = {entry.key for entry in listed(folder)}
+        if all(entry.key in keys for entry in frames):
+            marked.remove(folder, part.index, part.count)
+            return Made(0, made.kept, 0)
+    missing = missing_frames(job, part.count)
+    if not missing:
+        finish(job, part.count, warn)
+    return Made(made.written, made.kept, missing)
+
+
+def run_part(
+    job: Job,
+    part: Part,
+    *,
+    source: Source | None = None,
+    workers: int = 1,
+    progress: Callable[[float, int], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> PartMade:
+    """Make the frames of a part of a job, below its ``out``, and then the part's marker.
+
+    The same job and part give the same bytes, whoever runs it. A part that has its marker is not made again;
+    of one that was interrupted, the frames that are whole are kept.
+
+    Args:
+        job: what to make.
+        part: of its poses.
+        source: what ``job.open_live()`` returned, which stays open; opened for this part if not given.
+        workers, progress, warn: as :func:`make`.
+
+    Raises:
+        OmniscvError: as :func:`make`.
+    """
+    return _run(job, part, source, workers, progress, warn).made
+
+
+class _Ran(NamedTuple):
+    """What a part did, the job with its poses, and the part's frames."""
+
+    made: PartMade
+    job: Job
+    frames: list[FrameEntry]
+
+
+def _run(
+    job: Job,
+    part: Part,
+    source: Source | None,
+    workers: int,
+    progress: Callable[[float, int], None] | None,
+    warn: Callable[[str], None] | None,
+) -> _Ran:
+    """As :func:`run_part`."""
     job.recipe.check(job.cameras, job.modes)
-    with job.opened() as (job, source):
-        moments = list(job.shots(_scene(source)))
-        shots = [shot for _, mine in moments for shot in mine]
-        mine = [shot for shot in shots if _hash(shot.key) % count == index]
-        begun = Manifest(job.cameras, _names(job, source), job.recipe.classes, _settings(job))
+    folder = storage.folder(job.out)
+    with part.of(job).opened(source) as (job, opened):
+        moments = list(job.shots(_scene(opened), part.poses(job.poses)))
+        mine = [shot for _, each in moments for shot in each]
         writer = Writer(
             job.out,
-            resume=resume or shard is not None,
+            resume=True,
             image_format=job.image_format,
-            begun=begun,
-            closed=count > 1,
+            begun=Manifest(job.cameras, _names(job, opened), job.recipe.classes, _settings(job)),
+            closed=part.count > 1,
             media=job.recipe.media,
         )
+        writer.take_up_marked(marked.read(folder, part.index, part.count) or ())
+        writer.take_up(shot.key for shot in mine)
         wanted = [shot for shot in mine if not writer.has(shot)]
-        _Making(job, source, writer, workers, warn).run(moments, wanted, progress)
-    if any(not writer.has(shot) for shot in shots):
-        writer.take_up()  # what other shards wrote meanwhile
-    missing = sum(not writer.has(shot) for shot in shots)
-    if not missing:
-        _finish(job, writer, warn)
-    return Made(len(wanted), len(mine) - len(wanted), missing)
-
-
-def _finish(job: Job, writer: Writer, warn: Callable[[str], None] | None) -> None:
-    """Write the list of frames, and the exports."""
-    entries = writer.finish()
-    found = {entry.split for entry in entries}
-    for split, share in job.recipe.split.shares.items() if job.recipe.split else ():
-        if warn and share > 0 and split not in found:
-            places = len({entry.place for entry in entries})
-            warn(f"split: {split} has no frames: they are of {places} places, and places are not divided")
-    frames = reading.open(job.out)
-    with manifest.locked(job.out):
-        for each in job.recipe.exports:
-            exporting.write(each, frames, job.out)
-
-
-@dataclass(frozen=True)
-class _World:
-    """What is known of the world at a frame's instant: shapes, and the poses of objects that move."""
-
-    geometry: SceneGeometry
-    poses: Mapping[str, Pose]
-
-
-class _Making:
-    """Composes and writes frames: one is composed while the one before is derived from and written."""
-
-    def __init__(
-        self,
-        job: Job,
-        source: Source,
-        writer: Writer,
-        workers: int,
-        warn: Callable[[str], None] | None,
-    ) -> None:
-        self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
-        self._renderer, self._geometry = Renderer(source), source.geometry()
-        # A truth that captures may hide objects: no image is captured beside it.
-        wanted = job.recipe.truth
-        names = {each for each in wanted if truths.get(each).may_capture(self._geometry, wanted[each])}
-        self._alone = {name: options for name, options in wanted.items() if name in names}
-        self._beside = {name: options for name, options in wanted.items() if name not in names}
-        # Nor one of another instant, where the source sets the world for each.
-        self._turn = Lock() if names or job.moves else nullcontext()
-
-    def run(
-        self,
-        moments: Sequence[tuple[Moment, Sequence[Shot]]],
-        wanted: Sequence[Shot],
-        progress: Callable[[float, int], None] | None,
-    ) -> None:
-        """Make those frames that are wanted, written in their order: so objects that come late get the same
-        ids every time."""
-        number_of = {shot.key: number for number, shot in enumerate(wanted)}
-        some = [each for each in moments if any(shot.key in number_of for shot in each[1])]
-        compose = partial(self._compose, number_of=number_of, progress=progress)
-        with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
-            saving: Future[None] | None = None
-            for shot, image, world in chain.from_iterable(_ahead(compose, some, self._workers)):
-                if saving:
-                    saving.result()
-                saving = saver.submit(self._save, shot, image, world)
-            if saving:
-                saving.result()
-
-    def _compose(
-        self,
-        moment: tuple[Moment, Sequence[Shot]],
-        number_of: Mapping[str, int],
-        progress: Callable[[float, int], None] | None,
-    ) -> list[tuple[Shot, OmniImage, _World]]:
-        """The frames of a moment, of captures that its cameras share."""
-        what, shots = moment
-        only = [i for i, shot in enumerate(shots) if shot.key in number_of]
-        part = part_of(progress, number_of[shots[only[0]].key], len(number_of))
-        seen: list[_World] = []
-
-        def look(source: Source) -> None:
-            geometry = source.geometry() if self._job.moves else self._geometry
-            seen.append(_World(geometry, source.object_poses()))
-
-        with self._turn:
-            images = images_of(self._renderer, what, self._job.options, only=only, progress=part, look=look)
-            return [(shots[i], image, seen[0]) for i, image in zip(only, images, strict=True)]
-
-    def _save(self, shot: Shot, composed: OmniImage, world: _World) -> None:
-        image = self._writer.frozen(shot, composed)
-        if self._warn:
-            for line in warnings_of(shot.key, image):
-                self._warn(line)
-        held = self._writer.manifest
-        observation = Observation(
-            key=shot.key,
-            image=image,
-            labels=image.labels,
-            instances=held.names,
-            classes=held.classes,
-            geometry=world.geometry,
-            object_poses=world.poses,
-            time=shot.time,
-        )
-        records: dict[str, Any] = {}
-        if self._alone:
-            with self._turn, renderer_at(self._renderer, shot.instant) as renderer:
-                records = derive(replace(observation, renderer=renderer), self._alone)
-        self._writer.write(shot, image, derive(observation, self._beside, records))
-
-
-def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
-    """Results of a function, in order, as many computed at a time as there are workers."""
-    if workers == 1:
-        yield from map(function, items)
-        return
-    with ThreadPoolExecutor(workers, thread_name_prefix="compose") as pool:
-        pending: deque[Future[R]] = deque()
-        try:
-            for item in items:
-                pending.append(pool.submit(function, item))
-                if len(pending) > workers:
-                    yield pending.popleft().result()
-            while pending:
-                yield pending.popleft().result()
-        finally:
-            for future in pending:
-                future.cancel()
-
-
-def _hash(key: str) -> int:
-    return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big")
+        Making(job, opened, writer, workers, warn).run(moments, wanted, progress)
+        frames = writer.entries(mine)
+        marked.write(folder, part.index, part.count, frames)
+    return _Ran(PartMade(len(wanted), len(mine) - len(wanted)), job, frames)
 
 
 def _scene(source: Source) -> str:

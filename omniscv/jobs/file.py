@@ -9,7 +9,7 @@
     poses:                              # metres and degrees; yaw to the left +, nose up +
       - {position: [0, 0, 1.5], yaw_deg: 90}  # and, for datasets, time: seconds, place: NAME
     modes: [lit, object_mask, depth]
-    out: images                         # folder, relative to this file
+    out: images                         # folder, relative to this file; a dataset's may be s3://bucket/images
     strategy: auto                      # and the other options of omniscv.RenderOptions
     image_format: png                   # or jxl, jpg
     source_options: {timeout_s: 60}     # as omniscv.open_source
@@ -41,6 +41,7 @@ from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 from omniscv.sources.world import Freeze
+from omniscv.storage import is_url, without_secrets
 
 
 def load(path: Path) -> Job:
@@ -54,7 +55,7 @@ def load(path: Path) -> Job:
         given = fields_of("", data, _FIELDS, needed=("source", "poses"))
         folder, source, given_poses = path.parent, given.pop("source"), given.pop("poses")
         for key in ("out", "record"):
-            if given.get(key) is not None:
+            if given.get(key) is not None and not (key == "out" and is_url(given[key])):
                 given[key] = folder / given[key]
         options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
         given["rig"] = rig_of(given.get("rig"), folder)
@@ -127,6 +128,9 @@ def _source_options(name: str, value: object) -> dict[str, Any]:
 
 
 def _record(name: str, value: object) -> str | None:
+    if is_url(value):
+        wanted = "expected a path on this machine, to be put into a store by 'omniscv captures merge'"
+        raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
     return None if value is None else text(name, value)
 
 

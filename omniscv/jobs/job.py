@@ -1,6 +1,6 @@
 """What to render: sources, cameras, poses, modalities, options."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,7 +26,7 @@ from omniscv.jobs.motions import check_times
 from omniscv.jobs.rigs import cameras_of, trajectory_of
 from omniscv.jobs.sampled_poses import SampledPoses
 from omniscv.planning import RenderOptions
-from omniscv.sources.base import Source
+from omniscv.sources.base import Source, SourceView
 from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, open_sources
 
@@ -38,6 +38,7 @@ class Job:
     ``cameras`` are at the poses themselves; those of a ``rig``, whose poses they then are, join them.
     ``times`` (seconds) and ``places`` are those of the poses, None where they are not known; ``sampling``
     chooses poses in an open source, see :meth:`posed`; ``recipe`` is what a dataset holds beyond images.
+    ``out`` is a folder, or the URL of one for a dataset.
 
     The world moves where ``motions`` (by object) say so, or where its own ``clock`` is at the poses' times.
     Then each image is of the world at its time, of all of the ``exposure``.
@@ -50,7 +51,7 @@ class Job:
     source: str | tuple[str, ...]
     cameras: Mapping[str, Camera]
     poses: tuple[Pose, ...]
-    out: Path
+    out: Path | str
     modes: tuple[str, ...] = ("lit",)
     record: Path | None = None
     options: RenderOptions = field(default_factory=RenderOptions)
@@ -89,15 +90,28 @@ class Job:
         """The addresses of its source: several for replicas."""
         return (self.source,) if isinstance(self.source, str) else self.source
 
-    def open(self) -> Source:
-        """Open the job's source, recorded where the job has a file for it. The caller closes it.
+    def open_live(self) -> Source:
+        """Open the job's source as it is, without its recording. The caller closes it."""
+        return open_sources(self.sources, **self.live_options)
+
+    @property
+    def live_options(self) -> SourceOptions:
+        """The options that the job's source is opened with.
 
         A game in which nothing is set is paused where it is, and what moves in it is read.
         """
         options = self.source_options
         if options.get("freeze") in ("auto", "puppet") and not self.moves:
-            options = {**options, "freeze": "pause"}
-        source = open_sources(self.sources, **options)
+            return {**options, "freeze": "pause"}
+        return options
+
+    def open(self, live: Source | None = None) -> Source:
+        """Open the job's source, recorded where the job has a file for it. The caller closes it.
+
+        Args:
+            live: what :meth:`open_live` returned, which stays open; opened if not given.
+        """
+        source = self.open_live() if live is None else SourceView(live)
         if self.record is None:
             return source
         try:
@@ -107,15 +121,15 @@ class Job:
             raise
 
     @contextmanager
-    def opened(self) -> Iterator[tuple[Self, Source]]:
-        """Give this job with its poses, and its source.
+    def opened(self, live: Source | None = None) -> Iterator[tuple[Self, Source]]:
+        """Give this job with its poses, and its source; ``live`` as for :meth:`open`.
 
         A game whose objects the job moves is paused from the first image to the last: all else stands still.
         So is one that is to be frozen for a job without times, whose images are all of one instant.
         """
         frozen = self.source_options.get("freeze", "none") != "none" and not self.clock
         with (
-            self.open() as source,
+            self.open(live) as source,
             source.at(Instant()) if self.motions or frozen else nullcontext(source) as held,
         ):
             yield self.posed(held), held
@@ -138,12 +152,15 @@ class Job:
             for picture in self._pictures(i):
                 yield picture.stem, picture.camera, picture.pose
 
-    def moments(self) -> Iterator[Moment]:
+    def moments(self, indices: Iterable[int] | None = None) -> Iterator[Moment]:
         """Yield the images of each pose that are of one instant, and what is captured for them.
 
         Images of a rolling-shutter camera in a world that moves are moments of their own.
+
+        Args:
+            indices: of poses; all if not given.
         """
-        for i in range(len(self.poses)):
+        for i in range(len(self.poses)) if indices is None else indices:
             groups: dict[str, list[Picture]] = {}
             for picture in self._pictures(i):
                 alone = self.moves and isinstance(picture.camera, RollingShutter)
@@ -152,16 +169,21 @@ class Job:
             for group in groups.values():
                 yield Moment(i, tuple(group), tuple(self._takes(i, group)))
 
-    def shots(self, scene: str = "") -> Iterator[tuple[Moment, list[Shot]]]:
-        """Yield every moment with what the frames of a dataset are: image, time, place, split and scene.
+    def shots(
+        self, scene: str = "", indices: Iterable[int] | None = None
+    ) -> Iterator[tuple[Moment, list[Shot]]]:
+        """Yield moments with what the frames of a dataset are: image, time, place, split and scene.
+
+        Args:
+            scene: the identity of the source's scene.
+            indices: of poses; all if not given.
 
         Raises:
             ArgumentError: a camera's name that cannot start a key.
         """
         split = self.recipe.split or Split({"": 1.0})
-        places = split.places(np.array([pose.position for pose in self.poses]), self.places or ())
-        for moment in self.moments():
-            place, instant = places[moment.index], moment.instant
+        for moment in self.moments(indices):
+            place, instant = self._places[moment.index], moment.instant
             yield (
                 moment,
                 [
@@ -207,6 +229,12 @@ class Job:
         for name, camera in self.cameras.items():
             stem = f"{name}-{i:0{digits}d}" if len(self.poses) > 1 else name
             yield Picture(name, stem, camera, mounted.get(name, pose), self._late(name, time))
+
+    @cached_property
+    def _places(self) -> tuple[str, ...]:
+        """The place of each pose."""
+        split = self.recipe.split or Split({"": 1.0})
+        return split.places(np.array([pose.position for pose in self.poses]), self.places or ())
 
     @cached_property
     def _path(self) -> Trajectory | None:

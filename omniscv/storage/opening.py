@@ -1,0 +1,72 @@
+"""Folders and files by path or URL."""
+
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote
+
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError
+from omniscv.storage.base import Folder
+from omniscv.storage.local import LocalFolder
+from omniscv.storage.remote import RemoteFolder
+from omniscv.storage.urls import is_url, scheme_of
+
+
+class Place(NamedTuple):
+    """A file: the folder that holds it, and its name there."""
+
+    folder: Folder
+    name: str
+
+
+def folder(where: str | Path | Folder) -> Folder:
+    """Return the folder of a path or a URL; ``file://`` is a path. A folder is returned as it is.
+
+    Raises:
+        ArgumentError: neither of them, or the packages of its store are missing.
+    """
+    if isinstance(where, Folder):
+        return where
+    if not isinstance(where, str | Path) or not str(where) or "\0" in str(where):
+        raise ArgumentError(f"folder: expected a path or a URL, got {shown(where)}")
+    if not isinstance(where, str) or not is_url(where):
+        return LocalFolder(Path(where))
+    if scheme_of(where) == "file":
+        return LocalFolder(_local_path(where))
+    return RemoteFolder(where)
+
+
+def file_at(where: str | Path) -> Place:
+    """Return the file of a path or a URL.
+
+    Raises:
+        ArgumentError: neither of them, or one that ends with a slash.
+    """
+    if isinstance(where, str) and is_url(where) and scheme_of(where) != "file":
+        inside, _, name = where.rpartition("/")
+        if not name or (inside.endswith("/") and scheme_of(where) != "memory"):
+            raise ArgumentError(f"expected the URL of a file, got {shown(str(RemoteFolder(where)))}")
+        return Place(RemoteFolder(inside + "/" if inside.endswith("/") else inside), name)
+    path = _local_path(where) if isinstance(where, str) and is_url(where) else Path(where)
+    return Place(LocalFolder(path.parent), path.name)
+
+
+def fetch_file(where: str | Path) -> Path:
+    """Return a local file: a path as it is, and of a URL a copy in the local cache, fetched once.
+
+    Raises:
+        MissingFileError: there is no file at the URL.
+        StorageError: it cannot be fetched.
+    """
+    if not (isinstance(where, str) and is_url(where)):
+        return Path(where)
+    found = file_at(where)
+    return found.folder.fetch(found.name)
+
+
+def _local_path(url: str) -> Path:
+    """The path of ``file:///path`` or ``file://localhost/path``."""
+    path = url.partition("://")[2].removeprefix("localhost")
+    if not path.startswith("/"):
+        raise ArgumentError(f"expected file:///PATH, got {shown(url)}")
+    return Path(unquote(path))

@@ -1,0 +1,214 @@
+"""A folder of an object store, through fsspec."""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar, cast
+
+from omniscv.errors import ArgumentError, MissingFileError, OmniscvError, StorageError
+from omniscv.storage import cache
+from omniscv.storage.base import Folder, checked
+from omniscv.storage.local import NO_SPACE
+from omniscv.storage.urls import without_secrets
+
+T = TypeVar("T")
+
+_ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
+_FINAL = (
+    FileExistsError, FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, TypeError,
+    ValueError, NotImplementedError, ImportError,
+)  # fmt: skip
+"""Errors that another attempt does not mend."""
+
+
+@dataclass(frozen=True)
+class RemoteFolder(Folder):
+    """A folder by its URL. S3, Google's store and ``memory://`` write a file whole or not at all."""
+
+    url: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "url", self.url.rstrip("/") if "://" in self.url.rstrip("/") else self.url)
+        if "?" in self.url or "#" in self.url:
+            wanted = "expected a URL without a query; options and credentials are the store's own settings"
+            raise ArgumentError(f"{without_secrets(self.url.partition('#')[0])}: {wanted}, got one")
+
+    def __str__(self) -> str:
+        return without_secrets(self.url)
+
+    def __repr__(self) -> str:
+        return f"RemoteFolder({str(self)!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"url": self.url}
+
+    @property
+    def local(self) -> None:
+        """None: it is not on this machine."""
+        return
+
+    def exists(self, name: str) -> bool:
+        """Return whether there is a file of that name."""
+        return self._info(name) is not None
+
+    def names(self, prefix: str = "") -> list[str]:
+        """Return the names of all files that start with a prefix, sorted."""
+        inner = prefix.rpartition("/")[0]
+        _, root = self._opened("")
+        start = self._opened(inner)[1] if inner else root
+
+        def find() -> list[str]:
+            fs, _ = self._opened("")
+            fs.invalidate_cache()
+            return [str(each) for each in fs.find(start)]
+
+        found = [each[len(root.rstrip("/")) :].lstrip("/") for each in self._tried(inner, find)]
+        shown = (each for each in found if not any(part.startswith(".") for part in each.split("/")))
+        return sorted(each for each in shown if each.startswith(prefix))
+
+    def read(self, name: str) -> bytes:
+        """Return the bytes of a file."""
+        return self._tried(name, lambda: bytes(self._call(name, "cat_file")))
+
+    def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
+        """Write a file in one request, or in parts that the store joins at the end."""
+        if first and self.exists(name):
+            return False
+        attempts = 0
+
+        def write() -> bool:
+            nonlocal attempts
+            attempts += 1
+            self._write(name, content, "create" if first else "overwrite")
+            return True
+
+        try:
+            self._tried(name, write)
+        except MissingFileError as cause:
+            raise StorageError(f"{self}: expected a bucket or folder to write to, it is missing") from cause
+        except FileExistsError:
+            # The answer to an attempt that succeeded may have been lost: then the bytes are these.
+            return attempts > 1 and self._holds(name, content)
+        return not first or self._writes_once() or self._holds(name, content)
+
+    def remove(self, name: str) -> None:
+        """Remove a file, where there is one."""
+        if self.exists(name):
+            try:
+                self._tried(name, lambda: self._call(name, "rm_file"))
+            except MissingFileError:
+                return
+
+    def fetch(self, name: str, checksum: str = "") -> Path:
+        """Return a copy in the local cache, which is compared with its checksum at every call."""
+
+        def download(place: Path) -> None:
+            self.copy(name, place)
+
+        if checksum:
+            return cache.by_checksum(f"{self}/{name}", checked(name), checksum, download)
+        info = self._info(name)
+        if info is None:
+            raise MissingFileError(f"{self}/{name}: expected a file, it is missing")
+        version = repr(sorted((str(key), str(value)) for key, value in info.items()))
+        return cache.by_version(f"{self.url}/{name}", version, download)
+
+    def copy(self, name: str, path: Path) -> None:
+        """Write the bytes of a file to a local path."""
+        self._tried(name, lambda: self._call(name, "get_file", str(path)))
+
+    def below(self, name: str) -> RemoteFolder:
+        """Return an inner folder."""
+        return RemoteFolder(f"{self.url.rstrip('/')}/{checked(name)}")
+
+    def _open(self, name: str) -> BinaryIO:
+        return cast(BinaryIO, self._tried(name, lambda: self._call(name, "open", "rb")))
+
+    def _opened(self, name: str) -> tuple[Any, str]:
+        """The file system, and the path in it of a name."""
+        fs, root, process = self.__dict__.get("_held", (None, "", 0))
+        if process != os.getpid():  # a file system does not survive a fork
+            fs, root = self._file_system()
+            self.__dict__["_held"] = fs, root, os.getpid()
+        return fs, f"{root.rstrip('/')}/{checked(name)}" if name else root
+
+    def _file_system(self) -> tuple[Any, str]:
+        try:
+            from fsspec.core import url_to_fs
+
+            fs, root = url_to_fs(self.url)
+        except ImportError as cause:
+            wanted = f"expected the packages of this store ({without_secrets(cause)})"
+            raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud]") from cause
+        except ValueError as cause:
+            raise ArgumentError(
+                f"{self}: expected the URL of a store, got: {without_secrets(cause)}"
+            ) from cause
+        return fs, str(root)
+
+    def _call(self, name: str, operation: str, *values: Any, **options: Any) -> Any:
+        fs, path = self._opened(checked(name))
+        order = (values[0], path) if operation == "put_file" else (path, *values)
+        return getattr(fs, operation)(*order, **options)
+
+    def _write(self, name: str, content: bytes | Path, mode: str) -> None:
+        if isinstance(content, bytes):
+            self._call(name, "pipe_file", content, mode=mode)
+        else:
+            self._call(name, "put_file", str(content), mode=mode)
+
+    def _info(self, name: str) -> dict[str, Any] | None:
+        """What the store has of a file; None where there is none.
+
+        The ``exists`` of fsspec answers False for any error.
+        """
+
+        def look() -> dict[str, Any]:
+            fs, path = self._opened(checked(name))
+            fs.invalidate_cache()
+            return dict(fs.info(path))
+
+        try:
+            info = self._tried(name, look)
+        except MissingFileError:
+            return None
+        return info if info.get("type") == "file" else None
+
+    def _holds(self, name: str, content: bytes | Path) -> bool:
+        return self.read(name) == (content if isinstance(content, bytes) else content.read_bytes())
+
+    def _writes_once(self) -> bool:
+        """Whether the store refuses in one step to replace a file: S3 by ``If-None-Match``, and Google's."""
+        protocol = self._opened("")[0].protocol
+        return not {"s3", "gs"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
+
+    def _tried(self, name: str, action: Callable[[], T]) -> T:
+        """The result of an action, tried again with growing pauses while it fails in a way that may pass.
+
+        FileExistsError passes unchanged.
+        """
+        place = f"{self}/{name}" if name else str(self)
+        for attempt in range(_ATTEMPTS):
+            try:
+                return action()
+            except (OmniscvError, FileExistsError):
+                raise
+            except FileNotFoundError as cause:
+                raise MissingFileError(f"{place}: expected a file, it is missing") from cause
+            except Exception as cause:  # of every store's own library
+                full = getattr(cause, "errno", None) in NO_SPACE
+                if isinstance(cause, _FINAL) or full or attempt == _ATTEMPTS - 1:
+                    raise _failed(place, cause, full) from cause
+            time.sleep(_FIRST_WAIT_S * 2**attempt * random.uniform(0.5, 1.5))
+        raise AssertionError("the last attempt returns or raises")
+
+
+def _failed(place: str, cause: Exception, full: bool) -> StorageError:
+    got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
+    advice = "; free space there, and run again" if full else ""
+    return StorageError(f"{place}: expected to read or write it, got: {without_secrets(got)}{advice}")

@@ -1,0 +1,182 @@
+"""Files of local folders and of object stores: one contract for all of them."""
+
+import multiprocessing
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.stores import BUCKET, FailingStore, failing_store
+
+from omniscv import storage
+from omniscv.errors import ArgumentError, MissingFileError, StorageError
+from omniscv.storage import Folder
+
+
+@pytest.fixture(params=["path", "file", "memory", "s3", "failing"])
+def place(request, tmp_path):
+    """A new folder of each kind."""
+    if request.param in ("path", "file"):
+        yield storage.folder(f"file://{tmp_path}/here" if request.param == "file" else tmp_path / "here")
+    elif request.param == "memory":
+        yield storage.folder(f"memory://{tmp_path.name}")
+    elif request.param == "s3":
+        request.getfixturevalue("s3")
+        yield storage.folder(f"s3://{BUCKET}/{tmp_path.name}")
+    else:
+        with failing_store(every=3):
+            yield storage.folder("failing://here")
+
+
+def test_contract(place: Folder, tmp_path: Path) -> None:
+    assert not place.exists("a.txt")
+    assert place.names() == []
+    assert place.put("a.txt", b"one")
+    assert place.put("inner/b.bin", _file(tmp_path / "source", b"two" * 1000))
+    assert place.put("inner/c.txt", b"")
+    assert place.names() == ["a.txt", "inner/b.bin", "inner/c.txt"]
+    assert place.names("inner/") == ["inner/b.bin", "inner/c.txt"]
+    assert place.names("inner/b") == ["inner/b.bin"]
+    assert place.below("inner").names() == ["b.bin", "c.txt"]
+    assert place.exists("inner/b.bin")
+    assert not place.exists("inner")
+    assert place.read("a.txt") == b"one"
+    assert place.put("a.txt", b"another")
+    assert not place.put("a.txt", b"late", first=True)
+    assert place.read("a.txt") == b"another"
+    assert place.put("first", b"1", first=True)
+    assert place.put("second", tmp_path / "source", first=True)
+    assert place.digest("inner/b.bin") == place.digest("second")
+    assert place.digest("inner/c.txt")[0] == 0
+    assert place.fetch("inner/b.bin").read_bytes() == b"two" * 1000
+    assert place.fetch("inner/b.bin").suffix == ".bin"
+    place.remove("a.txt")
+    place.remove("a.txt")
+    assert not place.exists("a.txt")
+    same = pickle.loads(pickle.dumps(place))  # noqa: S301
+    assert same == place
+    assert same.read("first") == b"1"
+
+
+def test_missing_files(place: Folder) -> None:
+    for use in (place.read, place.fetch, place.digest):
+        with pytest.raises(MissingFileError, match=r"nothing\.txt: expected a file, it is missing"):
+            use("nothing.txt")
+
+
+@pytest.mark.parametrize("name", ["", "/etc/passwd", "../up", "a/../../b", "a//b", "a/./b", "a\0b", "a\\b"])
+def test_names_stay_below_the_folder(name: str, tmp_path: Path) -> None:
+    for place in (storage.folder(tmp_path), storage.folder("memory://names")):
+        for use in (place.read, place.exists, place.fetch, place.below, place.remove, place.digest):
+            with pytest.raises(ArgumentError, match="name: expected"):
+                use(name)
+        with pytest.raises(ArgumentError, match="name: expected"):
+            place.put(name, b"")
+
+
+def test_the_first_of_many_writers_wins(place: Folder) -> None:
+    """Whoever wins, what is there is whole and stays; at most one writer is told that it wrote."""
+    contents = [bytes([each]) * 5000 for each in range(6)]
+    with ThreadPoolExecutor(6) as pool:
+        wrote = list(pool.map(lambda content: place.put("race", content, first=True), contents))
+    assert place.read("race") in contents
+    if place.local or "s3" in str(place):  # these decide in one step
+        assert sum(wrote) == 1
+        assert place.read("race") == contents[wrote.index(True)]
+
+
+def test_two_processes_race_for_one_object(s3: Any, tmp_path: Path) -> None:
+    url = f"s3://{BUCKET}/{tmp_path.name}"
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        wrote = pool.starmap(_put_first, [(url, b"x" * 10), (url, b"y" * 10)])
+    assert sum(wrote) == 1
+    held = s3.get_object(Bucket=BUCKET, Key=f"{tmp_path.name}/race")["Body"].read()
+    assert held == (b"x" if wrote[0] else b"y") * 10
+
+
+def test_a_foreign_reader_reads_what_is_on_s3(s3: Any, tmp_path: Path) -> None:
+    storage.folder(f"s3://{BUCKET}/{tmp_path.name}").put("a/b.txt", b"plain")
+    assert s3.get_object(Bucket=BUCKET, Key=f"{tmp_path.name}/a/b.txt")["Body"].read() == b"plain"
+
+
+def test_damaged_copies_are_fetched_again(place: Folder) -> None:
+    place.put("room.bin", b"whole")
+    _, checksum = place.digest("room.bin")
+    for given in ("", checksum):
+        copy = place.fetch("room.bin", given)
+        if place.local:
+            assert copy == place.local / "room.bin"
+            continue
+        copy.write_bytes(b"wHole")
+        assert place.fetch("room.bin", given).read_bytes() == b"whole"
+        assert not [each for each in copy.parent.iterdir() if each.name.startswith(".")]
+
+
+def test_what_changed_in_the_store_is_another_copy(place: Folder) -> None:
+    place.put("room.bin", b"earlier")
+    place.fetch("room.bin")
+    place.put("room.bin", b"changed")
+    assert place.fetch("room.bin").read_bytes() == b"changed"
+
+
+def test_other_bytes_than_the_checksum_are_refused() -> None:
+    place = storage.folder("memory://sums")
+    place.put("a", b"other")
+    with pytest.raises(StorageError, match="memory://sums/a: expected the bytes of its checksum 0000"):
+        place.fetch("a", "0" * 64)
+
+
+def test_a_full_store_holds_no_half_file(tmp_path: Path) -> None:
+    with failing_store(capacity=1500):
+        place = storage.folder("failing://full")
+        place.put("fits", b"x" * 1000)
+        for content in (b"y" * 1000, _file(tmp_path / "source", b"y" * 1000)):
+            with pytest.raises(StorageError, match=r"full/more: .*No space left.*free space"):
+                place.put("more", content)
+        assert place.names() == ["fits"]
+
+
+def test_a_store_that_always_fails_is_one_line() -> None:
+    with failing_store(every=1):
+        with pytest.raises(
+            StorageError, match=r"^failing://down/a: expected to read or write it, got: "
+        ) as raised:
+            storage.folder("failing://down").put("a", b"")
+        assert FailingStore.requests < 20
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["s3://user:secret@bucket/rooms", "memory://rooms?token=secret", "gs://b/x?X-Goog-Signature=secret"],
+)
+def test_credentials_are_not_shown(url: str) -> None:
+    assert "secret" not in storage.without_secrets(f"expected {url}, got nothing")
+    if "?" not in url:
+        found = storage.folder(url)
+        assert "secret" not in str(found) + repr(found)
+        return
+    with pytest.raises(ArgumentError, match="without a query") as refused:
+        storage.folder(url)
+    assert "secret" not in str(refused.value)
+
+
+def test_urls_of_files() -> None:
+    assert str(storage.file_at("s3://bucket/a/b.sqlite").folder) == "s3://bucket/a"
+    assert storage.file_at("memory://b.sqlite").name == "b.sqlite"
+    assert storage.file_at("file:///a%20b/c").folder.local == Path("/a b")
+    for wrong in ("s3://bucket", "s3://bucket/a/", "file://host/a"):
+        with pytest.raises(ArgumentError, match="expected"):
+            storage.file_at(wrong)
+    with pytest.raises(ArgumentError, match="nosuch://a: expected the URL of a store"):
+        storage.folder("nosuch://a").exists("b")
+
+
+def _put_first(url: str, content: bytes) -> bool:
+    return storage.folder(url).put("race", content, first=True)
+
+
+def _file(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
