@@ -38,15 +38,13 @@ class Epochs:
 
 
 def bound_threads() -> None:
-    """Take no more than a worker's share of the cores; outside workers, do nothing."""
-    info = get_worker_info()
-    if info is not None:
-        _bound_threads(os.getpid(), info.num_workers)
+    """Work in one thread in a worker, as PyTorch does there; outside workers, do nothing."""
+    if get_worker_info() is not None:
+        _bound_threads(os.getpid())
 
 
 @lru_cache(maxsize=1)
-def _bound_threads(process: int, workers: int) -> None:
-    """Once a process: a forked worker must not believe what its parent did."""
-    share = max(1, parallel.cores() // workers)
-    parallel.limit(share)
-    cv2.setNumThreads(share)
+def _bound_threads(process: int) -> None:
+    """Once a process: what a parent has done, a forked worker still has to do."""
+    parallel.limit(1)
+    cv2.setNumThreads(0)  # 1 would stop its threads, and wait for those that did not survive a fork
