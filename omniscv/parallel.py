@@ -16,12 +16,21 @@ from typing import TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 
+_limit = sys.maxsize
 MIN_PARALLEL_ELEMENTS = 1 << 16  # below it, starting another thread costs more time than it saves
 
 
 def cores() -> int:
     """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(found, _limit)
+
+
+def limit(most: int) -> None:
+    """Use no more than so many cores in this process from now on, as one of several that share a machine."""
+    global _limit
+    _limit = most
+    _pool.cache_clear()
 
 
 def blocks(function: Callable[[slice], R], count: int, elements: int | None = None) -> list[R]:

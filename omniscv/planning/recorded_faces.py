@@ -39,6 +39,13 @@ class RecordedViews:
         """Return whether all of some views are recorded."""
         return self._held.issuperset(views)
 
+    def centers(self) -> tuple[Position, ...]:
+        """Return the centres (x, y, z), metres, at which all faces are recorded, in their order."""
+        full = len(cube_rotations())
+        return tuple(
+            at for at, kinds in self._at.items() if any(len(held) == full for held in kinds.values())
+        )
+
     def faces(self, center_w: Array, wanted: Sequence[View], truth_scale: int = 1) -> tuple[View, ...]:
         """Return the six views at a centre: the wanted ones if they are there, else the fullest, finest set.
 

@@ -1,0 +1,127 @@
+"""What lies in WebDataset shards: the samples of one, by the headers of its members."""
+
+from __future__ import annotations
+
+import json
+import tarfile
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from omniscv.cameras import Camera, from_dict
+from omniscv.dataset import Frame
+from omniscv.dataset.formats.webdataset import SHARDS
+from omniscv.dataset.manifest import IMAGE, FileEntry, read_entry
+from omniscv.errors import ArgumentError, DatasetError
+
+_RECORDS = "truth", "layout"
+_SAME = "key", "pose", "time", "place", "split", "scene", "state"
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """What ``shards.json`` holds.
+
+    Attributes:
+        folder: with the shards.
+        shards: each one's file and the keys of its samples.
+        cameras: by name.
+        names: object name to instance id.
+    """
+
+    folder: Path
+    shards: tuple[tuple[FileEntry, tuple[str, ...]], ...]
+    cameras: Mapping[str, Camera]
+    names: Mapping[str, int]
+
+    @classmethod
+    def read(cls, folder: Path) -> Packed:
+        """Read it.
+
+        Raises:
+            ArgumentError: the folder has none.
+            DatasetError: it is damaged.
+        """
+        path = folder / SHARDS
+        if not path.is_file():
+            advice = "write it by 'omniscv dataset pack DIR --as webdataset --out FOLDER'"
+            raise ArgumentError(f"{folder}: expected a folder of shards, it has no {SHARDS}; {advice}")
+        try:
+            said = json.loads(path.read_bytes())
+            shards = tuple(
+                (FileEntry(each["path"], each["bytes"], each["sha256"]), tuple(map(str, each["keys"])))
+                for each in said["shards"]
+            )
+            cameras = {name: from_dict(each) for name, each in said["cameras"].items()}
+            return cls(folder, shards, cameras, dict(said["names"]))
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as cause:
+            raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
+
+
+class Shard:
+    """An open shard.
+
+    Args:
+        packed: what it is one of.
+        file: what it should be.
+
+    Raises:
+        DatasetError: it is missing, has another size, or is no tar file.
+    """
+
+    def __init__(self, packed: Packed, file: FileEntry) -> None:
+        self._packed, self._path = packed, packed.folder / file.path
+        if fault := file.fault(packed.folder, deep=False):
+            raise DatasetError(f"{self._path}: {fault}")
+        self._members: dict[str, dict[str, tarfile.TarInfo]] = defaultdict(dict)
+        try:
+            self._tar = tarfile.open(self._path, "r:")  # noqa: SIM115, closed by close()
+            for member in self._tar.getmembers():
+                key, _, rest = member.name.partition(".")
+                self._members[key][rest.partition(".")[0] if "." in rest else IMAGE] = member
+        except (OSError, tarfile.TarError) as cause:
+            raise DatasetError(f"{self._path}: expected a shard, got: {cause}") from cause
+
+    def close(self) -> None:
+        """Close its file."""
+        self._tar.close()
+
+    def extract(self, key: str, layers: Sequence[str], folder: Path) -> Frame:
+        """Write files of a sample into a folder, and return the frame that they are.
+
+        Args:
+            key: of the sample.
+            layers: those of its layers that are read, as far as it has them.
+            folder: holds the files as long as the frame is used.
+
+        Raises:
+            DatasetError: the shard lacks the sample, or a file is not what it was.
+        """
+        held = self._members.get(key, {})
+        if IMAGE not in held:
+            raise DatasetError(
+                f"{self._path}: expected the sample {key}, it has none; pack the dataset again"
+            )
+        entry = read_entry(self._extract(held[IMAGE], folder))
+        files = {}
+        for kind in held.keys() & entry.files.keys() & {*layers, *_RECORDS}:
+            files[kind] = self._extract(held[kind], folder)
+            if fault := entry.files[kind].fault(folder):
+                raise DatasetError(f"{self._path}: {files[kind].name}: {fault}")
+        camera = self._packed.cameras.get(entry.camera)
+        if camera is None:
+            wanted = f"expected one of the cameras {', '.join(self._packed.cameras)}"
+            raise DatasetError(f"{self._path}: {key}: {wanted}; got {entry.camera!r}")
+        same = {name: getattr(entry, name) for name in _SAME}
+        return Frame(
+            camera_name=entry.camera, camera=camera, files=files, instances=self._packed.names, **same
+        )
+
+    def _extract(self, member: tarfile.TarInfo, folder: Path) -> Path:
+        content = self._tar.extractfile(member)
+        if content is None or member.name != Path(member.name).name:
+            raise DatasetError(f"{self._path}: expected files of samples, got {member.name!r}")
+        path = folder / member.name
+        path.write_bytes(content.read())
+        return path
