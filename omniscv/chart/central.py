@@ -25,6 +25,8 @@ SCALES = (0.5, 1.0, 2.0)
 """Face sizes, as multiples of a quarter of the image's width: of the same pixels per degree."""
 DEFAULT: tuple[Filter, float] = ("bilinear", 1.0)
 
+QUICK = {"width": 64}
+
 TITLE = "One panorama from six faces: time against error"
 
 _POSITION = (0.1, -0.2, 1.45)

@@ -34,6 +34,8 @@ WAYS: tuple[tuple[str, int | None], ...] = (
 )
 """Strategies and their optical centres; None: one per column or ring. The paper captures whole cube maps."""
 
+QUICK = {"width": 48}
+
 TITLE = "Non-central cameras: what is captured against what is wrong"
 LATENCIES_MS = (5, 30)
 DEFAULT = ("strips", None)

@@ -13,14 +13,16 @@ app = Typer(add_completion=False)
 
 @app.command(epilog="Example: omniscv chart central --width 128 --out charts")
 def chart(
-    kind: Annotated[Literal["central", "noncentral"], Argument(help="Of cameras.")],
+    kind: Annotated[Literal["central", "noncentral", "growth"], Argument(help="What is drawn.")],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
-    width: Annotated[int | None, Option(min=16, help="Of the images, px; else 2048 or 384.")] = None,
+    width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
+    quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
     page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
 ) -> None:
-    """Compare filters and face sizes with other programs, or strategies, by exact tracing. Takes minutes."""
+    """Draw filters and peers, or strategies, by cost and error; or how cost grows. Takes minutes."""
     module = import_module(f"omniscv.chart.{kind}")
-    given: dict[str, Any] = {} if width is None else {"width": width}
+    given: dict[str, Any] = dict(module.QUICK) if quick else {}
+    given |= {} if width is None else {"width": width}
     with console.progress_bar("measuring") as progress:
         rows = module.measure(**given, progress=progress)
         tables = {module.TITLE: rows, **(module.further(progress, **given) if page else {})}

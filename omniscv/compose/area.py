@@ -7,6 +7,7 @@ footprint's size: sinusoids keep what the mean keeps, from a pixel that spans th
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -37,10 +38,20 @@ class AreaSampling:
         lookup: of the rays.
         views: all of one size.
         R_w_d: (3, 3) from that frame to the world.
+        atlas: of the views; made for the rays if not given.
+
+    Attributes:
+        wanted: the mip levels that an atlas for the rays has, empty if views see none of them, and the px of
+            its gutter.
     """
 
     def __init__(
-        self, footprints: Footprints, lookup: RayLookup, views: Sequence[View], R_w_d: Array
+        self,
+        footprints: Footprints,
+        lookup: RayLookup,
+        views: Sequence[View],
+        R_w_d: Array,
+        atlas: Atlas | None = None,
     ) -> None:
         lookup = _moved(lookup, footprints, views, R_w_d)
         count, first = len(lookup.view), views[0]
@@ -52,27 +63,41 @@ class AreaSampling:
         rows = lookup.view, lookup.x, lookup.y, footprints.edges, level, self._counts, self._spacing
         support = kernels.run(_place, rows, R_c_d, focal, first.width, first.height, coarsest)
         used = level[lookup.view >= 0]
-        levels = range(int(used.min()), int(used.max()) + 1) if len(used) else range(1)
-        self._atlas = Atlas(views, levels, max(support, default=0))
-        self._x, self._y = self._atlas.coordinates(lookup, level)
+        levels = range(int(used.min()), int(used.max()) + 1) if len(used) else range(0)
+        self.wanted = levels, max(support, default=0)
+        self._views, self._lookup, self._level, self._given = views, lookup, level, atlas
+
+    @cached_property
+    def _placed(self) -> tuple[Atlas, Floats, Floats]:
+        """The atlas, and where the rays lie in its picture."""
+        levels, support = self.wanted
+        atlas = self._given or Atlas(self._views, levels or range(1), support)
+        x, y = atlas.coordinates(self._lookup, self._level)
+        return atlas, x, y
 
     def sample(self, faces: Sequence[Pixels]) -> Pixels:
         """Return (N, ...) means of the views' pixels, rounded where they are integers; 0 where no view sees
         the ray."""
-        with self._atlas.picture(faces) as picture:
-            planes = picture if picture.ndim == 3 else picture[..., None]
-            last = planes.shape[2] - 1
-            out = np.empty((len(self._x), last + 1), picture.dtype)
-            half = np.float32(0.5 if picture.dtype.kind == "u" else 0)
-            rows = self._x, self._y, self._counts, self._spacing, out
-            for k in range(0, last + 1, 3):
-                kernels.run(_sample, rows, planes, k, min(k + 1, last), min(k + 2, last), half)
+        with self._placed[0].picture(faces) as picture:
+            return self.read(picture)
+
+    def read(self, picture: Pixels) -> Pixels:
+        """Return (N, ...) means of the picture of an atlas."""
+        _, x, y = self._placed
+        planes = picture if picture.ndim == 3 else picture[..., None]
+        last = planes.shape[2] - 1
+        out = np.empty((len(x), last + 1), picture.dtype)
+        half = np.float32(0.5 if picture.dtype.kind == "u" else 0)
+        rows = x, y, self._counts, self._spacing, out
+        for k in range(0, last + 1, 3):
+            kernels.run(_sample, rows, planes, k, min(k + 1, last), min(k + 2, last), half)
         return out.reshape(-1, *picture.shape[2:])
 
     @property
     def nbytes(self) -> int:
         """What is held in memory."""
-        return self._atlas.nbytes + sum(a.nbytes for a in (self._x, self._y, self._counts, self._spacing))
+        held = self._counts.nbytes + self._spacing.nbytes + self._level.nbytes
+        return held + sum(each.nbytes for each in (self._placed if "_placed" in self.__dict__ else ()))
 
 
 def _moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View], R_w_d: Array) -> RayLookup:

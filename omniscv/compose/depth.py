@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from omniscv.compose import kernels
-from omniscv.compose.kernels import Floats, Ints, Mask
+from omniscv.compose.kernels import Faces, Floats, Ints, Mask
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.surfaces import Precision, discontinuities, surface_point
@@ -48,7 +48,7 @@ class SampledDepth:
 
 
 def sample_depth(
-    faces: Sequence[Floats],
+    faces: Faces,
     lookup: RayLookup,
     views: Sequence[View],
     nearest: bool,
@@ -65,7 +65,7 @@ def sample_depth(
         precision: of the faces.
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
-    stack, distance, error = np.stack(faces), np.empty_like(lookup.x), np.empty_like(lookup.x)
+    stack, distance, error = kernels.stacked(faces), np.empty_like(lookup.x), np.empty_like(lookup.x)
     focal = np.array([view.focal_px for view in views])
     sampled = lookup.view, lookup.x, lookup.y, distance, error
     kernels.run(_sample, sampled, stack, focal, nearest, precision)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from omniscv.compose import kernels
-from omniscv.compose.kernels import Floats, Ints
+from omniscv.compose.kernels import Faces, Floats, Ints
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.surfaces import allowed_step, inverse_depth
@@ -18,7 +18,7 @@ _AROUND_PX = 3
 """A plane is fitted to so many pixels on every side: half floats jump by more than one pixel slopes."""
 
 
-def sample_directions(faces: Sequence[Floats], lookup: RayLookup, nearest: bool) -> Floats:
+def sample_directions(faces: Faces, lookup: RayLookup, nearest: bool) -> Floats:
     """Return the unit vectors that N rays meet.
 
     Args:
@@ -30,7 +30,7 @@ def sample_directions(faces: Sequence[Floats], lookup: RayLookup, nearest: bool)
         (N, 3) float32, 0 where unknown or where no view sees the ray.
     """
     out = np.empty((len(lookup.x), 3), np.float32)
-    kernels.run(_sample, (lookup.view, lookup.x, lookup.y, out), np.stack(faces), nearest)
+    kernels.run(_sample, (lookup.view, lookup.x, lookup.y, out), kernels.stacked(faces), nearest)
     return out
 
 
@@ -74,7 +74,7 @@ def _one_surface(face: Floats, r: int, c: int, own_r: int, own_c: int) -> bool:
     return True
 
 
-def normals_from_depth(faces: Sequence[Floats], lookup: RayLookup, views: Sequence[View]) -> Floats:
+def normals_from_depth(faces: Faces, lookup: RayLookup, views: Sequence[View]) -> Floats:
     """Return the normals of planes fitted to planar depth around the nearest pixels of N rays.
 
     On a plane 1 / z is linear in the pixel, and its slopes are the plane's coefficients.
@@ -91,7 +91,7 @@ def normals_from_depth(faces: Sequence[Floats], lookup: RayLookup, views: Sequen
     out = np.empty((len(lookup.x), 3), np.float32)
     focal = np.array([view.focal_px for view in views])
     R_w_c = np.array([view.pose.R_w_c for view in views])
-    kernels.run(_fit, (lookup.view, lookup.x, lookup.y, out), np.stack(faces), focal, R_w_c)
+    kernels.run(_fit, (lookup.view, lookup.x, lookup.y, out), kernels.stacked(faces), focal, R_w_c)
     return out
 
 

@@ -41,10 +41,17 @@ class ImageFootprints:
     def __init__(self, rays: CameraRays) -> None:
         self._rays = rays
 
-    def of(self, pixels: Ints) -> Footprints:
-        """Return what (N,) flat pixel indices span, in the camera frame."""
+    def of(self, pixels: Ints, first: int = 0, around: Array | None = None) -> Footprints:
+        """Return what (N,) flat pixel indices span, in the camera frame.
+
+        Args:
+            pixels: the indices.
+            first, around: the number of a row, and the (h, W, 3) rays of it and those that follow, as far as
+                pixels and their neighbours lie there; all rows if not given.
+        """
         edges = np.empty((len(pixels), 2, 3), np.float32)
-        kernels.run(_measure, (pixels, edges), self._rays.directions)
+        rays = self._rays.directions if around is None else around
+        kernels.run(_measure, (pixels - first * rays.shape[1], edges), rays)
         known, centers, turns = self._rim
         at = np.searchsorted(known, pixels)
         rim = np.flatnonzero(known[np.minimum(at, len(known) - 1)] == pixels) if len(known) else at[:0]

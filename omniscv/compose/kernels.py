@@ -12,6 +12,13 @@ Floats = NDArray[np.float32]
 Ints = NDArray[np.integer[Any]]
 Mask = NDArray[np.bool_]
 Pixels = NDArray[Any]
+Faces = Sequence[Pixels] | Pixels
+"""Pictures of one size, as they came or as one array."""
+
+
+def stacked(faces: Faces) -> Pixels:
+    """Return pictures as one array, (V, h, w, ...)."""
+    return faces if isinstance(faces, np.ndarray) else np.stack(faces)
 
 
 def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) -> list[Any]:

@@ -7,14 +7,14 @@ import numpy as np
 from numba import njit
 
 from omniscv.compose import kernels
-from omniscv.compose.kernels import Floats, Ints, Mask, Pixels
+from omniscv.compose.kernels import Faces, Floats, Ints, Mask, Pixels
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.sources.base import View
 
 
 def label_edges(
-    faces: Sequence[Pixels], lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
+    faces: Faces, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
 ) -> Mask:
     """Return (N,) whether rays lie within a pixel of a label boundary.
 
@@ -26,7 +26,7 @@ def label_edges(
     """
     out = np.empty(len(lookup.x), np.bool_)
     if parallax is None:
-        stack = np.stack(faces)
+        stack = kernels.stacked(faces)
         kernels.run(_beside, (lookup.view, lookup.x, lookup.y, out), stack.reshape(*stack.shape[:3], -1))
         return out
     edge_px = np.stack([_px_to_boundary(face) for face in faces])

@@ -29,8 +29,13 @@ class RayBundle:
         footprints: Callable[[], Footprints],
         row: int = 0,
     ) -> None:
-        self.directions, self.footprints, self.row = directions, footprints, row
+        self._directions, self.footprints, self.row = directions, footprints, row
         self._steps = steps
+
+    @property
+    def directions(self) -> Array:
+        """(N, 3), any length; NaN where not valid."""
+        return self._directions
 
     @cached_property
     def steps(self) -> Floats:

@@ -15,10 +15,10 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.samplers import CpuSampler, Sampler
 from omniscv.compose.shared_captures import SharedCaptures
+from omniscv.compose.tiles import TiledSampler, Tiles, image_rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import (
-    CameraRays,
     RecordedViews,
     RenderKeywords,
     RenderOptions,
@@ -35,6 +35,7 @@ Progress = Callable[[int, int], None]
 """Called with (captures done, captures known to be needed)."""
 
 DEFAULT_CACHE_BYTES = 2 << 30
+DEFAULT_TILE_BYTES = 1 << 28
 
 
 class Renderer:
@@ -46,6 +47,8 @@ class Renderer:
     Args:
         source: where captures come from; not closed with the renderer.
         cache_bytes: the bound of what is kept between images.
+        tile_bytes: what the rays and lookups of an image may take at a time that is composed in tiles: of a
+            central camera's, whose map would not fit into either bound. Nothing of its map is kept.
         sampler: what samples captures along rays.
 
     Raises:
@@ -57,21 +60,23 @@ class Renderer:
         source: Source,
         *,
         cache_bytes: int = DEFAULT_CACHE_BYTES,
+        tile_bytes: int = DEFAULT_TILE_BYTES,
         sampler: Callable[[RayBundle, Array, Sequence[View]], Sampler] = CpuSampler,
     ) -> None:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
         self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes)
+        self._tile_bytes = tile_bytes
         self._recorded: RecordedViews | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        cache_bytes, sampler = self._cache.limit, self._sampler
-        return partial(Renderer, self.source, cache_bytes=cache_bytes, sampler=sampler), ()
+        kept: dict[str, Any] = {"cache_bytes": self._cache.limit, "tile_bytes": self._tile_bytes}
+        return partial(Renderer, self.source, **kept, sampler=self._sampler), ()
 
     def of(self, source: Source) -> "Renderer":
         """Return a renderer of another source, for example of one in which objects are hidden; both share
         what is kept between images."""
-        other = Renderer(source, sampler=self._sampler)
+        other = Renderer(source, tile_bytes=self._tile_bytes, sampler=self._sampler)
         other._cache = self._cache
         return other
 
@@ -184,7 +189,9 @@ class Renderer:
             yield composition.image()
 
     def _rays(self, camera: Camera) -> ImageRays:
-        return self._cache.get(("rays", camera), lambda: ImageRays(CameraRays(camera)))
+        return self._cache.get(
+            ("rays", camera), lambda: image_rays(camera, self._cache.limit, self._tile_bytes)
+        )
 
     def _recorded_views(self) -> RecordedViews | None:
         views = self.source.recorded_views()
@@ -201,6 +208,8 @@ class Renderer:
 
         Positions do not count: the same orientation and views around another centre have the same lookup.
         """
+        if isinstance(rays, Tiles) and self._sampler is CpuSampler:
+            return TiledSampler(rays, R_w_d, views)
         if camera is None:
             return self._sampler(rays, R_w_d, views)
         turned = tuple(view.key()[:2] + view.key()[5:] for view in views)

@@ -73,23 +73,29 @@ class PointSampling:
         lookup: of N rays.
         views: all of one size.
         row: rays in a row of the image; 0 where they are in none.
+        atlas: of the views; made for the rays if not given.
     """
 
-    def __init__(self, filter: str, lookup: RayLookup, views: Sequence[View], row: int) -> None:
+    def __init__(
+        self, filter: str, lookup: RayLookup, views: Sequence[View], row: int, atlas: Atlas | None = None
+    ) -> None:
         self._filter, self._row = filter, row
         if filter == "nearest":
             lookup = _pixel_centers(lookup, views[0])
-        guttered = filter != "nearest" and lookup.margin < FILTER_SUPPORT_PX
-        self._atlas = Atlas(views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
+        self._atlas = atlas or point_atlas(filter, lookup.margin, views)
         self._x, self._y = self._atlas.coordinates(lookup)
 
     def sample(self, faces: Sequence[Pixels]) -> Pixels:
         """Return (N, ...) values of the views' pixels."""
         with self._atlas.picture(faces) as picture:
-            if self._filter == "bicubic":
-                return sample_bicubic(picture, self._x, self._y)
-            interpolation = "nearest" if self._filter == "nearest" else "bilinear"
-            return remap(picture, self._x, self._y, interpolation, self._row)
+            return self.read(picture)
+
+    def read(self, picture: Pixels) -> Pixels:
+        """Return (N, ...) values of the picture of an atlas."""
+        if self._filter == "bicubic":
+            return sample_bicubic(picture, self._x, self._y)
+        interpolation = "nearest" if self._filter == "nearest" else "bilinear"
+        return remap(picture, self._x, self._y, interpolation, self._row)
 
     @property
     def nbytes(self) -> int:
@@ -123,13 +129,7 @@ class CpuSampler:
     @cached_property
     def minifies(self) -> bool:
         """Whether bilinear interpolation would pass over some of most pixels' footprints."""
-        lookup, view = self.lookup, self._views[0]
-        some = np.flatnonzero(lookup.view[::_EVERY] >= 0) * _EVERY
-        u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
-        # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
-        # to its centre
-        spanned = self._rays.steps[some] * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75
-        return len(some) > 0 and bool(np.quantile(spanned, 1 - _MOST) > _MINIFIED)
+        return few_pixels_each(spanned_px(self.lookup, self._rays.steps, self._views[0]))
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
         if filter not in self._made:
@@ -159,6 +159,35 @@ class CpuSampler:
     def nbytes(self) -> int:
         held: int = self.lookup.nbytes if "lookup" in self.__dict__ else 0
         return held + sum(sampling.nbytes for sampling in list(self._made.values()))
+
+
+def point_atlas(filter: str, margin: float, views: Sequence[View]) -> Atlas:
+    """Return the atlas of a filter other than ``area``, for rays whose pixels lie so far, px, from the edges
+    of their views."""
+    guttered = filter != "nearest" and margin < FILTER_SUPPORT_PX
+    return Atlas(views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
+
+
+def spanned_px(lookup: RayLookup, steps: Floats, view: View, first: int = 0) -> Floats:
+    """Return how many px of a view rays' pixels span: of some, the same ones however an image is divided.
+
+    Args:
+        lookup: of N rays.
+        steps: (N,) their angles to the next ones, radians.
+        view: the size and field of view of all views.
+        first: the number of the first ray in its image.
+    """
+    start = -first % _EVERY
+    some = np.flatnonzero(lookup.view[start::_EVERY] >= 0) * _EVERY + start
+    u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
+    # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
+    # to its centre
+    return np.asarray(steps[some] * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75)
+
+
+def few_pixels_each(spanned: Floats) -> bool:
+    """Return whether most pixels of an image span more of a view's than bilinear interpolation reads."""
+    return len(spanned) > 0 and bool(np.quantile(spanned, 1 - _MOST) > _MINIFIED)
 
 
 def _pixel_centers(lookup: RayLookup, view: View) -> RayLookup:

@@ -60,7 +60,9 @@ def focal_px(steps: Array, smallest: int = SMALLEST) -> float:
         smallest: px of a 90 degree face that edges take.
     """
     found = steps[np.isfinite(steps) & (steps > 0)]
-    dense = 1 / np.quantile(found, 1 - _QUANTILE) if found.size else 0.0  # px per radian where it is fine
+    if not found.size:
+        return smallest / 2
+    dense = 1 / np.quantile(found, 1 - _QUANTILE, overwrite_input=True)  # px per radian where it is fine
     return max(smallest / 2, _OVERSAMPLING * float(dense))
 
 

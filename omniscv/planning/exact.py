@@ -30,7 +30,10 @@ def face_viewpoints(
     faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
 
     def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
-        return faces.views(center_w, ALL_FACES if whole else faces_hit(group.directions, task.pose.R_w_c))
+        if whole:
+            return faces.views(center_w, ALL_FACES)
+        hit = [faces_hit(directions, task.pose.R_w_c) for directions in group.parts()]
+        return faces.views(center_w, np.any(hit, axis=0))
 
     return _serving(task, groups, around, views)
 

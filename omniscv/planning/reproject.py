@@ -23,7 +23,7 @@ from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Vie
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_marching import DepthShell, Met, depth_shell, march
 from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints
-from omniscv.planning.viewpoints import Groups, RayGroup
+from omniscv.planning.viewpoints import Groups, ray_group
 from omniscv.planning.visibility import look_around, visible
 from omniscv.sources.base import Capture
 
@@ -188,7 +188,7 @@ class MarchedRays:
         order = lost[np.argsort(self.own[lost], kind="stable")]
         starts = np.flatnonzero(np.diff(self.own[order], prepend=-1))
         groups = [
-            RayGroup(self._own_centers_c[self.own[mine[0]]], self._pixels[mine], self._directions_c[mine])
+            ray_group(self._own_centers_c[self.own[mine[0]]], self._pixels[mine], self._directions_c[mine])
             for mine in np.split(order, starts[1:])
             if len(mine)
         ]

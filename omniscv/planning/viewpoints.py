@@ -1,6 +1,6 @@
 """A camera's rays, unprojected once, and its pixels grouped by the optical centre that they share."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -22,12 +22,18 @@ class RayGroup:
     Attributes:
         center_c: (3,) camera frame, metres.
         pixels: (N,) int64 flat indices of valid pixels, row-major.
-        directions: (N, 3) their unit rays, camera frame.
+        parts: gives their unit rays, camera frame, in (n, 3) parts that are all of them together.
     """
 
     center_c: Array
     pixels: NDArray[np.int64]
-    directions: Array
+    parts: Callable[[], Iterable[Array]]
+
+    @property
+    def directions(self) -> Array:
+        """(N, 3) their unit rays, camera frame."""
+        first, *others = self.parts()
+        return np.concatenate([first, *others]) if others else first
 
 
 Groups = Sequence[RayGroup]
@@ -52,16 +58,23 @@ class CameraRays:
 
     Attributes:
         camera: whose.
-        directions: (H, W, 3) unit, camera frame, NaN where not valid.
         origins: (H, W, 3) metres, camera frame; None for a central camera.
         valid: (H, W) bool.
     """
 
     def __init__(self, camera: Camera) -> None:
         rays = unproject(camera, camera.pixels())
-        self.camera, self.directions, self.valid = camera, rays.directions, rays.valid
+        self.camera, self._directions, self.valid = camera, rays.directions, rays.valid
         self.origins = None if camera.central else rays.origins
-        self._groups: dict[int | None, tuple[RayGroup, ...]] = {}
+
+    @property
+    def directions(self) -> Array:
+        """(H, W, 3) unit, camera frame, NaN where not valid."""
+        return self._directions
+
+    @cached_property
+    def _groups(self) -> dict[int | None, tuple[RayGroup, ...]]:
+        return {}
 
     @cached_property
     def steps(self) -> Array:
@@ -117,11 +130,11 @@ class CameraRays:
         if len(shared.centers) == 1:
             pixels = np.flatnonzero(self.valid)
             mine = directions if len(pixels) == len(directions) else directions[pixels]
-            return (RayGroup(shared.centers[0], pixels, mine),) if len(pixels) else ()
+            return (ray_group(shared.centers[0], pixels, mine),) if len(pixels) else ()
         order = np.argsort(shared.index, axis=None, kind="stable")
         starts = np.searchsorted(shared.index.ravel()[order], np.arange(len(shared.centers) + 1))
         return tuple(
-            RayGroup(center_c, order[start:end], directions[order[start:end]])
+            ray_group(center_c, order[start:end], directions[order[start:end]])
             for center_c, start, end in zip(shared.centers, starts[:-1], starts[1:], strict=True)
             if end > start
         )
@@ -135,6 +148,11 @@ class CameraRays:
         for groups in list(self._groups.values()):
             arrays += [each for group in groups for each in (group.pixels, group.directions)]
         return sum(array.nbytes for array in arrays if array is not None)
+
+
+def ray_group(center_c: Array, pixels: NDArray[np.int64], directions: Array) -> RayGroup:
+    """Return a group of pixels whose rays are held."""
+    return RayGroup(center_c, pixels, lambda: (directions,))
 
 
 def unproject(camera: Camera, pixels: Array) -> Rays:

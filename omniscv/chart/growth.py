@@ -1,0 +1,214 @@
+"""How time and memory grow: with the size of the image, with poses, cameras at a place, and viewpoints."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from omniscv.cameras import create
+from omniscv.chart import drawing
+from omniscv.chart.drawing import COLORS, INK, MARKERS
+from omniscv.compose.renderer import Renderer
+from omniscv.geometry import Pose
+from omniscv.planning import RenderOptions
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper
+from omniscv.sources.scene import open_scene
+
+TITLE = "Time and memory against size, poses, cameras at a place, and viewpoints"
+QUICK = {"width": 64, "most": 2}
+
+_MODES = ("lit", "depth")
+_TRACED_PX = 128
+_POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=20.0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One job, in a process of its own.
+
+    Attributes:
+        series: what grows.
+        count: how much of it: megapixels, or how many.
+        cpu_s: processor time of all cores for planning and composing; captures are there already.
+        peak_mb: the most memory that the process held.
+        idle_mb: what it had held before, with everything imported and compiled.
+    """
+
+    series: str
+    count: float
+    cpu_s: float
+    peak_mb: float
+    idle_mb: float
+
+
+class _Still(SourceWrapper):
+    """Captures of any size that cost next to nothing: one small view by orientation, its pixels repeated."""
+
+    def __init__(self, source: Source) -> None:
+        super().__init__(source)
+        self._held: dict[Request, Capture] = {}
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for request in requests:
+            view = request.view
+            here = Pose(_POSE.position, view.pose.rotation)
+            small = replace(request, view=replace(view, pose=here, width=_TRACED_PX, height=_TRACED_PX))
+            if small not in self._held:
+                (self._held[small],) = self._source.capture([small])
+            rows, columns = (np.arange(n) * _TRACED_PX // n for n in (view.height, view.width))
+            yield Capture(request, view, self._held[small].pixels[np.ix_(rows, columns)])
+
+
+def _sizes(renderer: Renderer, width: int, count: int) -> float:
+    """One panorama from six faces of a quarter of its width; return its megapixels."""
+    wide = 2 * round(width * (count / _MOST) ** 0.5 / 2)
+    camera = create("equirectangular", width=wide, height=wide // 2)
+    renderer.render(camera, _POSE, _MODES, RenderOptions("cube", face_size=max(wide // 4, 8)))
+    return camera.width * camera.height / 1e6
+
+
+def _poses(renderer: Renderer, width: int, count: int) -> float:
+    """A panorama from each of so many places, in an orientation of its own."""
+    camera = create("equirectangular", width=width // 16, height=width // 32)
+    for i in range(count):
+        pose = Pose.from_angles((0.01 * i, 0, 1.5), yaw_deg=3.7 * i)
+        renderer.render(camera, pose, _MODES, RenderOptions("cube", face_size=max(width // 64, 8)))
+    return count
+
+
+def _cameras(renderer: Renderer, width: int, count: int) -> float:
+    """So many fisheyes at one place and moment."""
+    size = {"width": width // 32, "height": width // 32}
+    shots = [(create("fisheye-equidistant", **size, fov_deg=170 + i / 4), _POSE) for i in range(count)]
+    for _ in renderer.render_together(shots, _MODES, RenderOptions("cube", face_size=max(width // 64, 8))):
+        pass
+    return count
+
+
+def _viewpoints(renderer: Renderer, width: int, count: int) -> float:
+    """One non-central panorama, captured from so many optical centres."""
+    camera = create("noncentral-panorama", width=width // 16, height=width // 32, radius=0.5)
+    options = RenderOptions("cube", viewpoints=count, face_size=max(width // 128, 8))
+    renderer.render(camera, _POSE, _MODES, options)
+    return count
+
+
+_MOST = 128
+SERIES: dict[str, Callable[[Renderer, int, int], float]] = {
+    "Mpx of the image": _sizes,
+    "poses": _poses,
+    "cameras at a place": _cameras,
+    "viewpoints": _viewpoints,
+}
+
+
+def measure(
+    width: int = 16384, most: int = _MOST, progress: Callable[[int, int], None] | None = None
+) -> list[Row]:
+    """Measure every job in a process of its own.
+
+    Args:
+        width: of the largest panorama, px; the other jobs' images are in proportion.
+        most: how many times the smallest job the largest is: powers of two up to it are measured.
+        progress: called with (jobs done, jobs in all).
+    """
+    counts = [1 << k for k in range(int(np.log2(most)) + 1)]
+    jobs = [(series, width, count * (_MOST // counts[-1] if job is _sizes else 1))
+            for series, job in SERIES.items() for count in counts]  # fmt: skip
+    rows = []
+    for series, wide, count in jobs:
+        with ProcessPoolExecutor(1, get_context("spawn")) as alone:
+            rows.append(alone.submit(_measured, series, wide, count).result())
+        if progress:
+            progress(len(rows), len(jobs))
+    return rows
+
+
+def _measured(series: str, width: int, count: int) -> Row:
+    """Do one job, after one that is as small as can be."""
+    with open_scene("scene://four-wall") as scene:
+        source, job = _Still(scene), SERIES[series]
+        job(Renderer(source), min(width, 1024), 1)
+        idle_mb = _peak_mb()
+        started = time.process_time()
+        measured = job(Renderer(source), width, count)
+        return Row(series, measured, time.process_time() - started, _peak_mb(), idle_mb)
+
+
+def _peak_mb() -> float:
+    """The most memory that this process has held, without what its parent held before it was started."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        (line,) = [line for line in status.read_text().splitlines() if line.startswith("VmHWM")]
+        return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1 << (20 if sys.platform == "darwin" else 10)
+    )
+
+
+def cpu_s(row: Row) -> float:
+    """Return what the left panel shows."""
+    return row.cpu_s
+
+
+def peak_mb(row: Row) -> float:
+    """Return what the right panel shows."""
+    return row.peak_mb
+
+
+def slope(rows: Sequence[Row], of: Callable[[Row], float]) -> float:
+    """Return a series' slope on logarithmic axes, by least squares: 1 where twice as much takes twice."""
+    counts, values = [row.count for row in rows], [of(row) for row in rows]
+    return float(np.polyfit(np.log(counts), np.log(values), 1)[0])
+
+
+def further(progress: object = None, **given: int) -> dict[str, Sequence[object]]:
+    """Return what the page has beside the picture's rows: nothing."""
+    return {}
+
+
+def write(rows: Sequence[Row], out: Path) -> list[Path]:
+    """Write the measurements and draw them: ``chart-growth`` as JSON, SVG and PNG."""
+    made, (seconds, memory) = drawing.figure(2, 4.4, finding(rows))
+    panels = (seconds, "CPU seconds", cpu_s), (memory, "peak memory, MB", peak_mb)
+    for axes, unit, of in panels:
+        axes.set(xscale="log", yscale="log")
+        for series, color, marker in zip(SERIES, COLORS, MARKERS, strict=False):
+            mine = [row for row in rows if row.series == series]
+            text = f"{series}: slope {slope(mine, of):.2f}"
+            axes.plot([row.count for row in mine], [of(row) for row in mine], marker + "-",
+                      color=color, lw=1.2, ms=5, label=text)  # fmt: skip
+        for axis in (axes.xaxis, axes.yaxis):
+            drawing.plain(axis, (1,))
+        axes.margins(y=0.12)
+        axes.grid(True, which="major", color="#d5d9e0", lw=0.5, zorder=0)
+        axes.tick_params(labelsize=8, colors=INK)
+        axes.set_xlabel("how many, or megapixels", size=9)
+        axes.set_ylabel(unit, size=9)
+        axes.legend(fontsize=7.5, loc="upper left", framealpha=0.9)
+    low, high = memory.get_ylim()
+    memory.set_ylim(low, high * 4)
+    low, high = seconds.get_ylim()
+    seconds.set_ylim(low, high * 6)
+    return [drawing.write_rows(rows, out, "chart-growth"), *drawing.save(made, out, "chart-growth")]
+
+
+def finding(rows: Sequence[Row]) -> str:
+    """The title: what the measurement shows."""
+    by = {series: [row for row in rows if row.series == series] for series in SERIES}
+    slopes = [slope(mine, cpu_s) for mine in by.values()]
+    largest = max(by["Mpx of the image"], key=lambda row: row.count)
+    flat = [series for series in list(SERIES)[1:] if slope(by[series], peak_mb) < 0.2]
+    more = f"; more {' or '.join(flat)} take no more memory" if flat else ""
+    return (
+        f"Time grows in proportion (slopes {min(slopes):.2f} to {max(slopes):.2f}); "
+        f"{largest.count:.3g} Mpx in {largest.peak_mb / 1024:.2g} GB{more}"
+    )

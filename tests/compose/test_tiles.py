@@ -1,0 +1,91 @@
+"""Large images are composed a block of rows at a time: to the same bytes, and never with a whole map."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import omniscv
+from mock_server import load_scene
+from omniscv import cameras
+from omniscv.geometry import Pose
+from omniscv.planning import FILTERS
+from omniscv.planning.tiled_rays import BYTES_PER_RAY, TiledRays
+from omniscv.planning.viewpoints import CameraRays
+from omniscv.sources.scene import SceneSource
+from tests.cameras.examples import example_cameras
+from tests.support.cases import cases
+
+SOURCE = SceneSource(load_scene("four-wall"), cached_views=2000)
+MODES = ("lit", "object_mask", "depth", "normals")
+POSE = Pose.from_angles((0.3, -0.2, 1.4), yaw_deg=20.0, pitch_deg=5.0)
+CAMERAS = example_cameras()
+CENTRAL = [camera for camera in CAMERAS.values() if camera.central]
+FIRST = {camera.name: camera for camera in reversed(CAMERAS.values())}
+
+
+def same_in_tiles(camera, rows, options, modes=MODES):
+    """Compose an image in tiles of so many rows, and whole: every layer to the byte."""
+    tile_bytes = rows * camera.width * BYTES_PER_RAY
+    tiled, whole = (
+        renderer.render(camera, POSE, modes, options)
+        for renderer in (
+            omniscv.Renderer(SOURCE, cache_bytes=0, tile_bytes=tile_bytes),
+            omniscv.Renderer(SOURCE),
+        )
+    )
+    assert tiled.layers.keys() == whole.layers.keys()
+    for name, layer in whole.layers.items():
+        assert (tiled[name].dtype, tiled[name].tobytes()) == (layer.dtype, layer.tobytes()), name
+    assert np.array_equal(tiled.valid, whole.valid)
+    assert np.array_equal(tiled.centers_w, whole.centers_w)
+
+
+@pytest.mark.parametrize("name", cameras.names())
+def test_every_camera_shows_the_same_in_tiles(name):
+    camera = FIRST[name]
+    same_in_tiles(camera, 9, omniscv.RenderOptions(face_size=32, viewpoints=None if camera.central else 2))
+
+
+@cases(12)
+@given(
+    st.sampled_from(CENTRAL),
+    st.integers(1, 70),
+    st.sampled_from(FILTERS),
+    st.sampled_from(["auto", "cube", "faces", "strips", "reproject"]),
+    st.sampled_from([8, 32]),
+    st.sampled_from(["captured", "from-depth"]),
+)
+def test_tiles_of_any_height_show_the_same(camera, rows, filter, strategy, face_size, normals):
+    options = omniscv.RenderOptions(strategy, filter=filter, face_size=face_size, normals=normals)
+    same_in_tiles(camera, rows, options)
+
+
+@pytest.mark.parametrize("camera", CENTRAL, ids=lambda camera: camera.name)
+def test_what_plans_need_of_the_rays_is_the_same(camera):
+    """Face sizes and single views decide what is requested: a recording must hold the same."""
+    tiled, whole = TiledRays(camera, 3 * camera.width * BYTES_PER_RAY), CameraRays(camera)
+    assert np.array_equal(tiled.steps, whole.steps, equal_nan=True)
+    assert np.array_equal(tiled.directions, whole.directions, equal_nan=True)
+    assert (tiled.face_size, tiled.typical_step) == (whole.face_size, whole.typical_step)
+    assert np.array_equal(tiled.frame.half, whole.frame.half)
+    assert tiled.frame.focal_px == whole.frame.focal_px or not np.isfinite(whole.frame.half).all()
+
+
+@pytest.mark.parametrize("face_size", [64, "auto"])
+def test_a_tiled_image_never_holds_its_map(face_size):
+    """Of a pixel it holds 21 bytes: colour, depth, its error, marks, its number. A ray alone takes 24."""
+    camera = cameras.create("equirectangular", width=1024, height=512)
+    pixels = camera.width * camera.height
+    renderer = omniscv.Renderer(SOURCE, cache_bytes=0, tile_bytes=pixels)
+    options = omniscv.RenderOptions(face_size=face_size)
+    renderer.render(camera, POSE, ("lit", "depth"), options)  # captures are made, kernels compiled
+    tracemalloc.start()
+    try:
+        renderer.render(camera, POSE, ("lit", "depth"), options)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 40 * pixels
