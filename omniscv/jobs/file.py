@@ -44,6 +44,9 @@ from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 from omniscv.sources.world import Freeze
 
+EXAMPLE = Path(__file__).parent / "example.yaml"
+"""A job with every key, and a comment for each."""
+
 
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Job:
     """Return the job in a YAML file; its paths are relative to the file.
@@ -111,7 +114,7 @@ def _address(address: str, folder: Path) -> str:
 
 
 def _source(name: str, value: object) -> str | tuple[str, ...]:
-    if not isinstance(value, str | list):
+    if not isinstance(value, str | list | tuple):
         wanted = "expected an address, a recording, or a list of them"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
     return text(name, value) if isinstance(value, str) else texts(name, value)
