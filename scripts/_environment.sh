@@ -1,6 +1,10 @@
 # Sourced by the scripts: makes .venv from the lock when it is missing or stale, and steps into it.
 # The package itself is installed again when pyproject.toml changes: its commands and plugins are in there.
+# First, --help prints the comment that the script begins with, and nothing is made.
 set -euo pipefail
+case ${1:-} in
+  -h | --help) sed -n '2,/^[^#]/ s/^# \{0,1\}//p' "$0"; exit 0 ;;
+esac
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 stamp=$(cksum < requirements.lock)

@@ -22,7 +22,9 @@ COMMANDS = (
     "render",
     "record",
     "plan",
+    "job",
     "serve",
+    "scenes",
     "cameras",
     "captures",
     "dataset",
@@ -73,7 +75,6 @@ app = typer.Typer(
     callback=_root,
     epilog="Start with: omniscv demo out/",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -96,6 +97,8 @@ def run(arguments: list[str]) -> int:
         message = text and f"{text} (see omniscv --help)"  # no text where the help was printed
     except (OmniscvError, OSError) as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
+    except ImportError as error:  # of what is missing, or of the system libraries that it needs
+        code, message = 1, f"{error}; 'omniscv doctor --self' checks this installation"
     except MemoryError as error:
         code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
     if code == signals.STOPPED:

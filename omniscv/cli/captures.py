@@ -1,6 +1,7 @@
 """``omniscv captures``: inspect, check and convert recordings."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -108,3 +109,20 @@ def split(
 
     for name, count in recording.split(file, out, by, distance):
         console.line(f"{folder(out)}/{name}: {count} captures")
+
+
+@app.command(epilog="Example: omniscv captures places room.sqlite")
+def places(file: Recording, as_json: options.AsJson = False) -> None:
+    """List the optical centres of a recording, and what was captured at each."""
+    from omniscv.sources.recording import inspection
+
+    found = inspection.places(file)
+    if as_json:
+        console.document(json.dumps([asdict(each) for each in found], indent=2))
+        return
+    rows = []
+    for each in found:
+        position = " ".join(f"{value:.5g}" for value in each.center)
+        captures = " ".join(f"{count} {mode}" for mode, count in each.captures.items())
+        rows.append((position, captures, each.state or "still"))
+    console.table(("position m", "captures", "state"), rows)

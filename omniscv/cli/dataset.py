@@ -1,13 +1,13 @@
 """``omniscv dataset``: make, export, check, pack and describe datasets."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.cli.job_options import ImageOptions
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."
@@ -19,20 +19,23 @@ Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of th
 Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
 
 
+class MakeOptions(ImageOptions):
+    """What to make, in which parts."""
+
+    job: Path = Argument(metavar="JOB.yaml", help="A job; its dataset is made below its 'out'.")
+    resume: bool = Option(False, "--resume", help="Go on with a dataset that is there.")
+    shard: str | None = Option(
+        None, help="I/N: only this part of the frames, I from 0; finish with --resume."
+    )
+    cluster: str | None = Option(
+        None, help="By workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
+    )
+    workers: int = Option(1, min=1, max=256, help="Images composed at a time.")
+
+
 @app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
-def make(
-    job: Annotated[Path, Argument(metavar="JOB.yaml", help="A job; its dataset is made below its 'out'.")],
-    resume: Annotated[bool, Option("--resume", help="Go on with a dataset that is there.")] = False,
-    shard: Annotated[
-        str | None, Option(help="I/N: only this part of the frames, I from 0; finish with --resume.")
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        Option(help="By workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."),
-    ] = None,
-    workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
-    freeze: Annotated[str | None, Option(help="As for render.")] = None,
-) -> None:
+@MakeOptions.command
+def make(given: MakeOptions) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
     The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
@@ -40,22 +43,23 @@ def make(
     """
     from omniscv import jobs
 
-    wanted = jobs.load(job)
-    wanted = replace(wanted, source_options={**wanted.source_options, **options.frozen(freeze)})
-    if cluster is not None and (shard is not None or workers != 1):
+    wanted = given.to_job()
+    if given.cluster is not None and (given.shard is not None or given.workers != 1):
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
     with console.progress_bar("frames") as progress:
-        if cluster is not None:
+        if given.cluster is not None:
             from omniscv.cluster import make, place
 
-            made = make(wanted, place(cluster), progress=progress, warn=console.error, note=console.line)
+            made = make(
+                wanted, place(given.cluster), progress=progress, warn=console.error, note=console.line
+            )
             console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
             return
         made = jobs.make(
             wanted,
-            resume=resume,
-            shard=None if shard is None else _shard(shard),
-            workers=workers,
+            resume=given.resume,
+            shard=None if given.shard is None else _shard(given.shard),
+            workers=given.workers,
             progress=progress,
             warn=console.error,
         )

@@ -7,29 +7,49 @@ from typing import Annotated
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.errors import ArgumentError
 
 app = Typer(add_completion=False)
 
 _STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
 
 
-@app.command(epilog="Example: omniscv doctor mock://four-wall")
+@app.command(epilog="Example: omniscv doctor mock://four-wall\n\nExample: omniscv doctor --self")
 def doctor(
-    uri: Annotated[str, Argument(help="unreal://host:port, mock://scene or blender://SCENE.blend.")],
+    uri: Annotated[
+        str | None, Argument(help="unreal://host:port, mock://scene or blender://SCENE.blend.")
+    ] = None,
+    self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     as_json: options.AsJson = False,
     timeout: Annotated[float | None, Option(help="As for record.")] = None,
     patience: Annotated[float | None, Option(help="As for record.")] = None,
 ) -> None:
-    """Measure what a server is, and what would spoil captures there. Exit code 1 if something would."""
-    import numpy as np
+    """Measure what a server is, and what would spoil captures there; or check this installation.
 
-    from omniscv.diagnostics import examine_address
+    Exit code 1 if something is bad.
+    """
+    if (uri is None) != self:
+        raise ArgumentError(
+            "doctor: expected the address of a server or --self, got " + ("both" if self else "none")
+        )
+    if uri is None:
+        from omniscv.diagnostics import examine_installation
 
-    where = None if position is None else np.array(options.numbers("--position", position))
-    findings = examine_address(uri, where, **options.deadlines(timeout, patience))
+        findings = examine_installation()
+    else:
+        import numpy as np
+
+        from omniscv.diagnostics import examine_address
+
+        where = None if position is None else np.array(options.numbers("--position", position))
+        findings = examine_address(uri, where, **options.deadlines(timeout, patience))
     if as_json:
         console.document(json.dumps([asdict(finding) for finding in findings], indent=2))
+    elif self:
+        for each in findings:
+            remedy = f": {each.remedy}" if each.remedy else ""
+            console.line(f"{each.verdict:<8} {each.name}: {each.value}{remedy}")
     else:
         rows = [(each.verdict, each.name, each.value, each.remedy) for each in findings]
         console.table(("", "measured", "found", "remedy"), rows, _STYLES)

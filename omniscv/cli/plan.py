@@ -1,11 +1,9 @@
 """``omniscv plan``: what each strategy would capture."""
 
-from pathlib import Path
-
 from typer import Option, Typer
 
 from omniscv.cli import console
-from omniscv.cli.options import JobOptions
+from omniscv.cli.job_options import JobOptions
 
 app = Typer(add_completion=False)
 
@@ -15,7 +13,6 @@ _COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes
 class PlanOptions(JobOptions):
     """What to plan."""
 
-    beside_job = frozenset(("job", "measure"))
     measure: bool = Option(False, "--measure", help="Open the source, and measure how long a request takes.")
 
 
@@ -30,7 +27,7 @@ def plan(given: PlanOptions) -> None:
     from omniscv.jobs import costs
 
     rows = []
-    for cost in costs(given.to_job(out=Path()), measure=given.measure):
+    for cost in costs(given.to_job(), measure=given.measure):
         counts = (cost.views, cost.requests, cost.most_requests)
         sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
         rows.append((cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}"))

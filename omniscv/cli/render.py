@@ -1,34 +1,48 @@
 """``omniscv render``: compose images."""
 
-from pathlib import Path
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from typer import Option, Typer
 
 from omniscv.cli import console
-from omniscv.cli.options import JobOptions
+from omniscv.cli.job_options import ImageOptions
+from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from omniscv.jobs import Job
 
 app = Typer(add_completion=False)
 
 
-class RenderOptions(JobOptions):
-    """What to render, and where to write it."""
+class RenderOptions(ImageOptions):
+    """What to render, and the names of the files."""
 
-    out: Path = Option(Path("out"), help="Folder for the images.")
     stem: str | None = Option(None, help="Start of the file names; else the camera's name.")
-    record: Path | None = Option(None, help="A recording to take captures from, and to add new ones to.")
-    image_format: str = Option("png", help="png, jxl or jpg, for lit.")
+
+    def to_job(self) -> Job:
+        job = super().to_job()
+        if self.stem is None:
+            return job
+        if job.rig is not None or len(job.cameras) != 1:
+            raise ArgumentError(f"--stem: expected a job with one camera, got {len(job.cameras)}")
+        (camera,) = job.cameras.values()
+        return replace(job, cameras={self.stem: camera})
 
 
 @app.command(
     epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
-    "--size 1024x1024 --fov 185 --position 0,0,1.5 --modes lit,depth --out out/"
+    "--size 1024x1024 --fov 185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"
+    "Example: omniscv render job.yaml --modes lit --face-size 512 --out draft/"
 )
 @RenderOptions.command
 def render(given: RenderOptions) -> None:
     """Compose images and their ground truth."""
     from omniscv.jobs import run
 
-    job = given.to_job(given.stem, out=given.out, record=given.record, image_format=given.image_format)
+    job = given.to_job()
     with console.progress_bar("images") as progress:
         files = run(job, progress, warn=console.error)
     for path in files:

@@ -34,7 +34,7 @@ def serve(given: ServeOptions) -> None:
     with mock_server.stop_signal() as wait:
         signals.check()
         try:
-            server = mock_server.serve(**{**vars(given), "size": options.size(given.size)})
+            server = mock_server.serve(**{**given.values, "size": options.size(given.size)})
         except ValueError as wrong:
             raise ArgumentError(str(wrong)) from wrong
         except OSError as cause:

@@ -23,6 +23,7 @@ beyond these are in :mod:`omniscv.dataset.recipe`.
 """
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -37,51 +38,68 @@ from omniscv.errors import ArgumentError
 from omniscv.jobs import motions, poses
 from omniscv.jobs.job import Job
 from omniscv.jobs.moments import Exposure
+from omniscv.jobs.overriding import overridden
 from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 from omniscv.sources.world import Freeze
 from omniscv.storage import is_url, without_secrets
 
+EXAMPLE = Path(__file__).parent / "example.yaml"
+"""A job with every key, and a comment for each."""
 
-def load(path: Path) -> Job:
+
+def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Job:
     """Return the job in a YAML file; its paths are relative to the file.
+
+    Args:
+        path: of the file.
+        overrides: values in place of the file's, as :func:`omniscv.jobs.overriding.overridden` takes them.
 
     Raises:
         ArgumentError: the file cannot be read, or a field is unknown, missing or wrong.
     """
     with within(path):
         data = yaml_text.parse(yaml_text.read_text(path))
-        given = fields_of("", data, _FIELDS, needed=("source", "poses"))
-        folder, source, given_poses = path.parent, given.pop("source"), given.pop("poses")
-        for key in ("out", "record"):
-            if given.get(key) is not None and not (key == "out" and is_url(given[key])):
-                given[key] = folder / given[key]
-        options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
-        given["rig"] = rig_of(given.get("rig"), folder)
-        given["motions"] = motions.opened(given.get("motions", {}), folder)
-        if "freeze" in given:
-            freeze = {"freeze": given.pop("freeze")}
-            given["source_options"] = {**given.get("source_options", {}), **freeze}
-        times = given.pop("times", None)
-        posed = motions.timed(poses.opened(given_poses, folder), times)
-        recipe_of = {key: given.pop(key) for key in recipe.FIELDS if key in given}
-        return Job(
-            source=_addresses(source, folder),
-            options=RenderOptions(**options),
-            recipe=recipe.read(recipe_of, folder),
-            **{"out": folder / "out", "cameras": {}, **given},
-            **posed._asdict(),
-            clock=times is not None,
-        )
+        return read(overridden(data, overrides or {}), path.parent)
 
 
-def _addresses(source: str | tuple[str, ...], folder: Path) -> str | tuple[str, ...]:
+def read(description: object, folder: Path) -> Job:
+    """Return the job that a mapping of the same keys describes; its paths are relative to a folder.
+
+    Raises:
+        ArgumentError: a field is unknown, missing or wrong.
+    """
+    given = fields_of("", description, FIELDS, needed=("source", "poses"))
+    source, given_poses = given.pop("source"), given.pop("poses")
+    for key in ("out", "record"):
+        if given.get(key) is not None and not (key == "out" and is_url(given[key])):
+            given[key] = folder / given[key]
+    options = {key: given.pop(key) for key in _OPTIONS & given.keys()}
+    given["rig"] = rig_of(given.get("rig"), folder)
+    given["motions"] = motions.opened(given.get("motions", {}), folder)
+    if "freeze" in given:
+        freeze = {"freeze": given.pop("freeze")}
+        given["source_options"] = {**given.get("source_options", {}), **freeze}
+    times = given.pop("times", None)
+    posed = motions.timed(poses.opened(given_poses, folder), times)
+    recipe_of = {key: given.pop(key) for key in recipe.FIELDS if key in given}
+    return Job(
+        source=address(source, folder),
+        options=RenderOptions(**options),
+        recipe=recipe.read(recipe_of, folder),
+        **{"out": folder / "out", "cameras": {}, **given},
+        **posed._asdict(),
+        clock=times is not None,
+    )
+
+
+def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:
+    """Return an address, or several, whose paths, if they have any, are relative to a folder."""
     return _address(source, folder) if isinstance(source, str) else tuple(_address(s, folder) for s in source)
 
 
 def _address(address: str, folder: Path) -> str:
-    """An address whose path, if it has one, is relative to a folder."""
     scheme = scheme_of(address)
     if scheme is None:
         return str(folder / address)
@@ -97,7 +115,7 @@ def _address(address: str, folder: Path) -> str:
 
 
 def _source(name: str, value: object) -> str | tuple[str, ...]:
-    if not isinstance(value, str | list):
+    if not isinstance(value, str | list | tuple):
         wanted = "expected an address, a recording, or a list of them"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
     return text(name, value) if isinstance(value, str) else texts(name, value)
@@ -151,7 +169,7 @@ _OPTION_READERS: dict[object, Reader] = {
     bool: flag,
     Freeze: _freeze,
 }
-_FIELDS: dict[str, Reader] = {
+FIELDS: dict[str, Reader] = {
     "source": _source,
     "record": _record,
     "cameras": _cameras,

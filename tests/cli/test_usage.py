@@ -158,23 +158,6 @@ def job(tmp_path):
     return path
 
 
-@pytest.mark.parametrize(
-    ("command", "option"),
-    [
-        ("render", ("--modes", "lit")),  # though it is the default
-        ("render", ("--out", "elsewhere")),
-        ("render", ("--face-size", "64")),
-        ("plan", ("--camera", "pinhole")),
-        ("record", ("--position", "1,0,1.5")),
-        ("record", ("--face-size", "32")),
-    ],
-)
-def test_an_option_beside_a_job_is_refused(command, option, job, capsys):
-    line = failed(capsys, 2, [command, job, *option])
-    assert line == f"omniscv: {option[0]}: expected a job file or this option, got both"
-    assert list(job.parent.iterdir()) == [job]
-
-
 def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
     """Another source, another file, and wider faces."""
     out = tmp_path / "two.sqlite"

@@ -1,4 +1,4 @@
-"""What README.md and docs/*.md tell readers to run, runs."""
+"""What README.md and the pages of docs/ tell readers to run, runs."""
 
 import multiprocessing
 import os
@@ -9,12 +9,12 @@ import pytest
 from support.command_line import ROOT, run
 from support.documents import at_ports, blocks, shrunk, unfenced
 
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BY_NAME = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in DOCUMENTS}
 
 
 def test_there_are_documents():
-    assert {"README.md", "docs/scenes.md", "docs/testing.md"} <= set(BY_NAME)
+    assert {"README.md", "docs/scenes.md", "docs/tutorials/offline.md"} <= set(BY_NAME)
 
 
 @pytest.mark.parametrize("name", BY_NAME)

@@ -1,7 +1,7 @@
 """What a recording holds, and whether it is undamaged."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -11,6 +11,7 @@ from typing import Any
 from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
+from omniscv.sources.base import View
 from omniscv.sources.recording.rows import Row, object_from_json, view_from_json
 from omniscv.sources.recording.state_table import HeldState
 from omniscv.sources.recording.store import ADVICE, Store
@@ -56,7 +57,7 @@ def info(path: Path | str) -> Info:
         rows = store.listing()
         views = [view_from_json(row.captured) for row in rows]
         origins = [object_from_json(row.provenance) for row in rows]
-        times = [each["time"] for each in origins if isinstance(each.get("time"), int | float)]
+        times = [time for each in origins if (time := _time(each)) is not None]
 
         def known(key: str) -> list[str]:
             return sorted({str(each[key]) for each in origins if key in each})
@@ -84,6 +85,56 @@ def _states(rows: list[Row], known: dict[str, HeldState]) -> dict[str, dict[str,
         state: {"captures": count, "instant": each.to_dict() if (each := instants[state]) else None}
         for state, count in Counter(row.state for row in rows).items()
     }
+
+
+@dataclass(frozen=True)
+class Place:
+    """An optical centre of a recording.
+
+    Attributes:
+        center: metres, world frame.
+        state: of the world; empty for the still one.
+        captures: number of captures by mode.
+        fov_deg: the least and the greatest field of view of a view.
+        last: when it was captured last, ISO 8601, UTC; empty where that is not recorded.
+    """
+
+    center: tuple[float, ...]
+    state: str
+    captures: dict[str, int]
+    fov_deg: tuple[float, float]
+    last: str
+
+
+def places(path: Path | str) -> list[Place]:
+    """Return the optical centres of a recording, in the order of their first captures, without its pixels.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    with closing(Store(path)) as store:
+        found: dict[tuple[object, ...], list[tuple[View, Row]]] = {}
+        for row in store.listing():
+            view = view_from_json(row.captured)
+            found.setdefault((*view.key()[2:5], row.state), []).append((view, row))
+    return [_place(each) for each in found.values()]
+
+
+def _place(captures: list[tuple[View, Row]]) -> Place:
+    views, rows = zip(*captures, strict=True)
+    times = [_time(object_from_json(row.provenance)) for row in rows]
+    return Place(
+        center=tuple(views[0].pose.position.tolist()),
+        state=rows[0].state,
+        captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
+        fov_deg=(min(view.fov_deg for view in views), max(view.fov_deg for view in views)),
+        last=_iso(max((time for time in times if time is not None), default=None)),
+    )
+
+
+def _time(origin: Mapping[str, Any]) -> float | None:
+    time = origin.get("time")
+    return time if isinstance(time, int | float) else None
 
 
 @dataclass(frozen=True)

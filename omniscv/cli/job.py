@@ -1,0 +1,33 @@
+"""``omniscv job``: check a job, or print one with every key."""
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option, Typer
+
+from omniscv.cli import console
+from omniscv.errors import ArgumentError
+
+app = Typer(add_completion=False)
+
+
+@app.command(epilog="Example: omniscv job job.yaml\n\nExample: omniscv job --example")
+def job(
+    job: Annotated[Path | None, Argument(metavar="JOB.yaml", help="A job to check.")] = None,
+    example: Annotated[bool, Option("--example", help="Print a job with every key, as a start.")] = False,
+) -> None:
+    """Check a job without opening its source, and print what it makes; or print one with every key."""
+    if (job is None) != example:
+        raise ArgumentError("job: expected JOB.yaml or --example, got " + ("both" if example else "neither"))
+    if job is None:
+        from omniscv.jobs import EXAMPLE
+
+        console.document(EXAMPLE.read_text(encoding="utf-8"))
+        return
+    from omniscv.jobs import load
+
+    found = load(job)
+    frames = "poses sampled in the source" if found.sampling else f"{len(found.poses)} poses"
+    console.line(f"{job}: {len(found.cameras)} cameras at {frames}, of {', '.join(found.sources)}")
+    for name, camera in found.cameras.items():
+        console.line(f"{name}: {camera}")

@@ -1,0 +1,138 @@
+"""What this installation lacks: packages, system libraries, places to write, ports, space.
+
+Loads what it checks only while it checks it, so that it runs where they are missing.
+"""
+
+import importlib
+import platform
+import shutil
+import socket
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omniscv.diagnostics.finding import Finding
+
+if TYPE_CHECKING:
+    from packaging.specifiers import SpecifierSet
+
+LIBRARIES = ("cv2", "OpenImageIO", "numba", "scipy.spatial", "matplotlib", "PIL.Image", "unrealcv")
+"""Modules with compiled parts, or with system libraries behind them."""
+
+LEAST_BYTES, ENOUGH_BYTES = 100 << 20, 2 << 30
+"""Free space of a disk: below the first nothing useful can be captured, below the second little."""
+
+_SLIM = "slim images lack it: apt-get install libgl1 libglib2.0-0, or pip install opencv-python-headless"
+_ADVICE = {"libGL": _SLIM, "libgthread": _SLIM, "libglib": _SLIM}
+_AGAIN = "pip install --upgrade omniscv, in an environment of its own"
+
+
+def examine_installation(folder: Path | None = None, port: int = 9000) -> list[Finding]:
+    """Return what was found, in the order in which it matters.
+
+    Args:
+        folder: where files are to be written; the present one if not given.
+        port: that the mock server listens on if no other is given.
+    """
+    where = Path.cwd() if folder is None else folder
+    temporary = Path(tempfile.gettempdir())
+    return [
+        Finding("Python", f"{platform.python_version()}, {platform.machine()}, {sys.prefix}"),
+        *_packages(),
+        *map(_library, LIBRARIES),
+        _writable("working folder", where),
+        _writable("temporary folder", temporary),
+        _attempt("numba cache", _numba_cache, "set NUMBA_CACHE_DIR to a folder that can be written to"),
+        _attempt("ports of 127.0.0.1", _port, "allow this process to listen on the loopback interface"),
+        _default_port(port),
+        *(_space(each) for each in dict.fromkeys((where, temporary))),
+    ]
+
+
+def _packages() -> Iterator[Finding]:
+    """The packages that omniscv needs, against the versions that it needs."""
+    from packaging.requirements import Requirement
+
+    try:
+        needed = [Requirement(text) for text in metadata.requires("omniscv") or ()]
+        yield Finding("omniscv", metadata.version("omniscv"))
+    except metadata.PackageNotFoundError:
+        yield Finding("omniscv", "not installed", "bad", "pip install . in its folder, or ./scripts/demo")
+        return
+    for each in needed:
+        if each.marker is None or each.marker.evaluate({"extra": ""}):
+            yield _package(each.name, each.specifier)
+
+
+def _package(name: str, versions: "SpecifierSet") -> Finding:
+    try:
+        found = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return Finding(name, f"missing, needs {versions}", "bad", _AGAIN)
+    right = versions.contains(found, prereleases=True)
+    return Finding.unless(right, name, found if right else f"{found}, needs {versions}", "bad", _AGAIN)
+
+
+def _library(module: str) -> Finding:
+    """Whether a module can be imported: of system libraries, that is when they are missed."""
+    try:
+        importlib.import_module(module)
+    except (ImportError, OSError) as cause:
+        advice = next((text for word, text in _ADVICE.items() if word in str(cause)), _AGAIN)
+        return Finding(f"import {module}", f"fails: {cause}", "bad", advice)
+    return Finding(f"import {module}", "loads")
+
+
+def _attempt(name: str, check: Callable[[], str], remedy: str) -> Finding:
+    """A finding that is bad where the check raises."""
+    try:
+        return Finding(name, check())
+    except (ImportError, OSError, RuntimeError) as cause:
+        return Finding(name, f"fails: {cause}", "bad", remedy)
+
+
+def _writable(name: str, folder: Path) -> Finding:
+    def check() -> str:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"omniscv")
+        return f"{folder} can be written to"
+
+    return _attempt(name, check, "choose another folder, or give yourself the right to write there")
+
+
+def _numba_cache() -> str:
+    """Compile a function whose code is kept on disk; RuntimeError where there is no place for it."""
+    from omniscv.diagnostics.compiled import probe
+
+    probe(1.0)
+    return f"{probe.stats.cache_path} can be written to"
+
+
+def _port() -> str:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return "can be listened on"
+
+
+def _default_port(port: int) -> Finding:
+    """Whether the default port of the mock server is free; another one does as well."""
+    name, taken = f"port {port}", "in use: by an UnrealCV server, or by another program"
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(("127.0.0.1", port))
+        except OSError:
+            return Finding(name, taken, "warning", "to serve there, end it, or omniscv serve --port 0")
+    return Finding(name, "free")
+
+
+def _space(folder: Path) -> Finding:
+    free = shutil.disk_usage(folder).free
+    value = f"{free / 1e9:.3g} GB free at {folder}"
+    remedy = "free some space: a recording of one place takes 10 to 100 MB, a dataset gigabytes"
+    if free < LEAST_BYTES:
+        return Finding("disk", value, "bad", remedy)
+    return Finding.unless(free >= ENOUGH_BYTES, "disk", value, "warning", remedy)

@@ -1,0 +1,92 @@
+"""``omniscv doctor --self``: what an installation lacks is found, and what to do about it."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+
+import pytest
+from support.command_line import ROOT
+
+from omniscv.cli import run
+from omniscv.diagnostics import examine_installation
+
+
+def verdicts(findings):
+    return {each.name: each.verdict for each in findings}
+
+
+def test_this_installation_is_whole(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(["doctor", "--self"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert all(line.startswith(("ok ", "warning ")) for line in lines)
+    text = "\n".join(lines)
+    for word in ("numpy:", "import cv2: loads", "working folder", "numba cache", "127.0.0.1", "GB free"):
+        assert word in text
+    assert list(tmp_path.iterdir()) == []
+    assert run(["doctor", "--self", "--json"]) == 0
+    assert {each["name"] for each in json.loads(capsys.readouterr().out)} >= {"numpy", "disk"}
+
+
+def test_a_folder_without_room_to_write_is_bad(tmp_path):
+    """Also for the superuser: it is no folder."""
+    file = tmp_path / "file"
+    file.touch()
+    (found,) = [each for each in examine_installation(file) if each.name == "working folder"]
+    assert (found.verdict, found.remedy[:21]) == ("bad", "choose another folder")
+
+
+def test_a_port_in_use_is_no_fault():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert verdicts(examine_installation(port=port))[f"port {port}"] == "warning"
+    assert verdicts(examine_installation(port=port))[f"port {port}"] == "ok"
+
+
+@pytest.fixture
+def broken(tmp_path):
+    """An environment without libGL, with an old NumPy and no place for caches."""
+    (tmp_path / "cv2.py").write_text('raise ImportError("libGL.so.1: cannot open shared object file")\n')
+    old = tmp_path / "numpy-1.26.4.dist-info"
+    old.mkdir()
+    (old / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.26.4\n")
+    path = os.pathsep.join([str(tmp_path), str(ROOT)])
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cv2.py" / "none")}
+    only = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    return {**os.environ, "PYTHONPATH": path, **cache, **only}
+
+
+def test_what_is_missing_is_found_and_has_a_remedy(broken, tmp_path):
+    program = "from omniscv.cli import main; main()"
+
+    def lines(broken, *arguments):
+        command = [sys.executable, "-c", program, *arguments]
+        done = subprocess.run(command, env=broken, cwd=tmp_path, capture_output=True, text=True)
+        return done.returncode, done.stdout + done.stderr
+
+    code, text = lines(broken, "doctor", "--self")
+    assert code == 1
+    bad = {
+        line.split(":")[0].removeprefix("bad").strip(): line
+        for line in text.splitlines()
+        if line[:3] == "bad"
+    }
+    assert {"numpy", "import cv2", "numba cache"} <= set(bad)
+    assert "1.26.4, needs >=2.0" in bad["numpy"]
+    assert "apt-get install libgl1 libglib2.0-0" in bad["import cv2"]
+    assert "NUMBA_CACHE_DIR" in bad["numba cache"]
+    del broken["NUMBA_CACHE_LOCATOR_CLASSES"]
+    code, text = lines(broken, "render", "--size", "16x8")
+    assert code == 1
+    assert text.count("\n") == 1
+    assert "libGL.so.1: cannot open shared object file; 'omniscv doctor --self'" in text
+
+
+@pytest.mark.parametrize("arguments", [[], ["--self", "mock://four-wall"]])
+def test_a_server_or_this_installation(arguments, capsys):
+    assert run(["doctor", *arguments]) == 2
+    assert "expected the address of a server or --self" in capsys.readouterr().err

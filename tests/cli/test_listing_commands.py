@@ -1,0 +1,106 @@
+"""Commands that list and describe: jobs, scenes, places of a recording; and the shell's completion."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from support.command_line import ROOT
+
+import mock_server
+from omniscv.cli import COMMANDS, run
+from omniscv.jobs import EXAMPLE, load
+from omniscv.jobs.file import FIELDS
+from omniscv.planning import RenderOptions
+from omniscv.sources.recording.inspection import info, places
+
+RECORDING = ROOT / "captures" / "four-wall.sqlite"
+
+
+def test_the_example_of_a_job_has_every_key_and_loads(tmp_path, capsys):
+    assert run(["job", "--example"]) == 0
+    text = capsys.readouterr().out
+    assert text == EXAMPLE.read_text()
+    given = yaml.safe_load(text)
+    assert set(given) == set(FIELDS)
+    assert all(
+        "#" in line for line in text.splitlines() if line.partition(":")[0] in FIELDS and line[-1] == ":"
+    )
+    path = tmp_path / "job.yaml"
+    path.write_text(text)
+    job = load(path)
+    assert job.options == RenderOptions()  # as the comment says
+    job.recipe.check(job.cameras, job.modes)
+    assert run(["job", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"{path}: 4 cameras at 2 poses, of mock://workshop\n")
+    assert all(f"\n{name}: " in printed for name in job.cameras)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("arguments", [[], ["job.yaml", "--example"]])
+def test_a_job_or_its_example(arguments, capsys):
+    assert run(["job", *arguments]) == 2
+    assert "job: expected JOB.yaml or --example, got" in capsys.readouterr().err
+
+
+def test_scenes_are_listed_and_described(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run(["scenes"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert set(lines) == {"scene", *mock_server.scene_names()}
+    assert all(mock_server.summary(name) in lines[name] != "" for name in mock_server.scene_names())
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("# A ball\n# in the dark.\nobjects: {Ball: {solids: [{sphere: 0.5, at: [1, 2, 3]}]}}\n")
+    assert run(["scenes", str(mine)]) == 0
+    first, _, ball = capsys.readouterr().out.splitlines()
+    assert first == "mine: A ball in the dark."
+    assert ball.split() == ["Ball", "0.5", "1.5", "2.5", "1.5", "2.5", "3.5"]
+    assert run(["scenes", "moon"]) == 2
+    assert "moon" in capsys.readouterr().err
+
+
+def test_places_of_a_recording(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run(["captures", "places", str(RECORDING), "--json"]) == 0
+    found, held = json.loads(capsys.readouterr().out), info(RECORDING)
+    centers = np.array([each["center"] for each in found])
+    assert len(np.unique(centers.round(6), axis=0)) == len(found) == held.centers
+    for mode, count in held.captures.items():
+        assert sum(each["captures"].get(mode, 0) for each in found) == count
+    assert max(each["last"] for each in found) == held.last
+    assert run(["captures", "places", str(RECORDING)]) == 0
+    _, *rows = capsys.readouterr().out.splitlines()
+    assert len(rows) == len(places(RECORDING))
+    assert " ".join(rows[0].split()) == "0 0 1.5 6 depth 6 lit 6 normals 6 object_mask still"
+
+
+BASH = """
+source <("$PYTHON" -c "$PROGRAM" --show-completion)
+omniscv() { "$PYTHON" -c "$PROGRAM" "$@"; }
+complete_words() {
+  COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))
+  COMPREPLY=($(COMP_WORDS="${COMP_WORDS[*]}" COMP_CWORD=$COMP_CWORD _OMNISCV_COMPLETE=complete_bash omniscv))
+  echo "${COMPREPLY[@]}"
+}
+complete -p omniscv
+complete_words omniscv ""
+complete_words omniscv render --camera fisheye-eq
+complete_words omniscv captures ver
+"""
+
+
+def test_bash_completes_commands_and_models():
+    program = "from omniscv.cli import main; main()"
+    environment = {**os.environ, "PYTHON": sys.executable, "PROGRAM": program, "SHELL": "/bin/bash"}
+    environment["PYTHONPATH"] = str(ROOT)
+    done = subprocess.run(["bash", "-c", BASH], env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    function, commands, models, verify = done.stdout.splitlines()
+    assert function.endswith(" omniscv")
+    assert commands.split() == list(COMMANDS)
+    assert models.split() == ["fisheye-equidistant", "fisheye-equisolid"]
+    assert verify == "verify"

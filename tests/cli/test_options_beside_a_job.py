@@ -1,0 +1,182 @@
+"""Options beside a job take the place of its keys, and a line says which; without one they are the job."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import omniscv
+from omniscv.arguments import shown
+from omniscv.cli import app, run
+from omniscv.cli.dataset import MakeOptions
+from omniscv.cli.job_options import CaptureOptions, ImageOptions
+from omniscv.cli.plan import PlanOptions
+from omniscv.cli.record import RecordOptions
+from omniscv.cli.render import RenderOptions
+from omniscv.errors import ArgumentError
+from omniscv.jobs import load
+from omniscv.jobs.file import read
+from omniscv.jobs.overriding import overridden
+from omniscv.sources.recording.inspection import info
+
+JOB = """
+source: scene://four-wall
+cameras: {pano: {model: equirectangular, width: 64, height: 32}}
+poses: [{position: [0, 0, 1.5], yaw_deg: 40}]
+modes: [lit, mask]
+face_size: 32
+"""
+INDEPENDENT = {"job", "stem", "measure", "overscan", "resume", "shard", "workers"}
+"""Options that stand for no key of a job."""
+
+
+@pytest.fixture
+def job(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "job.yaml"
+    path.write_text(JOB)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("command", "kind"),
+    [("render", RenderOptions), ("plan", PlanOptions), ("record", RecordOptions), ("make", MakeOptions)],
+)
+def test_no_option_is_ignored(command, kind):
+    """Each stands for keys of a job, or is none of a job's."""
+    commands = get_command(app).commands
+    options = {each.name for each in {**commands, **commands["dataset"].commands}[command].params}
+    assert {"strategy", "face_size", "modes", "source", "job"} <= options
+    assert options <= set(kind.keys_of) | INDEPENDENT
+
+
+@pytest.mark.parametrize(
+    ("options", "field", "value"),
+    [
+        ("--modes lit", "modes", ("lit",)),
+        ("--yaw 0", "poses.0.yaw", 0.0),
+        ("--position 1,0,1.5 --pitch 10", "poses.0.position.0", 1.0),
+        ("--face-size 16", "options.face_size", 16),
+        ("--face-size auto", "options.face_size", "auto"),
+        ("--strategy cube", "options.strategy", "cube"),
+        ("--viewpoints 3", "options.viewpoints", 3),
+        ("--filter area", "options.filter", "area"),
+        ("--max-error 0.5px", "options.max_error_px", 0.5),
+        ("--normals from-depth", "options.normals", "from-depth"),
+        ("--truth-scale 2", "options.truth_scale", 2),
+        ("--source scene://six-wall", "source", "scene://six-wall"),
+        ("--size 16x8", "cameras.pano.width", 16),
+        ("--camera pinhole --size 8x6 --param focal=5", "cameras.pinhole.focal", 5.0),
+        ("--timeout 3", "source_options.timeout_s", 3.0),
+        ("--patience 4", "source_options.patience_s", 4.0),
+        ("--freeze none", "source_options.freeze", "none"),
+        ("--image-format jpg", "image_format", "jpg"),
+        ("--record room.sqlite", "record.name", "room.sqlite"),
+        ("--out elsewhere", "out.name", "elsewhere"),
+    ],
+)
+def test_an_option_overrides_its_key(options, field, value, job, capsys):
+    """As it is given; the job without it has another value. One line names it."""
+    names = [word[2:].replace("-", "_") for word in options.split() if word.startswith("--")]
+    context = get_command(app).commands["render"].make_context("render", [str(job), *options.split()])
+    found = RenderOptions(names, {k: v for k, v in context.params.items() if k != "context"}).to_job()
+    assert _field(found, field) == value
+    assert _field(load(job), field) != value
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert all(f"--{name.replace('_', '-')} overrides " in line for name in names)
+
+
+def _field(job, path):
+    """A value of a job; None where there is none."""
+    value = job
+    for key in path.split("."):
+        if isinstance(value, omniscv.Pose):
+            value = {"position": value.position, "yaw": -round(value.to_unreal()[1][1], 9)}
+        if isinstance(value, Mapping):
+            value = value.get(key)
+        elif key.isdecimal():
+            value = value[int(key)]
+        else:
+            value = getattr(value, key, None)
+    return value
+
+
+def test_a_command_renders_what_options_make_of_a_job(job, capsys):
+    assert (
+        run(["render", str(job), "--size", "16x8", "--modes", "depth", "--stem", "small", "--out", "x"]) == 0
+    )
+    printed = capsys.readouterr()
+    assert printed.err == (
+        f"omniscv: {job}: --out overrides out; --size overrides cameras.*.width and cameras.*.height; "
+        "--modes overrides modes\n"
+    )
+    written = json.loads((job.parent / "x" / "small.json").read_text())
+    assert (written["camera"]["width"], written["options"]["face_size"]) == (16, 32)
+    assert run(["dataset", "make", str(job), "--size", "16x8", "--out", "y"]) == 0
+    assert (job.parent / "y" / "dataset.json").exists()
+
+
+def test_paths_of_options_are_relative_to_the_present_folder(job, monkeypatch, capsys):
+    room = job.parent / "room.sqlite"
+    assert run(["record", str(job), "--out", str(room)]) == 0
+    (job.parent / "sub").mkdir()
+    job = job.rename(job.parent / "sub" / "job.yaml")
+    assert run(["render", str(job), "--source", "room.sqlite", "--out", "here"]) == 0
+    assert {each.name for each in job.parent.parent.iterdir()} == {"room.sqlite", "sub", "here"}
+
+
+def test_a_recording_of_a_job_with_other_options(job, capsys):
+    assert run(["record", str(job), "--position", "1,0,1.5", "--face-size", "16", "--out", "b.sqlite"]) == 0
+    held = info(job.parent / "b.sqlite")
+    assert held.centers == 1
+    assert all(int(size.partition("x")[0]) < 32 for size in held.sizes)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--strategy", "guess"], "strategy: expected"),
+        (["--size", "0x4"], "width: expected a whole number"),
+        (["--fov", "90"], "camera equirectangular: expected width, height; got 'fov_deg'"),
+        (
+            ["--camera", "kannala-brandt"],
+            "cameras.kannala-brandt: camera kannala-brandt: expected width, height, fx",
+        ),
+        (["--modes", "colour"], "expected one of"),
+    ],
+)
+def test_wrong_values_are_refused(options, says, job, capsys):
+    assert run(["render", str(job), *options]) == 2
+    assert says in capsys.readouterr().err
+    assert list(job.parent.iterdir()) == [job]
+
+
+def test_cameras_of_a_rig_are_not_changed_in_part(job):
+    rig = {"cameras": {"left": {"camera": {"model": "pinhole", "width": 8, "height": 8, "fov_deg": 90}}}}
+    described = {"source": "scene://four-wall", "poses": [{"position": [0, 0, 1]}], "rig": rig}
+    with pytest.raises(ArgumentError, match=r"cameras\.\*\.width: expected a job without a rig"):
+        overridden(described, {"cameras.*.width": 4})
+    camera = {"model": "pinhole", "width": 8, "height": 8, "fov_deg": 90}
+    changed = overridden(described, {"cameras": {"other": camera}, "rig": None, "cameras.*.width": 4})
+    assert {name: each.width for name, each in read(changed, Path()).cameras.items()} == {"other": 4}
+
+
+def test_what_is_overridden_is_not_changed():
+    described = {"a": {"x": {"n": 1}, "y": {"n": 2}}, "list": [{"n": 1}], "left": 0}
+    before = shown(described)
+    found = overridden(described, {"a.*.n": 5, "list.*.n": 6, "new.deep": 7, "left": None})
+    assert found == {"a": {"x": {"n": 5}, "y": {"n": 5}}, "list": [{"n": 6}], "new": {"deep": 7}}
+    assert shown(described) == before
+
+
+@pytest.mark.parametrize("there", [3, None, "text", [1]])
+def test_a_key_below_a_value_is_refused(there):
+    with pytest.raises(ArgumentError, match=r"^a(\.\*)?: expected something in which (\*\.)?n can be set"):
+        overridden({"a": there}, {"a.*.n": 1})
+
+
+def test_the_options_of_commands_share_their_keys():
+    assert set(CaptureOptions.keys_of) < set(ImageOptions.keys_of) == set(MakeOptions.keys_of)

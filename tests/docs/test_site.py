@@ -1,0 +1,155 @@
+"""The site: its navigation has every page, links and anchors lead somewhere, every key is documented."""
+
+import re
+from itertools import pairwise
+
+import pytest
+import yaml
+from support.command_line import ROOT
+
+import omniscv
+from omniscv.cli import COMMANDS
+from omniscv.cli.dataset import MakeOptions
+from omniscv.cli.record import RecordOptions
+from omniscv.jobs.file import FIELDS
+from omniscv.jobs.sampled_poses import GridPoses, PathPoses, RandomPoses
+
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+LINK = re.compile(r"(?<!\\)\]\(([^)\s]+)\)")
+
+
+def text_of(page):
+    """A page without its fenced blocks."""
+    return re.sub(r"^( *)```.*?^\1```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page):
+    """Of headings, as the site and GitHub make them."""
+    titles = re.findall(r"^#+ (.+?)(?: \{.*\})?$", text_of(page), flags=re.MULTILINE)
+    words = [re.sub(r"[^\w\s-]", "", re.sub(r"[`*]", "", title).lower()).strip() for title in titles]
+    return {re.sub(r"[\s]", "-", each) for each in words}
+
+
+def leaves(nav):
+    if isinstance(nav, str):
+        return [nav]
+    return [leaf for each in (nav.values() if isinstance(nav, dict) else nav) for leaf in leaves(each)]
+
+
+def site():
+    """mkdocs.yml, whose tags are no YAML of ours."""
+    return yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+
+
+def test_the_navigation_names_every_page_once():
+    assert sorted(leaves(site()["nav"])) == [str(page.relative_to(DOCS)) for page in PAGES]
+
+
+def test_the_site_loads_nothing_from_elsewhere():
+    assert site()["theme"]["font"] is False
+    assert not {"extra_css", "extra_javascript"} & site().keys()
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for link in LINK.findall(text_of(page)):
+        if re.match(r"https?://", link):
+            continue
+        path, _, anchor = link.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), link
+        assert page.parent == ROOT or there.is_relative_to(DOCS), f"{link}: not in the site"
+        assert not anchor or anchor in anchors(there), link
+
+
+def test_a_broken_anchor_would_be_found():
+    assert "the-angles-of-a-pose" in anchors(DOCS / "conventions.md")
+    assert "the-angles" not in anchors(DOCS / "conventions.md")
+
+
+def test_the_page_of_jobs_has_every_key():
+    page = (DOCS / "job.md").read_text(encoding="utf-8")
+    rows = set(re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE))
+    assert set(FIELDS) <= rows
+    assert rows <= set(FIELDS) | {"random", "grid", "path"}
+    for kind in (RandomPoses, GridPoses, PathPoses):
+        assert set(kind.__annotations__) <= set(re.findall(r"\w+", page)), kind
+
+
+def test_the_page_of_scenes_has_every_word():
+    """Those that messages name as known, of a scene, a room, an object, a solid, a texture, a motion."""
+    source = (ROOT / "mock_server" / "scene_file.py").read_text(encoding="utf-8")
+    calls = re.findall(r"_mapping\(([^()]*(?:\([^()]*\)[^()]*)*)\)", source)
+    known = {word for call in calls for word in re.findall(r'(?<!f)"(\w+)"', call)}
+    assert {"sky", "floor_texture", "period_s", "velocity", "points", "turn_deg", "period_rad"} <= known
+    assert known <= set(re.findall(r"\w+", (DOCS / "scenes.md").read_text(encoding="utf-8")))
+
+
+def test_the_page_of_the_command_line_has_every_command_and_override():
+    text = (DOCS / "command-line.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `omniscv ([a-z]+)", text, flags=re.MULTILINE)) == set(COMMANDS)
+    options = {f"--{name.replace('_', '-')}" for name in {**MakeOptions.keys_of, **RecordOptions.keys_of}}
+    assert options <= set(re.findall(r"--[a-z-]+", text))
+
+
+def source_of(name):
+    """The text of the module that a dotted name is, or is in."""
+    path = ROOT.joinpath(*name.split("."))
+    found = [
+        path.with_suffix(".py"),
+        path / "__init__.py",
+        path.parent.with_suffix(".py"),
+        path.parent / "__init__.py",
+    ]
+    return next(each for each in found if each.exists()).read_text(encoding="utf-8")
+
+
+def test_the_reference_has_every_public_name():
+    """By its own name, or with the module that it is in; and names nothing else."""
+    pages = (DOCS / "reference").glob("*.md")
+    shown = {name for page in pages for name in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE)}
+    for name in set(omniscv.__all__) - {"__version__"}:
+        found = getattr(omniscv, name)
+        home = getattr(found, "__module__", None) or found.__name__
+        alone = any(each.endswith(f".{name}") for each in shown)
+        assert alone or home in shown or any(each.startswith(f"{home}.") for each in shown), name
+    for name in shown:
+        assert re.search(rf"\b{name.rpartition('.')[2]}\b", source_of(name)) or name.islower(), name
+
+
+def test_the_citation_is_of_this_version():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors", "type"} <= cited.keys()
+    assert (cited["cff-version"], cited["version"]) == ("1.2.0", omniscv.__version__)
+    paper = cited["preferred-citation"]
+    assert paper["doi"] in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert all({"family-names", "given-names"} == set(each) for each in paper["authors"])
+
+
+def test_lists_begin_after_an_empty_line():
+    """GitHub does without, Markdown on the site does not."""
+    for page in PAGES:
+        lines = text_of(page).splitlines()
+        for before, line in pairwise(lines):
+            starts = re.match(r"(?:[*-]|\d+\.) ", line)
+            inside = re.match(r"\s*(?:[*-]|\d+\.) |\s+|$", before)
+            assert not starts or inside, f"{page.name}: {line}"
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        ("world", ("X forward", "Y left", "Z up")),
+        ("unreal", ("X forward", "Y right", "Z up")),
+        ("camera", ("x right", "y down", "z forward")),
+        ("pixels", ("(0, 0)", "(0.5, 0.5)", "(width, height)")),
+        ("angles", ("to the left", "nose up", "right side down")),
+    ],
+)
+def test_frames_are_drawn_with_their_axes(frame, words):
+    """By scripts/draw-frames, as small files whose words are text."""
+    picture = (DOCS / "frames" / f"{frame}.svg").read_text(encoding="utf-8")
+    assert len(picture) < 1 << 15
+    assert all(word in picture for word in words)
+    assert f"](frames/{frame}.svg)" in (DOCS / "conventions.md").read_text(encoding="utf-8")
