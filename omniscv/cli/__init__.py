@@ -22,6 +22,7 @@ COMMANDS = (
     "render",
     "record",
     "plan",
+    "look",
     "serve",
     "cameras",
     "captures",
