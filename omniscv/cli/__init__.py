@@ -23,6 +23,7 @@ COMMANDS = (
     "record",
     "plan",
     "job",
+    "look",
     "serve",
     "scenes",
     "cameras",

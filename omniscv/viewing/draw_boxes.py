@@ -41,11 +41,16 @@ def draw_boxes(
     for kind in what:
         one_of("what", kind, get_args(Drawn))
         for record in truth.get("bfov" if kind == "rbfov" else kind, ()):
-            color, lines = _color(record["instance_id"]), _LINES[kind](camera, record)
+            color, lines = _color(record["instance_id"]), outline(kind, camera, record)
             for line in lines:
                 _draw(drawn, line, color, width, camera.wraps)
             _name(drawn, lines, record["name"], color)
     return drawn
+
+
+def outline(kind: Drawn, camera: Camera, record: Mapping[str, Any]) -> list[Array]:
+    """Return the lines of a box in an image, (N, 2) px each; NaN where the image does not show them."""
+    return _LINES[kind](camera, record)
 
 
 def _rectangle(camera: Camera, record: Mapping[str, Any]) -> list[Array]:

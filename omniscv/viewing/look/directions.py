@@ -1,0 +1,167 @@
+"""From directions to pixels and back, as tables that a page can look up for any camera.
+
+Sphere to image
+    The directions of six faces of a cube along the camera's axes. Face ``2 m + s`` has the axis m (x, y, z)
+    as its largest component, negative where s = 1; a point of it is ``(a, b)``, the next two components (cyclic)
+    over the largest. A face has N x N cells and (N + 1) x (N + 1) nodes. In a smooth cell the pixel is
+    interpolated between the four nodes, whose pixels ``camera.project`` gives; a cell is smooth where that is
+    within ``_SMOOTH_PX`` in its middle. Other cells, at the border of the field of view, at seams and poles,
+    have a table of their own, 16 x 16 nearest directions: nothing is interpolated across a border.
+Image to sphere
+    Directions (and origins of a non-central camera) at every few pixels.
+
+Directions of a non-central camera are those of its rays: ``camera.project`` of points that are far away.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.cameras import Camera
+from omniscv.geometry import Array
+from omniscv.viewing.look.arrays import pack
+
+_FAR_M = 1e6
+_CELL_PX, _LEAST_CELLS, _MOST_CELLS = 6.0, 48, 384
+_FINE = 16
+_SMOOTH_PX = 0.05
+_NODES = 384  # of the way back, across the image
+_PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
+_INSIDE = 1 - 1e-9  # nodes of a face lie in it: at its border, cube maps have their seams
+_LEAST_TURN = 1e-7  # rad from a pixel to the next: less, and rays are parallel
+_SLOW = ("rolling-shutter",)  # to project a point takes milliseconds: shown flat
+_SHARE = 0.9  # of the pixels that the way there and back must find again
+
+
+def describe(camera: Camera) -> dict[str, Any]:
+    """Return what a page needs to show images of a camera, as plain JSON values.
+
+    ``sphere`` is ``closed`` (equirectangular), the tables of the module, or None for a camera whose rays do
+    not spread over directions, such as a push-broom, and for a rolling shutter: their images are shown flat.
+    ``valid`` is None where every pixel is.
+    """
+    closed = camera.name == "equirectangular"
+    density = None if closed or camera.name in _SLOW else pixels_per_radian(camera)
+    valid = camera.valid()
+    return {
+        "model": camera.name,
+        "width": camera.width,
+        "height": camera.height,
+        "central": camera.central,
+        "wraps": camera.wraps,
+        "density": camera.width / (2 * np.pi) if closed else density,
+        "valid": None if valid.all() else pack(valid),
+        "sphere": "closed" if closed else None if density is None else tables(camera, density),
+        "rays": None if closed else _rays(camera),
+    }
+
+
+def pixels_per_radian(camera: Camera) -> float | None:
+    """Return how many pixels of an image span a radian, the median; None where directions do not tell its
+    pixels apart."""
+    columns, rows = (
+        np.linspace(0.5, size - 1.5, min(size - 1, 64)) for size in (camera.width, camera.height)
+    )
+    if not (columns.size and rows.size):
+        return None
+    here = np.stack(np.meshgrid(columns, rows), axis=-1)
+    rays = camera.unproject(here)
+    turns = []
+    for step in ((1.0, 0.0), (0.0, 1.0)):
+        beside = camera.unproject(here + step)
+        both = rays.valid & beside.valid
+        turns.append(np.linalg.norm(rays.directions[both] - beside.directions[both], axis=-1))
+    if any(turn.size == 0 or np.median(turn) < _LEAST_TURN for turn in turns):
+        return None
+    density = float(1 / np.median(np.concatenate(turns)))
+    seen = rays.directions[rays.valid]
+    pixels, valid = camera.project(_FAR_M * seen)
+    back = _turned(camera, pixels, valid, seen)
+    return density if np.mean(back * density < 1.0) >= _SHARE else None
+
+
+def tables(camera: Camera, density: float) -> dict[str, Any]:
+    """Return the tables from directions to pixels.
+
+    Args:
+        camera: any.
+        density: px per radian, which decides how many cells there are.
+
+    Returns:
+        ``cells`` N, ``fine`` 16; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (16 T, 16, 2), pixels as
+        whole multiples of 1 / ``perPixel``, plus 1; 0 for none; ``kinds`` (6 N, N): 0 nothing is seen,
+        1 smooth, 2 + the index of the cell's table.
+    """
+    count = int(np.clip(np.ceil(2 * density / _CELL_PX), _LEAST_CELLS, _MOST_CELLS))
+    ends = np.linspace(-_INSIDE, _INSIDE, count + 1)
+    nodes, seen = camera.project(_FAR_M * on_cube(ends, ends))
+    corners = [nodes[:, i : i + count, j : j + count] for i in (0, 1) for j in (0, 1)]
+    middles = (ends[1:] + ends[:-1]) / 2
+    directions = on_cube(middles, middles)
+    between = np.mean(corners, axis=0)
+    known = np.asarray(np.isfinite(between).all(axis=-1))
+    off = _turned(camera, between, known, directions) * density
+    kinds = np.where(off <= _SMOOTH_PX, 1, 0)
+    fine = (np.arange(_FINE) + 0.5) / _FINE * (2 / count)
+    face, i, j = np.nonzero(kinds == 0)
+    torn = _project_cells(camera, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
+    some = torn.any(axis=(1, 2, 3))
+    kinds[face[some], i[some], j[some]] = 2 + np.arange(np.count_nonzero(some))
+    return {
+        "cells": count,
+        "fine": _FINE,
+        "perPixel": _PER_PX,
+        "nodes": pack(_fixed(nodes, seen).reshape(-1, count + 1, 2)),
+        "kinds": pack(kinds.astype(np.uint32).reshape(-1, count)),
+        "tables": pack(torn[some].reshape(-1, _FINE, 2)),
+    }
+
+
+def on_cube(a: Array, b: Array) -> Array:
+    """Return (6, len(b), len(a), 3) unit directions of the faces' points (a, b)."""
+    flat = np.stack(np.meshgrid(a, b), axis=-1)
+    return np.stack([_on_face(face, flat[..., 0], flat[..., 1]) for face in range(6)])
+
+
+def _on_face(face: int | NDArray[np.int64], a: Array, b: Array) -> Array:
+    """Unit directions (..., 3) of points (a, b) of faces, which have the shape of a, or are one."""
+    axis, sign = np.broadcast_arrays(np.asarray(face) // 2, 1.0 - 2.0 * (np.asarray(face) % 2))
+    found = np.empty((*a.shape, 3))
+    for shift, part in enumerate((np.broadcast_to(sign, a.shape), a, b)):
+        where = np.broadcast_to((axis + shift) % 3, a.shape)[..., None]
+        np.put_along_axis(found, where, part[..., None], axis=-1)
+    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+
+def _project_cells(camera: Camera, face: NDArray[np.int64], b: Array, a: Array) -> NDArray[np.uint32]:
+    """(T, 16, 16, 2) fixed-point pixels of the fine points of cells; b and a are (T, 16)."""
+    shape = (len(face), _FINE, _FINE)
+    across, down = np.broadcast_to(a[:, None, :], shape), np.broadcast_to(b[:, :, None], shape)
+    faces = np.broadcast_to(face[:, None, None], shape)
+    return _fixed(*camera.project(_FAR_M * _on_face(faces, across, down)))
+
+
+def _fixed(pixels: Array, seen: NDArray[np.bool_]) -> NDArray[np.uint32]:
+    """Pixels as whole multiples of 1/1024, plus 1; 0 where nothing is seen."""
+    return np.where(seen[..., None], np.rint(np.nan_to_num(pixels) * _PER_PX) + 1, 0).astype(np.uint32)
+
+
+def _turned(camera: Camera, pixels: Array, known: NDArray[np.bool_], directions: Array) -> Array:
+    """The angles, rad, between directions and the rays of pixels; +inf where there is none."""
+    rays = camera.unproject(np.where(known[..., None], pixels, camera.center))
+    angle = np.linalg.norm(rays.directions - directions, axis=-1)
+    return np.asarray(np.where(known & rays.valid, angle, np.inf))
+
+
+def _rays(camera: Camera) -> dict[str, Any]:
+    """The way back: ``step`` px between nodes, the first half a pixel from the corner; ``directions``
+    (H', W', 3) int16 of 32767, 0 where not valid; ``origins`` (H', W', 3) float32 metres, or None."""
+    step = max(1, -(-max(camera.width, camera.height) // _NODES))
+    u, v = (np.arange(0.5, size, step) for size in (camera.width, camera.height))
+    rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1))
+    directions = np.rint(32767 * np.nan_to_num(rays.directions)).astype(np.int16)
+    origins = None if camera.central else pack(np.nan_to_num(rays.origins).astype(np.float32))
+    return {"step": step, "directions": pack(directions), "origins": origins}
