@@ -1,9 +1,8 @@
 """The pipeline from end to end, without Unreal: serve, capture over TCP, record, compose, replay, compare."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,6 +11,7 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import OmniscvError
 from omniscv.geometry import Pose
+from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.sources.recording import record
 from omniscv.sources.recording.inspection import info
@@ -69,31 +69,26 @@ class DemoReport:
         yield from (f"contact sheet: {sheet}" for sheet in self.sheets)
 
 
-def run_demo(out: Path, progress: Callable[[int, int], None] | None = None) -> DemoReport:
+def run_demo(out: Path, progress: Report | None = None) -> DemoReport:
     """Serve each room, record and compose every camera in every mode, and recompose from the recording.
 
     Args:
         out: folder for the recordings, the images of each room, and the contact sheets.
-        progress: called with (images done, images in all).
+        progress: called with how far the images have come.
 
     Raises:
         OmniscvError: an image recomposed from the recording differs from the one that was captured.
     """
     started = time.monotonic()
     report = DemoReport(out)
-    done, total = count(1), 2 * len(ROOMS) * len(demo_cameras())
-
-    def step() -> None:
-        if progress:
-            progress(next(done), total)
-
+    meter = Meter(2 * len(ROOMS) * len(demo_cameras()), progress)
     for room in ROOMS:
         recording = out / f"{room}.sqlite"
         with open_source(f"mock://{room}") as live, record(live, recording) as source:
-            images, files = _compose(source, out / room, step)
+            images, files = _compose(source, out / room, meter)
             objects = source.objects()
         with TemporaryDirectory() as again, open_source(str(recording)) as replay:
-            _, replayed = _compose(replay, Path(again), step)
+            _, replayed = _compose(replay, Path(again), meter)
             report.compared += _compare(files, replayed)
         report.captures += sum(info(recording).captures.values())
         report.images += len(images) * len(MODES)
@@ -104,14 +99,13 @@ def run_demo(out: Path, progress: Callable[[int, int], None] | None = None) -> D
     return report
 
 
-def _compose(source: Source, out: Path, step: Callable[[], None]) -> tuple[dict[str, OmniImage], list[Path]]:
+def _compose(source: Source, out: Path, meter: Meter) -> tuple[dict[str, OmniImage], list[Path]]:
     renderer = Renderer(source)
     images: dict[str, OmniImage] = {}
     files: list[Path] = []
     for name, (camera, pose) in demo_cameras().items():
-        images[name] = renderer.render(camera, pose, MODES)
+        images[name] = renderer.render(camera, pose, MODES, progress=meter.part())
         files += images[name].save(out, stem=name)
-        step()
     return images, files
 
 

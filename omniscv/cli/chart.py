@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console
+from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
@@ -17,13 +18,14 @@ def chart(
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     width: Annotated[int | None, Option(min=16, help="Of the images, px; else 2048 or 384.")] = None,
     page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
+    progress: StyleOption = None,
 ) -> None:
     """Compare filters and face sizes with other programs, or strategies, by exact tracing. Takes minutes."""
     module = import_module(f"omniscv.chart.{kind}")
     given: dict[str, Any] = {} if width is None else {"width": width}
-    with console.progress_bar("measuring") as progress:
-        rows = module.measure(**given, progress=progress)
-        tables = {module.TITLE: rows, **(module.further(progress, **given) if page else {})}
+    with display("rounds", progress) as shown:
+        rows = module.measure(**given, progress=shown.steps)
+        tables = {module.TITLE: rows, **(module.further(shown.steps, **given) if page else {})}
     written = module.write(rows, out)
     if page:
         from omniscv.chart.page import write

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."
@@ -27,6 +28,7 @@ def make(
     ] = None,
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
     freeze: Annotated[str | None, Option(help="As for render.")] = None,
+    progress: StyleOption = None,
 ) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
@@ -36,13 +38,13 @@ def make(
 
     wanted = jobs.load(job)
     wanted = replace(wanted, source_options={**wanted.source_options, **options.frozen(freeze)})
-    with console.progress_bar("frames") as progress:
+    with display("frames", progress) as shown:
         made = jobs.make(
             wanted,
             resume=resume,
             shard=None if shard is None else _shard(shard),
             workers=workers,
-            progress=progress,
+            progress=shown,
             warn=console.error,
         )
     state = f"{made.missing} frames are missing: finish with --resume" if made.missing else "complete"
@@ -133,6 +135,7 @@ def video(
     camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
     rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
     quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
+    progress: StyleOption = None,
 ) -> None:
     """Write the colour of a camera's frames as a video; players show panoramas as spheres."""
     from omniscv.arguments import one_of
@@ -143,8 +146,8 @@ def video(
     if camera is not None:
         one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
     frames = [frame for frame in every if camera in (None, frame.camera_name)]
-    with console.progress_bar("frames") as progress:
-        console.line(write_video(frames, out, rate=rate, quality=quality, progress=progress))
+    with display("frames", progress) as shown:
+        console.line(write_video(frames, out, rate=rate, quality=quality, progress=shown.steps))
 
 
 def _shard(text: str) -> tuple[int, int]:

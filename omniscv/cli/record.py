@@ -6,6 +6,7 @@ from pathlib import Path
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.cli.progress import STYLE, Style, display
 
 app = Typer(add_completion=False)
 
@@ -19,6 +20,7 @@ class RecordOptions(options.ConnectionOptions):
         "fix_exposure",
         "overscan",
         "out",
+        "progress",
     }
     job: Path | None = Argument(None, metavar="JOB.yaml", help="A job, in place of positions, size, modes.")
     source: list[str] = Option([], help="As for render; repeatable: replicas of a game share the captures.")
@@ -29,6 +31,7 @@ class RecordOptions(options.ConnectionOptions):
     fix_exposure: bool = Option(False, "--fix-exposure", help="Switch off vignette and auto exposure.")
     overscan: int | None = Option(None, min=0, max=8192, help="px beyond each side, cropped later.")
     out: Path | None = Option(None, help="The recording; else the job's, or capture.sqlite.")
+    progress: Style | None = STYLE
 
 
 @app.command(
@@ -66,6 +69,6 @@ def record(given: RecordOptions) -> None:
         job = replace(job, source_options={**job.source_options, "fix_exposure": True})
     path = given.out or job.record or Path("capture.sqlite")
     place_of(path)  # refuses what is no file, before a game is launched
-    with console.progress_bar("captures") as progress:
-        count = capture(job, path, progress, border_px=given.overscan)
+    with display("images", given.progress) as shown:
+        count = capture(job, path, shown, border_px=given.overscan)
     console.line(f"{path}: {count} captures")
