@@ -9,8 +9,8 @@ footprint's size: sinusoids keep what the mean keeps, from a pixel that spans th
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.atlas import Atlas
 from omniscv.compose.footprints import Footprints
