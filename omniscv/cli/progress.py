@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from omniscv.progress import Progress
 
 Style = Literal["bar", "plain", "none"]
-STYLE = Option(None, "--progress", help="bar, plain (lines for a log) or none; else bar on a terminal.")
-StyleOption = Annotated[Style | None, STYLE]
-"""The option of every command that works long."""
+_HELP = "bar, plain (lines for a log) or none; else bar on a terminal."
+STYLE = Option(None, "--progress", help=_HELP)
+StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
+"""The option of every command that works long: as a default of its attribute, and as a type."""
 
 _LINES_EVERY_S = 5.0
 
