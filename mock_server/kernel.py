@@ -7,8 +7,9 @@ pool, which must not be entered from two Python threads: callers distribute rays
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mock_server.compiled import njit
 
 RECTANGLE, BOX, SPHERE, CYLINDER = range(4)
 COLUMNS = 20

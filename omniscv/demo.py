@@ -1,53 +1,54 @@
 """The pipeline from end to end, without Unreal: serve, capture over TCP, record, compose, replay, compare."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from omniscv import cameras
+from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import OmniscvError
 from omniscv.geometry import Pose
-from omniscv.sources.base import Source
+from omniscv.planning import RenderOptions
+from omniscv.progress import Meter, Report
+from omniscv.sources.base import ObjectTable, Source
 from omniscv.sources.recording import record
 from omniscv.sources.recording.inspection import info
 from omniscv.sources.registry import open_source
 from omniscv.viewing.contact_sheet import contact_sheet
 
-MODES = ("lit", "object_mask", "depth")
+MODES = ("lit", "object_mask", "depth", "normals")
 ROOMS = ("four-wall", "six-wall")
-POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
 _POSES = {
-    0.0: ("", POSE),
-    90.0: ("-looking-up", Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0, pitch_deg=90.0)),
-    -90.0: ("-looking-down", Pose.from_angles((1.4, 0.5, 1.5), yaw_deg=20.0, pitch_deg=-90.0)),
+    0.0: Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0),
+    90.0: Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0, pitch_deg=90.0),
+    -90.0: Pose.from_angles((1.4, 0.5, 1.5), yaw_deg=20.0, pitch_deg=-90.0),
 }
-"""By a model's usual pitch: what captions end with, and the pose; plans are of what the others look at."""
+"""By a model's usual pitch: mirrors hang above a camera that looks up at them, and show the room as a ring
+around it; plans are of what the others look at."""
 
-_CENTRAL_PX, _NONCENTRAL_PX = (384, 512), (128, 192)
-"""Widths of square images and of panoramas; captures of non-central cameras grow with their centres."""
+_SQUARE_PX, _WIDE_PX = 256, 512
+"""Widths of square images and of panoramas."""
+_FACE_PX = {True: 256, False: 128}
+"""Of a face of 90 degrees, of central and of other cameras: these take many, and still one for each of their
+own pixels."""
 
 
-def demo_cameras() -> dict[str, tuple[cameras.Camera, Pose]]:
-    """Return an example of every registered model and its pose, by caption, as the contact sheet shows them.
+def demo_cameras(scale: int = 1) -> dict[str, tuple[Camera, Pose]]:
+    """Return an example of every registered model and its pose, by name.
 
-    Mirrors hang above a camera that looks up at them, and show the ring of the room around it; central ones,
-    which cost no further captures, are shown level, too.
+    Args:
+        scale: how many times larger than usual the images are.
     """
     found = {}
     for name in cameras.names():
         model = cameras.model(name)
-        square, wide = _CENTRAL_PX if model.central else _NONCENTRAL_PX
-        camera = model.example(square)
-        camera = camera if camera.width < 2 * camera.height else model.example(wide)
-        usual = model.typical_pitch_deg
-        for pitch_deg in dict.fromkeys([0.0, usual] if model.central else [usual]):
-            suffix, pose = _POSES[pitch_deg]
-            found[name + suffix] = camera, pose
+        camera = model.example(scale * _SQUARE_PX)
+        camera = camera if camera.width < 2 * camera.height else model.example(scale * _WIDE_PX)
+        found[name] = camera, _POSES[model.typical_pitch_deg]
     return found
 
 
@@ -65,60 +66,82 @@ class DemoReport:
     def lines(self) -> Iterator[str]:
         """Yield the lines to print."""
         yield f"{self.captures} captures over TCP, {self.images} images in {self.seconds:.0f} s"
-        yield f"{self.compared} files recomposed from the recordings without the server: the same bytes"
+        yield f"{self.compared} layers recomposed from the recordings without the server: the same bytes"
         yield from (f"contact sheet: {sheet}" for sheet in self.sheets)
 
 
-def run_demo(out: Path, progress: Callable[[int, int], None] | None = None) -> DemoReport:
+@dataclass(frozen=True)
+class _Room:
+    """What was made of one room."""
+
+    images: dict[str, OmniImage]
+    objects: ObjectTable
+    captures: int
+    compared: int
+
+
+def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoReport:
     """Serve each room, record and compose every camera in every mode, and recompose from the recording.
 
     Args:
         out: folder for the recordings, the images of each room, and the contact sheets.
-        progress: called with (images done, images in all).
+        progress: called with how far the images have come; each counts twice, captured and recomposed.
+        scale: how many times larger than usual the images are.
 
     Raises:
         OmniscvError: an image recomposed from the recording differs from the one that was captured.
     """
     started = time.monotonic()
     report = DemoReport(out)
-    done, total = count(1), 2 * len(ROOMS) * len(demo_cameras())
-
-    def step() -> None:
-        if progress:
-            progress(next(done), total)
-
-    for room in ROOMS:
-        recording = out / f"{room}.sqlite"
-        with open_source(f"mock://{room}") as live, record(live, recording) as source:
-            images, files = _compose(source, out / room, step)
-            objects = source.objects()
-        with TemporaryDirectory() as again, open_source(str(recording)) as replay:
-            _, replayed = _compose(replay, Path(again), step)
-            report.compared += _compare(files, replayed)
-        report.captures += sum(info(recording).captures.values())
-        report.images += len(images) * len(MODES)
-        report.sheets.append(
-            contact_sheet(images, objects, out / f"{room}.png", f"omniscv: every camera in the room '{room}'")
-        )
+    meter = Meter(2 * len(ROOMS) * len(demo_cameras()), progress)
+    with ThreadPoolExecutor(len(ROOMS), thread_name_prefix="room") as pool:
+        rooms = list(pool.map(lambda name: _room(name, out, meter, scale), ROOMS))
+    for name, room in zip(ROOMS, rooms, strict=True):
+        report.captures += room.captures
+        report.images += len(room.images)
+        report.compared += room.compared
+        title = f"omniscv: every camera in the room '{name}'"
+        report.sheets.append(contact_sheet(room.images, room.objects, out / f"{name}.png", title))
     report.seconds = time.monotonic() - started
     return report
 
 
-def _compose(source: Source, out: Path, step: Callable[[], None]) -> tuple[dict[str, OmniImage], list[Path]]:
+def _room(name: str, out: Path, meter: Meter, scale: int) -> _Room:
+    """Capture and compose all images of a room, and compare them with those of its recording alone."""
+    recording, images = out / f"{name}.sqlite", {}
+    with open_source(f"mock://{name}") as live, record(live, recording) as source:
+        for stem, image in _composed(source, meter, scale):
+            image.save(out / name, stem=stem)
+            images[stem] = image
+        objects = source.objects()
+    compared = 0
+    with open_source(str(recording)) as replay:
+        for stem, image in _composed(replay, meter, scale):
+            compared += _compare(images[stem], image, stem)
+    return _Room(images, objects, sum(info(recording).captures.values()), compared)
+
+
+def _composed(source: Source, meter: Meter, scale: int) -> Iterator[tuple[str, OmniImage]]:
+    """Name and image of every camera; those that share their captures together."""
     renderer = Renderer(source)
-    images: dict[str, OmniImage] = {}
-    files: list[Path] = []
-    for name, (camera, pose) in demo_cameras().items():
-        images[name] = renderer.render(camera, pose, MODES)
-        files += images[name].save(out, stem=name)
-        step()
-    return images, files
+    groups: dict[tuple[float, bool], dict[str, tuple[Camera, Pose]]] = {}
+    for name, shot in demo_cameras(scale).items():
+        model = cameras.model(name)
+        groups.setdefault((model.typical_pitch_deg, model.central), {})[name] = shot
+    for (_, central), shots in groups.items():
+        options = RenderOptions("adaptive", face_size=scale * _FACE_PX[central])
+        images = renderer.render_together([*shots.values()], MODES, options, progress=meter.part())
+        yield from zip(shots, images, strict=True)
 
 
-def _compare(captured: list[Path], replayed: list[Path]) -> int:
-    """Return the number of image files that agree: all, or an error that names the first that does not."""
-    pairs = [(a, b) for a, b in zip(captured, replayed, strict=True) if a.suffix != ".json"]
-    for a, b in pairs:
-        if a.read_bytes() != b.read_bytes():
-            raise OmniscvError(f"{a}: expected the recomposed image to be the same, but its bytes differ")
-    return len(pairs)
+def _compare(captured: OmniImage, replayed: OmniImage, name: str) -> int:
+    """Return the number of layers that agree: all, or an error that names the first that does not."""
+    if list(captured.layers) != list(replayed.layers):
+        raise OmniscvError(f"{name}: expected the layers {', '.join(captured.layers)} of the recording, too")
+    for layer, pixels in captured.layers.items():
+        again = replayed.layers[layer]
+        if (pixels.dtype, pixels.shape, pixels.tobytes()) != (again.dtype, again.shape, again.tobytes()):
+            raise OmniscvError(
+                f"{name}: expected {layer} to be the same when recomposed, but its bytes differ"
+            )
+    return len(captured.layers)

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from omniscv.cameras.radial import ROUNDING
+from omniscv.compiled import njit
 
 _INSIDE = 2e-15
 """What keeps a ray off a face's edge, that it be seen in the slot of its own pixel; of the face's half."""

@@ -6,8 +6,9 @@ Angles never turn up here: a pixel has a radius and the cosine and sine of its a
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from omniscv.compiled import njit
 
 Array = NDArray[np.float64]
 Plane = tuple[float, float, float, float, float, float]

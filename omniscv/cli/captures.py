@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.cli.progress import StyleOption, display
 
 _HELP = "Inspect recordings, check, join and divide them, convert them to folders and back."
 app = Typer(name="captures", help=_HELP, no_args_is_help=True, add_completion=False)
@@ -86,13 +87,14 @@ def import_(folder: Annotated[Path, Argument(help="See docs/capture-folders.md."
 def merge(
     out: Annotated[str, Argument(metavar="OUT", help="What gets them, new or there: path or URL.")],
     files: Annotated[list[str], Argument(metavar="FILE...", help="Recordings of one scene, by path or URL.")],
+    progress: StyleOption = None,
 ) -> None:
     """Join recordings into one, all or nothing; what OUT holds already is left out."""
     from omniscv.sources import recording
     from omniscv.storage import without_secrets
 
-    with console.progress_bar("recordings") as progress:
-        added = recording.merge(out, files, progress)
+    with display("recordings", progress) as shown:
+        added = recording.merge(out, files, shown.steps)
     console.line(f"{without_secrets(out)}: {added} captures added")
 
 

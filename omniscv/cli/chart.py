@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console
+from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
@@ -18,14 +19,15 @@ def chart(
     width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
     page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
+    progress: StyleOption = None,
 ) -> None:
     """Draw filters and peers, or strategies, by cost and error; or how cost grows. Takes minutes."""
     module = import_module(f"omniscv.chart.{kind}")
     given: dict[str, Any] = dict(module.QUICK) if quick else {}
     given |= {} if width is None else {"width": width}
-    with console.progress_bar("measuring") as progress:
-        rows = module.measure(**given, progress=progress)
-        tables = {module.TITLE: rows, **(module.further(progress, **given) if page else {})}
+    with display("rounds", progress) as shown:
+        rows = module.measure(**given, progress=shown.steps)
+        tables = {module.TITLE: rows, **(module.further(shown.steps, **given) if page else {})}
     written = module.write(rows, out)
     if page:
         from omniscv.chart.page import write

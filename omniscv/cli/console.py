@@ -1,10 +1,8 @@
-"""What commands print: lines, tables, and a progress bar on a terminal."""
+"""What commands print: lines and tables."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 
-from omniscv.cli import signals
 from omniscv.texts import one_line, printable
 
 
@@ -36,21 +34,3 @@ def table(
     for row in rows:
         drawn.add_row(*(Text(printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
     Console(highlight=False, soft_wrap=True).print(drawn)
-
-
-@contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[float, int], None]]:
-    """A function to call with (done, total); it draws a bar on standard error if that is a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console, disable = Console(stderr=True), not sys.stderr.isatty()
-    with Progress(*columns, console=console, transient=True, disable=disable) as bar:
-        task = bar.add_task(what, total=None)
-
-        def update(done: float, total: int) -> None:
-            signals.check()
-            bar.update(task, completed=done, total=total)
-
-        yield update

@@ -8,6 +8,7 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.job_options import ImageOptions
+from omniscv.cli.progress import STYLE, Style, StyleOption, display
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."
@@ -31,6 +32,7 @@ class MakeOptions(ImageOptions):
         None, help="By workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
     )
     workers: int = Option(1, min=1, max=256, help="Images composed at a time.")
+    progress: Style | None = STYLE
 
 
 @app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
@@ -46,12 +48,12 @@ def make(given: MakeOptions) -> None:
     wanted = given.to_job()
     if given.cluster is not None and (given.shard is not None or given.workers != 1):
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
-    with console.progress_bar("frames") as progress:
+    with display("frames", given.progress) as shown:
         if given.cluster is not None:
             from omniscv.cluster import make, place
 
             made = make(
-                wanted, place(given.cluster), progress=progress, warn=console.error, note=console.line
+                wanted, place(given.cluster), progress=shown.steps, warn=console.error, note=console.line
             )
             console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
             return
@@ -60,7 +62,7 @@ def make(given: MakeOptions) -> None:
             resume=given.resume,
             shard=None if given.shard is None else _shard(given.shard),
             workers=given.workers,
-            progress=progress,
+            progress=shown,
             warn=console.error,
         )
     state = f"{made.missing} frames are missing: finish with --resume" if made.missing else "complete"
@@ -156,6 +158,7 @@ def video(
     camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
     rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
     quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
+    progress: StyleOption = None,
 ) -> None:
     """Write the colour of a camera's frames as a video; players show panoramas as spheres."""
     from omniscv.arguments import one_of
@@ -167,9 +170,9 @@ def video(
     if camera is not None:
         one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
     frames = [frame for frame in every if camera in (None, frame.camera_name)]
-    with console.progress_bar("frames") as progress:
-        written = write_video(frames, out, rate=rate, quality=quality, progress=progress)
-        console.line(without_secrets(written))
+    with display("frames", progress) as shown:
+        written = write_video(frames, out, rate=rate, quality=quality, progress=shown.steps)
+    console.line(without_secrets(written))
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -6,6 +6,7 @@ from typing import Annotated
 from typer import Argument, Typer
 
 from omniscv.cli import console
+from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
@@ -13,11 +14,12 @@ app = Typer(add_completion=False)
 @app.command(epilog="Example: omniscv demo out/")
 def demo(
     out: Annotated[Path, Argument(help="Folder for images, recordings, contact sheets.")] = Path("out/demo"),
+    progress: StyleOption = None,
 ) -> None:
     """Record scenes from the mock server over TCP, compose every camera, and compare with the replay."""
     from omniscv.demo import run_demo
 
-    with console.progress_bar("demo") as progress:
-        report = run_demo(out, progress)
+    with display("images", progress) as shown:
+        report = run_demo(out, shown)
     for line in report.lines():
         console.line(line)

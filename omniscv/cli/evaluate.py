@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console
+from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
@@ -24,6 +25,7 @@ def evaluate(
     trajectory: Annotated[
         Path | None, Option(help="odometry: a file of poses, TUM, KITTI or EuRoC, in place of the loop.")
     ] = None,
+    progress: StyleOption = None,
 ) -> None:
     """Feed an algorithm with images whose truth is known, and score it."""
     from omniscv.evaluate.registry import Settings, run
@@ -31,8 +33,8 @@ def evaluate(
     out.mkdir(parents=True, exist_ok=True)
     given = {"predictions": predictions, "trajectory": trajectory}
     options = {key: value for key, value in given.items() if value is not None}
-    with console.progress_bar(name) as progress:
-        report = run(name, Settings(out, quick, source, options, progress))
+    with display(name, progress) as shown:
+        report = run(name, Settings(out, quick, source, options, shown.steps))
     rows = [
         (each.name, f"{each.value:.4g} {each.unit}", "" if each.paper is None else f"{each.paper:g}", each.n)
         for each in report.figures

@@ -6,6 +6,7 @@ from typing import Annotated
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
@@ -23,6 +24,7 @@ def look(
     ),
     size: Annotated[str, Option(help="Of the panoramas of a recording, px.")] = "1024x512",
     open: Annotated[bool, Option("--open", help="Show the page in the browser.")] = False,
+    progress: StyleOption = None,
 ) -> None:
     """Write a page to look around in: every layer as a sphere or flat, names and metres under the cursor.
 
@@ -30,8 +32,8 @@ def look(
     """
     from omniscv.viewing.look import look
 
-    with console.progress_bar("frames") as progress:
-        page, *_ = look(what, out, size=options.size(size), progress=progress, warn=console.error)
+    with display("frames", progress) as shown:
+        page, *_ = look(what, out, size=options.size(size), progress=shown.steps, warn=console.error)
     console.line(page)
     if open:
         import webbrowser

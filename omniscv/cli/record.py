@@ -7,6 +7,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.job_options import CaptureOptions, Keys
+from omniscv.cli.progress import STYLE, Style, display
 
 app = Typer(add_completion=False)
 
@@ -32,6 +33,7 @@ class RecordOptions(CaptureOptions):
     face_size: str = Option("1024", help="px of a 90 degree face, or auto.")
     modes: str = Option("lit,object_mask,depth", help="As for render.")
     strategy: str = Option("cube", help="As for render.")
+    progress: Style | None = STYLE
 
     def keys(self, names: list[str]) -> Keys:
         edge = options.edge(self.face_size)
@@ -59,6 +61,6 @@ def record(given: RecordOptions) -> None:
     job = given.to_job()
     path = job.record or Path("capture.sqlite")
     place_of(path)  # refuses what is no file, before a game is launched
-    with console.progress_bar("captures") as progress:
-        count = capture(job, path, progress, border_px=given.overscan)
+    with display("images", given.progress) as shown:
+        count = capture(job, path, shown, border_px=given.overscan)
     console.line(f"{path}: {count} captures")

@@ -9,6 +9,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.job_options import ImageOptions
+from omniscv.cli.progress import STYLE, Style, display
 from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ class RenderOptions(ImageOptions):
     """What to render, and the names of the files."""
 
     stem: str | None = Option(None, help="Start of the file names; else the camera's name.")
+    progress: Style | None = STYLE
 
     def to_job(self) -> Job:
         job = super().to_job()
@@ -43,7 +45,7 @@ def render(given: RenderOptions) -> None:
     from omniscv.jobs import run
 
     job = given.to_job()
-    with console.progress_bar("images") as progress:
-        files = run(job, progress, warn=console.error)
+    with display("images", given.progress) as shown:
+        files = run(job, shown, warn=console.error)
     for path in files:
         console.line(path)

@@ -26,7 +26,7 @@ def make(
     job: Job,
     where: Place,
     *,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
     warn: Callable[[str], None] | None = None,
     note: Callable[[str], None] | None = None,
 ) -> Made:
@@ -56,7 +56,7 @@ def make(
 def _on(
     client: Client,
     job: Job,
-    progress: Callable[[float, int], None] | None,
+    progress: Callable[[int, int], None] | None,
     warn: Callable[[str], None] | None,
 ) -> tuple[Job, Made]:
     """Make all parts; return the job with its poses, and what was done."""
@@ -86,7 +86,7 @@ def _gathered(
     client: Client,
     futures: Sequence[Future],
     total: int,
-    progress: Callable[[float, int], None] | None,
+    progress: Callable[[int, int], None] | None,
     warn: Callable[[str], None] | None,
 ) -> Made:
     """Add up what tasks return, as it comes."""

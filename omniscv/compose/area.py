@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.atlas import Atlas
 from omniscv.compose.footprints import Footprints

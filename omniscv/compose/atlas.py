@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.folding import LARGEST_PX
 from omniscv.compose.gutter import Gutter

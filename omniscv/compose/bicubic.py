@@ -5,8 +5,8 @@ convolution interpolation for digital image processing, 1981, with a = -0.5.
 """
 
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.kernels import Floats, Pixels
 

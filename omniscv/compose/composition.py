@@ -15,7 +15,8 @@ from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.samplers import Sampler
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.planning import Kept, Round, Task, Viewpoint, captured, sampled
+from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress, sampled
+from omniscv.progress import Progress, Report
 from omniscv.sources.base import Capture, Source, View
 
 _SAME_M = 1e-9
@@ -32,7 +33,7 @@ class Composition:
         source: where captures come from.
         sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and the camera whose
             whole image they are, else None.
-        progress: called with (captures done, captures known to be needed).
+        report: called after each viewpoint, and when the image is done.
     """
 
     def __init__(
@@ -42,15 +43,15 @@ class Composition:
         modes: tuple[str, ...],
         source: Source,
         sampler_of: Callable[[RayBundle, Array, tuple[View, ...], Camera | None], Sampler],
-        progress: Callable[[int, int], None] | None,
+        report: Report,
     ) -> None:
         self._task, self._rays, self._source = task, rays, source
         self._modes = sampled(modes, task.options)
-        self._make_sampler, self._progress = sampler_of, progress
+        self._make_sampler, self._report = sampler_of, report
         self._valid_count = int(np.count_nonzero(task.rays.valid))
         self._canvas: Canvas | None = None
         self._filter: str = task.options.filter
-        self._done = 0
+        self._progress = Progress(of_images=1)
         self._last: tuple[Viewpoint, tuple[View, ...], Sampler] | None = None
         self._provenance: Mapping[str, Any] = {}
 
@@ -61,15 +62,15 @@ class Composition:
             whole = len(serving) == 1 and len(serving[0].pixels) == self._valid_count
             self._canvas = Canvas(self._rays, whole and serving[0].toward_w is None)
             self._filter = self._filter_for(serving[len(serving) // 2])
-        total, kept = self._done + len(round_.requests(self._modes)), []
+        kept = []
+        self._progress += Progress(of_captures=len(round_.requests(self._modes)))
         for viewpoint, captures in captured(round_, self._source, self._modes):
             if len(viewpoint.pixels):
                 self._compose(viewpoint, captures)
             if viewpoint.keep:
                 kept.append(captures)
-            self._done += sum(map(len, captures.values()))
-            if self._progress:
-                self._progress(self._done, total)
+            self._progress += captured_progress(captures)
+            self._report(self._progress)
         return kept
 
     def image(self) -> OmniImage:
@@ -85,6 +86,7 @@ class Composition:
         layers |= {name: layer for name, layer in found.items() if name in marks}
         mark_beyond_reach(layers, valid)
         task, provenance = self._task, self._provenance
+        self._report(self._progress + Progress(images=1))
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
             centers_w=canvas.centers_w, objects=objects, unknown_colors=unknown,

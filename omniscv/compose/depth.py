@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.kernels import Faces, Floats, Ints, Mask
 from omniscv.compose.ray_lookup import RayLookup

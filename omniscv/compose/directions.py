@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.kernels import Faces, Floats, Ints
 from omniscv.compose.ray_lookup import RayLookup

@@ -1,12 +1,13 @@
 """What pixels span on the sphere of directions."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.kernels import Floats, Ints
 from omniscv.geometry import Array
@@ -95,23 +96,25 @@ def _measure(pixels: Ints, edges: Floats, directions: Array) -> None:
     """Write the edges of pixels: half of what lies between their neighbours, or all to the nearer one of two
     where rays jump, or to the only one."""
     height, width = directions.shape[:2]
+    changes, lengths = np.empty((2, 3)), np.empty(2)
     for i in range(pixels.shape[0]):
         row, column = pixels[i] // width, pixels[i] % width
-        here = directions[row, column]
         for axis in range(2):
             down, across = axis, 1 - axis
-            lengths = np.full(2, np.inf)
-            change = np.zeros((2, 3))
             for side in range(2):
                 sign = 2 * side - 1
                 r, c = row + sign * down, column + sign * across
-                if 0 <= r < height and 0 <= c < width and not np.isnan(directions[r, c, 0]):
-                    change[side] = sign * (directions[r, c] - here)
-                    lengths[side] = np.sqrt((change[side] ** 2).sum())
+                lengths[side], squares = np.inf, 0.0
+                if 0 <= r < height and 0 <= c < width and not math.isnan(directions[r, c, 0]):
+                    for k in range(3):
+                        changes[side, k] = sign * (directions[r, c, k] - directions[row, column, k])
+                        squares += changes[side, k] ** 2
+                    lengths[side] = math.sqrt(squares)
             least = min(lengths[0], lengths[1])
-            total, used = np.zeros(3), 0
-            for side in range(2):
-                if lengths[side] <= 2.0 * least and lengths[side] < np.inf:
-                    total += change[side]
-                    used += 1
-            edges[i, axis] = total / max(used, 1)
+            for k in range(3):
+                total, used = 0.0, 0
+                for side in range(2):
+                    if lengths[side] <= 2.0 * least and lengths[side] < np.inf:
+                        total += changes[side, k]
+                        used += 1
+                edges[i, axis, k] = total / max(used, 1)

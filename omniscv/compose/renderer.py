@@ -29,10 +29,8 @@ from omniscv.planning import (
     sampled,
     together,
 )
+from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source, View
-
-Progress = Callable[[int, int], None]
-"""Called with (captures done, captures known to be needed)."""
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28
@@ -114,7 +112,7 @@ class Renderer:
         modes: Sequence[str] = ("lit",),
         options: RenderOptions | None = None,
         *,
-        progress: Progress | None = None,
+        progress: Report | None = None,
     ) -> OmniImage:
         """Compose an omnidirectional image and its ground truth from captures.
 
@@ -123,7 +121,7 @@ class Renderer:
             pose: where the camera is, world frame.
             modes: modalities of :mod:`omniscv.modalities`; object_mask comes with labels.
             options: how it is captured and composed.
-            progress: called with (captures done, captures known to be needed).
+            progress: called with how far the image has come, after each viewpoint.
 
         Raises:
             ArgumentError: an unknown mode or strategy, or arguments that exclude each other.
@@ -141,7 +139,7 @@ class Renderer:
         options: RenderOptions | None = None,
         *,
         only: Collection[int] | None = None,
-        progress: Progress | None = None,
+        progress: Report | None = None,
     ) -> Iterator[OmniImage]:
         """Yield the images of several cameras at one moment, in their order, as :meth:`render` makes them.
 
@@ -173,7 +171,7 @@ class Renderer:
         chosen: tuple[str, ...],
         options: RenderOptions | None,
         only: Collection[int] | None,
-        progress: Progress | None,
+        progress: Report | None,
     ) -> Iterator[OmniImage]:
         """Yield the images of a moment, captured from a source that stands for the renderer's."""
         tasks = [self.task(camera, pose, options) for camera, pose in shots]
@@ -181,9 +179,10 @@ class Renderer:
         made = [i for i in range(len(tasks)) if only is None or i in only]
         needed = Counter(request for i in made for request in wanted[i])
         source = SharedCaptures(source, needed) if needed else source
+        meter = Meter(len(made), progress)
         for task in (tasks[i] for i in made):
             rays = self._rays(task.rays.camera)
-            composition = Composition(task, rays, chosen, source, self._sampler_of, progress)
+            composition = Composition(task, rays, chosen, source, self._sampler_of, meter.part())
             drive(rounds(task), composition.capture)
             self._cache.trim()
             yield composition.image()
@@ -223,14 +222,14 @@ def render(
     source: Source,
     modes: Sequence[str] = ("lit",),
     *,
-    progress: Progress | None = None,
+    progress: Report | None = None,
     **options: Unpack[RenderKeywords],
 ) -> OmniImage:
     """Compose one image; :class:`Renderer` keeps rays and lookups for the next.
 
     Args:
         camera, pose, source, modes: what, from where, of which captures, and which modalities.
-        progress: called with (captures done, captures known to be needed).
+        progress: called with how far the image has come, after each viewpoint.
         options: the fields of :class:`omniscv.RenderOptions`.
 
     Raises:

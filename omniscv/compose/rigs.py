@@ -6,11 +6,12 @@ from typing import Unpack
 from omniscv.arguments import shown
 from omniscv.cameras.rig import Rig
 from omniscv.compose.image import OmniImage
-from omniscv.compose.renderer import Progress, Renderer, options_of
+from omniscv.compose.renderer import Renderer, options_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.planning import RenderKeywords
+from omniscv.progress import Report
 from omniscv.sources.base import Source
 
 
@@ -21,7 +22,7 @@ def render_rig(
     modes: Sequence[str] = ("lit",),
     *,
     time: float | None = None,
-    progress: Progress | None = None,
+    progress: Report | None = None,
     **options: Unpack[RenderKeywords],
 ) -> dict[str, OmniImage]:
     """Compose the images of all cameras of a rig; what several of them need is captured once.
@@ -31,7 +32,7 @@ def render_rig(
         pose: of the rig, world frame; or its timed poses, along which time offsets move the cameras.
         source, modes: of which captures, and which modalities.
         time: the rig's, seconds, where poses are timed.
-        progress: called with (captures done, captures known to be needed) of each image.
+        progress: called with how far the images have come, after each viewpoint.
         options: the fields of :class:`omniscv.RenderOptions`.
 
     Returns:

@@ -9,8 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from omniscv.compiled import njit
 
 _STEP_M = 0.004
 _STEP_RELATIVE = 0.001

@@ -17,6 +17,7 @@ from omniscv.jobs.job import Job
 from omniscv.jobs.making import Making
 from omniscv.jobs.moments import Exposure
 from omniscv.jobs.parts import Part
+from omniscv.progress import Report
 from omniscv.sources.base import Source
 
 
@@ -50,7 +51,7 @@ def make(
     resume: bool = False,
     shard: tuple[int, int] | None = None,
     workers: int = 1,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Made:
     """Make the dataset of a job below its ``out``: the same bytes, however often it was interrupted.
@@ -62,7 +63,7 @@ def make(
             last one finishes the dataset. The folders of shards are joined by copying them into one, and are
             finished by ``resume``.
         workers: images that are composed at a time.
-        progress: called with (frames done, frames of this shard).
+        progress: called with how far the frames that are made have come.
         warn: called with a line for what is worth a look.
 
     Raises:
@@ -94,7 +95,7 @@ def run_part(
     *,
     source: Source | None = None,
     workers: int = 1,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> PartMade:
     """Make the frames of a part of a job, below its ``out``, and then the part's marker.
@@ -127,7 +128,7 @@ def _run(
     part: Part,
     source: Source | None,
     workers: int,
-    progress: Callable[[float, int], None] | None,
+    progress: Report | None,
     warn: Callable[[str], None] | None,
 ) -> _Ran:
     """As :func:`run_part`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -22,7 +22,8 @@ from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.jobs.job import Job
 from omniscv.jobs.moments import Moment, images_of, renderer_at
-from omniscv.jobs.running import part_of, warnings_of
+from omniscv.jobs.running import warnings_of
+from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 
 T = TypeVar("T")
@@ -62,13 +63,13 @@ class Making:
         self,
         moments: Sequence[tuple[Moment, Sequence[Shot]]],
         wanted: Sequence[Shot],
-        progress: Callable[[float, int], None] | None,
+        progress: Report | None,
     ) -> None:
         """Make those frames that are wanted, written in their order: so objects that come late get the same
         ids every time."""
-        number_of = {shot.key: number for number, shot in enumerate(wanted)}
-        some = [each for each in moments if any(shot.key in number_of for shot in each[1])]
-        compose = partial(self._compose, number_of=number_of, progress=progress)
+        keys = {shot.key for shot in wanted}
+        some = [each for each in moments if any(shot.key in keys for shot in each[1])]
+        compose = partial(self._compose, keys=keys, meter=Meter(len(wanted), progress))
         with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
             saving: Future[None] | None = None
             for shot, image, world in chain.from_iterable(_ahead(compose, some, self._workers)):
@@ -81,13 +82,12 @@ class Making:
     def _compose(
         self,
         moment: tuple[Moment, Sequence[Shot]],
-        number_of: Mapping[str, int],
-        progress: Callable[[float, int], None] | None,
+        keys: Collection[str],
+        meter: Meter,
     ) -> list[tuple[Shot, OmniImage, World]]:
         """The frames of a moment, of captures that its cameras share."""
         what, shots = moment
-        only = [i for i, shot in enumerate(shots) if shot.key in number_of]
-        part = part_of(progress, number_of[shots[only[0]].key], len(number_of))
+        only = [i for i, shot in enumerate(shots) if shot.key in keys]
         seen: list[World] = []
 
         def look(source: Source) -> None:
@@ -95,7 +95,8 @@ class Making:
             seen.append(World(geometry, source.object_poses()))
 
         with self._turn:
-            images = images_of(self._renderer, what, self._job.options, only=only, progress=part, look=look)
+            part, options = meter.part(), self._job.options
+            images = images_of(self._renderer, what, options, only=only, progress=part, look=look)
             return [(shots[i], image, seen[0]) for i, image in zip(only, images, strict=True)]
 
     def _save(self, shot: Shot, composed: OmniImage, world: World) -> None:

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -20,6 +19,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.planning import RenderOptions
+from omniscv.progress import Meter, Report, without_images
 from omniscv.sources.base import Color, Source
 
 _MOST_INSTANTS = 999
@@ -141,7 +141,7 @@ def images_of(
     moment: Moment,
     options: RenderOptions,
     only: Collection[int] | None = None,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Report | None = None,
     look: Callable[[Source], object] | None = None,
 ) -> Iterator[OmniImage]:
     """Yield the images of a moment, in their order.
@@ -151,17 +151,17 @@ def images_of(
         moment: of the job.
         options: how images are captured and composed.
         only: those of the moment's pictures, by index, that are made; all if not given.
-        progress: called with (captures done, captures known to be needed).
+        progress: called with how far the images have come.
         look: called once, with a source of the world at the moment's instant.
     """
-    takes = moment.takes
+    takes, meter = moment.takes, Meter(len(moment.pictures) if only is None else len(only), progress)
     parts: list[list[OmniImage]] = []
     for done, take in enumerate(takes):
-        step = progress and partial(_part, progress, done, len(takes))
+        part = meter.part() if done + 1 == len(takes) else without_images(meter.part())
         with renderer_at(renderer, take.instant) as there:
             if look and done == 0:
                 look(there.source)
-            fresh = there.render_together(take.shots, take.modes, options, only=only, progress=step)
+            fresh = there.render_together(take.shots, take.modes, options, only=only, progress=part)
             if len(takes) == 1:
                 yield from fresh
                 return
@@ -170,11 +170,6 @@ def images_of(
     for i, *mine in zip(kept, *parts, strict=True):
         camera = moment.pictures[i].camera
         yield _read_out(camera, mine) if isinstance(camera, RollingShutter) else _exposed(mine)
-
-
-def _part(progress: Callable[[float, int], None], done: int, takes: int, part: int, whole: int) -> None:
-    """Call with the progress of one take of several."""
-    progress((done + part / max(1, whole)) / takes, 1)
 
 
 def _exposed(parts: Sequence[OmniImage]) -> OmniImage:

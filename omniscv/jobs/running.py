@@ -16,13 +16,14 @@ from omniscv import planning
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
-from omniscv.compose.renderer import Progress, Renderer
+from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.jobs.job import Job
 from omniscv.jobs.moments import images_of, renderer_at
 from omniscv.planning import CameraRays, Kept, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
+from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.sources.base import Request, Source, View
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url
@@ -34,14 +35,14 @@ _PROBES, _PROBE_PX = 3, 16
 
 def run(
     job: Job,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Render a job's images and write them; one is written while the next is composed.
 
     Args:
         job: what to render.
-        progress: called with (images done, images in all); a part of an image is a fraction.
+        progress: called with how far the job has come.
         warn: called with a line for each image that has unsure or occluded pixels.
 
     Returns:
@@ -67,21 +68,12 @@ def run(
     return written
 
 
-def _images(
-    job: Job, renderer: Renderer, progress: Callable[[float, int], None] | None
-) -> Iterator[tuple[str, OmniImage]]:
+def _images(job: Job, renderer: Renderer, progress: Report | None) -> Iterator[tuple[str, OmniImage]]:
     """Stem and image of every camera at every pose; those of a moment share captures."""
-    done = 0
-
-    def step(part: float, whole: int) -> None:
-        if progress:
-            progress(done + part / max(1, whole), len(job))
-
+    meter = Meter(len(job), progress)
     for moment in job.moments():
-        images = images_of(renderer, moment, job.options, progress=step)
-        for picture, image in zip(moment.pictures, images, strict=True):
-            yield picture.stem, image
-            done += 1
+        images = images_of(renderer, moment, job.options, progress=meter.part())
+        yield from zip((picture.stem for picture in moment.pictures), images, strict=True)
 
 
 _WARNINGS = {
@@ -98,36 +90,31 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
-def part_of(
-    progress: Callable[[float, int], None] | None, done: int, total: int
-) -> Callable[[float, int], None] | None:
-    """Return the progress of one image of several, to be called with (captures done, captures needed)."""
-    return progress and (lambda part, whole: progress(done + part / max(1, whole), total))
-
-
-def capture(job: Job, path: Path, progress: Progress | None = None, *, border_px: int | None = None) -> int:
+def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: int | None = None) -> int:
     """Capture all that a job's images need into a file, without composing them.
 
     Args:
         job: what the captures are for.
         path: the file; made if it is not there.
-        progress: called with (captures done, captures known to be needed).
+        progress: called with how far the captures have come; an image counts when it has all of its own.
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
 
     Returns:
         The number of captures that the job needs.
     """
     needed: dict[Request, None] = {}
+    meter = Meter(len(job), progress)
     with replace(job, record=path).opened() as (job, source):
         source.objects()
         renderer = Renderer(source)
         for moment in job.moments():
-            for take in moment.takes:
+            for done, take in enumerate(moment.takes, start=1):
+                part = meter.part() if done == len(moment.takes) else without_images(meter.part())
                 with renderer_at(renderer, take.instant) as there:
                     shots = [there.task(*shot, job.options, border_px=border_px) for shot in take.shots]
                     modes = planning.sampled(take.modes, job.options)
                     tasks, _ = planning.together(shots, modes)
-                    fresh = _Capturing(tasks, modes, needed, progress)
+                    fresh = _Capturing(tasks, modes, needed, part)
                     needed |= planning.proven(there.source, modes, fresh)
     return len(needed)
 
@@ -139,7 +126,7 @@ class _Capturing:
         tasks: of one instant.
         modes: of their images.
         before: what is not captured again.
-        progress: as :func:`capture`.
+        report: called after each viewpoint and task.
     """
 
     def __init__(
@@ -147,28 +134,35 @@ class _Capturing:
         tasks: Sequence[Task],
         modes: tuple[str, ...],
         before: dict[Request, None],
-        progress: Progress | None,
+        report: Report,
     ) -> None:
-        self._tasks, self._modes, self._before, self._progress = tasks, modes, before, progress
+        self._tasks, self._modes, self._before, self._report = tasks, modes, before, report
 
     def __call__(self, source: Source) -> dict[Request, None]:
         """Capture from a source; return what was captured."""
         fresh: dict[Request, None] = {}
+        self._progress = Progress()
         for task in self._tasks:
             drive(planning.rounds(task), partial(self._round, source, fresh))
+            self._add(Progress(images=1))
         return fresh
+
+    def _add(self, more: Progress) -> None:
+        self._progress += more
+        self._report(self._progress)
 
     def _round(self, source: Source, fresh: dict[Request, None], round_: Round) -> Kept:
         before, modes = self._before, self._modes
         here = dict.fromkeys(each for each in round_.requests(modes) if each not in before)
-        kept, total = [], len(before) + len(fresh | here)
+        kept = []
+        self._progress += Progress(of_captures=len(here.keys() - fresh.keys()))
         skip = ChainMap(fresh, before)
         for viewpoint, captures in planning.captured(round_, source, modes, skip=skip):
-            fresh.update(dict.fromkeys(r for r in viewpoint.requests(modes) if r not in before))
+            new = dict.fromkeys(r for r in viewpoint.requests(modes) if r not in skip)
+            fresh.update(new)
             if viewpoint.keep:
                 kept.append(captures)
-            if self._progress:
-                self._progress(len(before) + len(fresh), total)
+            self._add(replace(planning.captured_progress(captures), captures=len(new)))
         return kept
 
 

@@ -13,6 +13,7 @@ from omniscv.planning.base import (
     Task,
     Viewpoint,
     captured,
+    captured_progress,
     drive,
     sampled,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "Task",
     "Viewpoint",
     "captured",
+    "captured_progress",
     "cheapest_viewpoints",
     "drive",
     "face_viewpoints",

@@ -20,6 +20,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.planning import densities
 from omniscv.planning.recorded_faces import RecordedViews
 from omniscv.planning.viewpoints import CameraRays, RayGroup
+from omniscv.progress import Progress
 from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
@@ -325,3 +326,10 @@ def captured(
         if (came := sum(map(len, found.values()))) < len(requests):
             raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {came}")
         yield viewpoint, found
+
+
+def captured_progress(captures: Mapping[str, Sequence[Capture]]) -> Progress:
+    """Return how far the captures of a viewpoint, by mode, bring a work."""
+    every = [capture for mine in captures.values() for capture in mine]
+    sizes = (len(each.payload) if each.payload is not None else each.pixels.nbytes for each in every)
+    return Progress(captures=len(every), nbytes=sum(sizes))

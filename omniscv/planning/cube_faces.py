@@ -4,9 +4,9 @@ World-aligned, so that one set of captures serves every orientation of a camera 
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omniscv.compiled import njit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.parallel import blocks

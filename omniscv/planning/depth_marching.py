@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omniscv.compiled import njit
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.surfaces import Precision, discontinuities, surface_point
 from omniscv.parallel import blocks

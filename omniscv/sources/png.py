@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omniscv.compiled import njit
 from omniscv.errors import BadReplyError
 
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}

@@ -8,12 +8,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
 from omniscv.cameras import Rays
+from omniscv.compiled import njit
 from omniscv.geometry import Array
 from omniscv.truth.spherical import SphericalBox, lon_lat
 

@@ -1,127 +1,206 @@
-"""One picture of many images, for a person to look at: colour, masks and depth side by side."""
+"""One picture of many images, for a person to look at: colours, and smaller what is true of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from omniscv.compose.image import OmniImage
-from omniscv.sources.base import ObjectTable
+from omniscv.sources.base import Color, ObjectTable
 
-_MODELS_PER_ROW = 3
-_WIDTH_IN = 19.0
-_DPI = 140
-_GAP = 0.12
-_INK, _PAPER, _OUTSIDE = "#1c2330", "#ffffff", "#e6e9ee"
+_Picture = NDArray[np.uint8]
+
+_INK, _FAINT, _PAPER, _OUTSIDE = (28, 35, 48), (91, 100, 114), (255, 255, 255), (230, 233, 238)
+_LAYERS = ("lit", "labels", "depth", "normals")
+_WIDE = 1.8
+"""Width by height from which on an image is wide: two fill the sheet, four others do."""
 
 
 def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: Path, title: str) -> Path:
-    """Draw images in lit, object_mask and depth, three models a row, wide ones first.
+    """Draw images with what is true of them, under headings: panoramas, other central cameras, the rest.
 
     Args:
-        images: caption to image; each has all three modes.
-        objects: for the legend of the masks.
+        images: caption to image; each has lit, labels, depth and normals.
+        objects: for the legend of the labels.
         path: the PNG to write.
         title: printed on top.
 
     Returns:
         ``path``.
+
+    Raises:
+        ValueError: an image lacks a layer.
     """
-    rows = _rows(images)
+    if lacking := [name for name, image in images.items() if not {*_LAYERS} <= {*image.layers}]:
+        raise ValueError(f"contact_sheet: expected {', '.join(_LAYERS)}; {lacking[0]} lacks some")
+    sheet = _Sheet(max(image.camera.width for image in images.values()) * 8 // 3)
     farthest = _farthest(images.values())
-    heights = [max(image.camera.height / image.camera.width for _, image in row) for row in rows]
-    cell_in = _WIDTH_IN / _MODELS_PER_ROW / 3
-    height_in = sum(heights) * cell_in + 0.42 * len(rows) + 2.3
-    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, facecolor=_PAPER)
-    figure.text(0.012, 1 - 0.42 / (height_in), title, size=19, weight="bold", color=_INK, va="center")
-    grid = figure.add_gridspec(
-        len(rows),
-        4 * _MODELS_PER_ROW - 1,
-        width_ratios=([1, 1, 1, _GAP] * _MODELS_PER_ROW)[:-1],
-        height_ratios=[h * cell_in + 0.42 for h in heights],
-        left=0.008,
-        right=0.992,
-        top=1 - 0.95 / (height_in),
-        bottom=1.3 / (height_in),
-        wspace=0.02,
-        hspace=0.0,
-    )
-    for i, row in enumerate(rows):
-        for j, (caption, image) in enumerate(row):
-            axes = [figure.add_subplot(grid[i, 4 * j + k]) for k in range(3)]
-            _draw_image(axes, caption, image, farthest)
-    _draw_depth_bar(figure, farthest, height_in)
-    _draw_legend(figure, images.values(), objects, height_in)
+    sheet.heading(title, 2.2)
+    sheet.note("large: colour    beside it, downwards: labels, depth, normals")
+    sections: dict[str, dict[str, OmniImage]] = {}
+    for name, image in images.items():
+        sections.setdefault(_section(image), {})[name] = image
+    for heading, mine in sorted(sections.items(), key=lambda item: list(_SECTIONS).index(item[0])):
+        sheet.heading(heading, 1.3)
+        sheet.grid({name: tile(image, objects, farthest) for name, image in mine.items()}, _SECTIONS[heading])
+    sheet.depth_bar(farthest)
+    sheet.legend(objects, _seen(images.values()))
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    sheet.picture().save(path, compress_level=3)
     return path
 
 
-def _rows(images: Mapping[str, OmniImage]) -> list[list[tuple[str, OmniImage]]]:
-    """Images of about one shape share a row, the widest first, so that no row wastes height."""
-    ordered = sorted(images.items(), key=lambda item: -round(item[1].camera.width / item[1].camera.height, 1))
-    return [ordered[start : start + _MODELS_PER_ROW] for start in range(0, len(ordered), _MODELS_PER_ROW)]
+_SECTIONS = {
+    "Panoramas": 2,
+    "One optical centre: lenses, cube maps, mirrors seen from below": 4,
+    "Many optical centres": 4,
+}
+"""Heading to the number of images in a row."""
 
 
-def _layers(image: OmniImage) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    if image.lit is None or image.object_mask is None or image.depth is None:
-        raise ValueError("contact_sheet: expected images with lit, object_mask and depth")
-    return image.lit, image.object_mask, image.depth
+def _section(image: OmniImage) -> str:
+    wide, one, many = _SECTIONS
+    if image.camera.width >= _WIDE * image.camera.height:
+        return wide
+    return one if image.camera.central else many
 
 
-def _farthest(images: Any) -> float:
+def tile(image: OmniImage, objects: ObjectTable, farthest: float) -> _Picture:
+    """Return (H, 4/3 W, 3) RGB: the colours, and a third as large labels, depth and normals beside them."""
+    height, width = image.valid.shape
+    edges = [round(k * height / 3) for k in range(4)]
+    third = width // 3
+    beside = [
+        cv2.resize(picture, (third, below - above), interpolation=cv2.INTER_AREA)
+        for picture, above, below in zip(truths(image, objects, farthest), edges, edges[1:], strict=False)
+    ]
+    return np.hstack([_on_paper(image, _bytes(image["lit"])), np.vstack(beside)])
+
+
+def truths(image: OmniImage, objects: ObjectTable, farthest: float) -> tuple[_Picture, _Picture, _Picture]:
+    """Return (H, W, 3) RGB of an image's labels, depth and normals; colours of labels are those of masks."""
+    colors = np.array([(0, 0, 0), *(objects.colors[name] for name in objects.names())], np.uint8)
+    normals = np.round(127.5 * (1 + np.asarray(image["normals"]))).astype(np.uint8)
+    pictures = colors[image["labels"]], colored_depth(np.asarray(image["depth"]), farthest), normals
+    labels, depth, turned = (_on_paper(image, picture) for picture in pictures)
+    return labels, depth, turned
+
+
+def _bytes(lit: NDArray[Any]) -> _Picture:
+    return lit if lit.dtype == np.uint8 else np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
+
+
+def _on_paper(image: OmniImage, picture: _Picture) -> _Picture:
+    """The picture, with a plain colour outside of the field of view."""
+    return np.where(image.valid[..., None], picture, np.uint8(_OUTSIDE))
+
+
+def colored_depth(depth: NDArray[np.float32], farthest: float) -> _Picture:
+    """Return (H, W, 3) RGB of depth (H, W): red is near, blue is ``farthest`` metres, white no surface."""
+    near = 1 - np.clip(np.where(np.isfinite(depth), depth, farthest) / farthest, 0, 1)
+    colors = cv2.applyColorMap(np.round(255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
+    return np.where(np.isinf(depth)[..., None], np.uint8(255), colors)
+
+
+def _farthest(images: Iterable[OmniImage]) -> float:
     """The depth that the colours end at: all but the last percent of what is seen."""
-    seen = [depth[np.isfinite(depth) & (depth > 0)] for depth in (_layers(image)[2] for image in images)]
+    seen = [depth[np.isfinite(depth) & (depth > 0)] for depth in (image["depth"] for image in images)]
     values = np.concatenate(seen)
     return float(np.ceil(np.quantile(values, 0.99))) if values.size else 1.0
 
 
-def _draw_image(axes: Sequence[Axes], caption: str, image: OmniImage, farthest: float) -> None:
-    lit, mask, depth = _layers(image)
-    outside = ~image.valid
-    for ax, picture in zip(axes, (lit, mask, colored_depth(depth, farthest)), strict=True):
-        shown = picture.copy()
-        shown[outside] = tuple(int(_OUTSIDE[i : i + 2], 16) for i in (1, 3, 5))
-        ax.imshow(shown, interpolation="lanczos" if ax is axes[0] else "nearest")
-        ax.set_axis_off()
-        ax.set_anchor("N")
-    name, _, note = caption.partition("\n")
-    axes[0].set_title(name, loc="left", size=11, weight="bold", color=_INK, pad=4)
-    if note:
-        axes[2].set_title(note, loc="right", size=9, color="#5b6472", pad=4)
+def _seen(images: Iterable[OmniImage]) -> set[int]:
+    return {int(label) for image in images for label in np.unique(image["labels"])}
 
 
-def colored_depth(depth: NDArray[np.float32], farthest: float) -> NDArray[np.uint8]:
-    """Return (H, W, 3) RGB of depth (H, W): red is near, blue is ``farthest`` metres, white no surface."""
-    finite = np.where(np.isfinite(depth), depth, farthest)
-    rgba = colormaps["turbo_r"](np.clip(finite / farthest, 0, 1), bytes=True)
-    rgb: NDArray[np.uint8] = rgba[..., :3].copy()
-    rgb[np.isinf(depth)] = 255
-    return rgb
+class _Sheet:
+    """A page that grows downwards.
+
+    Args:
+        width: of what is on it, px.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._em = max(8, width // 95)
+        self._gap, self._inner = self._em, width
+        self._blocks: list[Image.Image] = []
+
+    def _block(self, height: int) -> ImageDraw.ImageDraw:
+        block = Image.new("RGB", (self._inner + 2 * self._gap, height), _PAPER)
+        self._blocks.append(block)
+        return ImageDraw.Draw(block)
+
+    def _font(self, size: float = 1.0) -> Any:
+        return ImageFont.load_default(round(size * self._em))
+
+    def heading(self, text: str, size: float) -> None:
+        """Add a line of large type, with room above."""
+        self._block(round(2.2 * size * self._em)).text(
+            (self._gap, round(1.0 * size * self._em)), text, _INK, self._font(size)
+        )
+
+    def note(self, text: str) -> None:
+        """Add a line of small type."""
+        self._block(2 * self._em).text((self._gap, self._em // 2), text, _FAINT, self._font())
+
+    def grid(self, tiles: Mapping[str, _Picture], columns: int) -> None:
+        """Add pictures in rows, each under its caption; larger ones are made to fit."""
+        cell = (self._inner - (columns - 1) * self._gap) // columns
+        drawn = list(tiles.items())
+        for start in range(0, len(drawn), columns):
+            row = [(name, _fitted(picture, cell)) for name, picture in drawn[start : start + columns]]
+            caption = 2 * self._em
+            block = self._block(caption + max(picture.height for _, picture in row) + self._gap // 2)
+            for k, (name, picture) in enumerate(row):
+                left = self._gap + k * (cell + self._gap)
+                block.text((left, self._em // 2), name, _INK, self._font())
+                self._blocks[-1].paste(picture, (left, caption))
+
+    def depth_bar(self, farthest: float) -> None:
+        """Add the scale of depths."""
+        width, em = self._inner // 3, self._em
+        block = self._block(5 * em)
+        metres = np.linspace(1e-3, farthest, width, dtype=np.float32)
+        bar = colored_depth(np.tile(metres, (em, 1)), farthest)
+        self._blocks[-1].paste(Image.fromarray(bar), (self._gap, 2 * em))
+        for k in range(5):
+            left = self._gap + k * width // 4
+            block.text(
+                (left, 3.2 * em), f"{farthest * k / 4:g} m", _INK, self._font(), anchor="ma" if k else "la"
+            )
+        block.text(
+            (self._gap + width + 3 * em, 2 * em), "depth along the ray; white: sky", _FAINT, self._font()
+        )
+
+    def legend(self, objects: ObjectTable, seen: set[int]) -> None:
+        """Add the colours of labels, of those that are seen."""
+        shown = [(name, objects.colors[name]) for name in objects.names() if objects.label(name) in seen]
+        columns, em = 5, self._em
+        rows = -(-len(shown) // columns)
+        block = self._block(2 * em * (rows + 1))
+        for k, (name, color) in enumerate(shown):
+            left, top = self._gap + k // rows * self._inner // columns, 2 * em * (k % rows) + em
+            _swatch(block, left, top, em, color)
+            block.text((left + 2 * em, top), name, _INK, self._font())
+
+    def picture(self) -> Image.Image:
+        """Return the page."""
+        page = Image.new("RGB", (self._blocks[0].width, sum(block.height for block in self._blocks)), _PAPER)
+        top = 0
+        for block in self._blocks:
+            page.paste(block, (0, top))
+            top += block.height
+        return page
 
 
-def _draw_depth_bar(figure: Figure, farthest: float, height_in: float) -> None:
-    ax = figure.add_axes((0.012, 0.62 / height_in, 0.22, 0.2 / height_in))
-    ax.imshow(colored_depth(np.linspace(1e-3, farthest, 512, dtype=np.float32)[None], farthest),
-              aspect="auto", extent=(0, farthest, 0, 1))  # fmt: skip
-    ax.set_yticks([])
-    ax.tick_params(labelsize=10, colors=_INK)
-    ax.set_xlabel("depth along the ray, metres (white: sky)", size=10, color=_INK)
+def _fitted(picture: _Picture, width: int) -> Image.Image:
+    height = round(picture.shape[0] * width / picture.shape[1])
+    return Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
 
 
-def _draw_legend(figure: Figure, images: Any, objects: ObjectTable, height_in: float) -> None:
-    seen = {tuple(color) for image in images for color in np.unique(_layers(image)[1].reshape(-1, 3), axis=0)}
-    patches = [
-        Patch(facecolor="#{:02x}{:02x}{:02x}".format(*objects.colors[name]), edgecolor="#9aa3b0", label=name)
-        for name in objects.names()
-        if tuple(objects.colors[name]) in seen
-    ]
-    figure.legend(handles=patches, loc="lower right", bbox_to_anchor=(0.992, 0.0), frameon=False,
-                  ncols=max(1, -(-len(patches) // 4)), fontsize=8.5, handlelength=1.2, handleheight=1.0,
-                  columnspacing=1.2, labelcolor=_INK)  # fmt: skip
+def _swatch(block: ImageDraw.ImageDraw, left: int, top: int, size: int, color: Color) -> None:
+    block.rectangle((left, top, left + size, top + size), tuple(color), outline=_FAINT)

@@ -151,8 +151,10 @@ def test_progress_counts_captures():
     seen = []
     omniscv.render(
         CAMERAS["panorama"], POSES[0], SOURCE, ("lit", "depth"), strategy="adaptive", face_size=64,
-        progress=lambda done, total: seen.append((done, total)),
+        progress=seen.append,
     )  # fmt: skip
-    assert all(done <= total for done, total in seen)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    assert seen[-1][0] == seen[-1][1]
+    assert all(each.captures <= each.of_captures and each.of_images == 1 for each in seen)
+    assert [each.captures for each in seen] == sorted(each.captures for each in seen)
+    last = seen[-1]
+    assert last.captures == last.of_captures
+    assert [each.images for each in seen] == [0] * (len(seen) - 1) + [1]

@@ -16,7 +16,7 @@ from omniscv.sources.recording.recorded_views import in_words
 from omniscv.sources.recording.rows import Row, object_from_json, scene_in_words
 from omniscv.sources.recording.store import Store
 
-Progress = Callable[[float, int], None]
+Progress = Callable[[int, int], None]
 """``progress(done, total)``."""
 
 

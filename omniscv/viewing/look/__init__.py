@@ -16,7 +16,7 @@ def look(
     out: str | Path = "look.html",
     *,
     size: tuple[int, int] = DEFAULT_SIZE,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Write a page that shows images: as a sphere or flat, in every layer.

@@ -41,7 +41,7 @@ _PROGRAMS = (
 _PLACEHOLDER = re.compile(r"\{\{(\w+)\}\}")
 _MOST_PIXELS = 1 << 23  # of frames in the page itself: four panoramas of 2048 x 1024
 
-Progress = Callable[[float, int], None]
+Progress = Callable[[int, int], None]
 
 
 def write(gathered: Gathered, out: Path, title: str, progress: Progress | None = None) -> list[Path]:

@@ -26,7 +26,7 @@ def is_recording(path: Path) -> bool:
 
 
 def compose(
-    path: Path, out: Path, size: tuple[int, int], progress: Callable[[float, int], None] | None = None
+    path: Path, out: Path, size: tuple[int, int], progress: Callable[[int, int], None] | None = None
 ) -> list[str]:
     """Compose a level panorama at every place that a recording shows all around, and save it in a folder.
 

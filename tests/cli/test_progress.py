@@ -1,0 +1,112 @@
+"""How far long work has come: sums that agree with what was captured, and what is printed of them."""
+
+import re
+from itertools import pairwise
+from threading import Thread
+
+import pytest
+
+from omniscv.cli import run
+from omniscv.cli.progress import Lines, Pace, display
+from omniscv.jobs import load
+from omniscv.jobs import run as run_job
+from omniscv.progress import Meter, Progress, without_images
+from omniscv.sources.recording.inspection import info
+
+JOB = """
+source: scene://four-wall
+cameras:
+  flat: {model: equirectangular, width: 16, height: 8}
+  ring: {model: noncentral-panorama, width: 16, height: 8, radius: 0.5}
+poses: [{position: [0, 0, 1.5]}, {position: [0.5, 0, 1.5]}]
+modes: [lit, depth]
+face_size: 16
+out: images
+"""
+
+
+@pytest.fixture
+def job(tmp_path):
+    path = tmp_path / "job.yaml"
+    path.write_text(JOB)
+    return path
+
+
+def test_the_progress_of_a_job_only_grows_and_ends_at_all(job):
+    seen = []
+    run_job(load(job), seen.append)
+    for before, after in pairwise(seen):
+        gained = after - before
+        assert min(gained.images, gained.captures, gained.of_captures, gained.nbytes) >= 0
+    assert {each.of_images for each in seen} == {4}
+    assert seen[-1].images == 4
+    assert seen[-1].captures == seen[-1].of_captures > 0
+    pixels = seen[-1].nbytes / seen[-1].captures
+    assert 16 * 16 * 3 <= pixels <= 64 * 64 * 4, "bytes of a small picture, colours or depth"
+
+
+def test_recording_counts_each_capture_once(job, capsys):
+    recording = job.with_name("room.sqlite")
+    command = ["record", job, "--out", recording, "--progress", "plain"]
+    assert run([str(each) for each in command]) == 0
+    last = capsys.readouterr().err.splitlines()[-1]
+    there = sum(info(recording).captures.values())
+    assert last.startswith(f"images 4/4, {there}/{there} captures, ")
+
+
+@pytest.mark.parametrize("style", [(), ("--progress", "none")])
+def test_nothing_is_printed_to_a_file_unless_it_is_asked_for(style, job, capfd):
+    assert run(["render", str(job), *style]) == 0
+    assert capfd.readouterr().err == ""
+
+
+def test_plain_progress_is_lines(job, capfd):
+    assert run(["render", str(job), "--progress", "plain"]) == 0
+    lines = capfd.readouterr().err.splitlines()
+    line = r"images \d/4(, \d+/\d+ captures, \d+\.\d MB, [\d.e+]+/s, \d+\.\d MB/s)?(, [\d:]+ left)?"
+    assert len(lines) >= 2
+    assert all(re.fullmatch(line, each) for each in lines), lines
+    assert lines[-1].endswith(", 0:00 left")
+
+
+def test_lines_come_at_a_bounded_rate(capsys):
+    with Lines("images", every_s=3600) as shown:
+        for done in range(100):
+            shown.steps(done, 100)
+    assert capsys.readouterr().err.startswith("images 0/100\nimages 99/100")
+
+
+def test_a_bar_shows_images_and_captures(capsys):
+    with display("images", "bar") as shown:
+        shown(Progress(3, 12, 30, 40, 2_500_000))
+    assert "captures" in capsys.readouterr().err
+
+
+def test_what_is_left_follows_from_what_is_done():
+    start = Pace(Progress(), Progress(), 0.0)
+    assert start.left_s is None
+    pace = start.at(Progress(1, 4, 10, 10), 5.0)
+    assert pace.fraction == 1 / 4
+    assert pace.left_s == pytest.approx(15.0)
+    pace = pace.at(Progress(1, 4, 20, 30), 7.5)  # half of the captures known of the second image
+    assert pace.fraction == pytest.approx(1.5 / 4)
+    assert pace.left_s == pytest.approx(12.5)
+    assert pace.at(Progress(4, 4, 90, 90), 20.0).left_s == 0
+
+
+def test_parts_add_up_from_any_number_of_threads():
+    seen = []
+    meter = Meter(8, seen.append)
+
+    def work():
+        part = meter.part()
+        for done in range(1, 101):
+            part(Progress(done // 50, 1, done, 100, 10 * done))
+
+    threads = [Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    without_images(meter.part())(Progress(5, 5, 1, 1, 1))
+    assert seen[-1] == Progress(8, 8, 401, 401, 4001)
