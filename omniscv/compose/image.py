@@ -1,9 +1,13 @@
 """An omnidirectional image and its ground truth."""
 
+from __future__ import annotations
+
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +19,9 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Color, ObjectTable, Source
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 Mask = NDArray[np.bool_]
 
@@ -130,12 +137,36 @@ class OmniImage:
         size = f"{self.camera.width}x{self.camera.height}"
         return f"<OmniImage {self.camera.name} {size}: {', '.join(self.layers)}>"
 
-    def _repr_png_(self) -> bytes | None:
-        """The picture that a notebook shows: colour, or the first layer that has colours or grey levels."""
-        import cv2
+    def to_pil(self, layer: str | None = None) -> Image:
+        """Return a layer as a picture, RGB of the image's size, or a sheet of all layers.
 
-        shown = next((layer for layer in self.layers.values() if layer.dtype == np.uint8), None)
-        return None if shown is None else cv2.imencode(".png", shown[..., ::-1])[1].tobytes()
+        Labels, depth and normals are in colours; see :mod:`omniscv.compose.pictures`.
+
+        Raises:
+            ArgumentError: the image has no such layer.
+        """
+        from PIL import Image
+
+        from omniscv.compose.pictures import picture, sheet
+
+        return sheet(self) if layer is None else Image.fromarray(picture(self, layer))
+
+    def show(self, layer: str | None = None) -> None:
+        """Show what :meth:`to_pil` returns: in a notebook, else in the system's viewer of pictures."""
+        shown = self.to_pil(layer)
+        notebook = sys.modules.get("IPython")
+        if notebook is not None and notebook.get_ipython() is not None:
+            from IPython.display import display
+
+            display(shown)
+        else:
+            shown.show()
+
+    def _repr_png_(self) -> bytes:
+        """The sheet of layers, which a notebook shows."""
+        encoded = BytesIO()
+        self.to_pil().save(encoded, "PNG")
+        return encoded.getvalue()
 
     def description(self) -> dict[str, Any]:
         return {

@@ -18,7 +18,7 @@ from omniscv.geometry import Pose
 from omniscv.truth.classes import ClassTable
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One image of a dataset, on disk.
 
@@ -49,6 +49,10 @@ class Frame:
     split: str = ""
     scene: str = ""
     state: str = ""
+
+    def __repr__(self) -> str:
+        split = f", {self.split}" if self.split else ""
+        return f"<Frame {self.key}: {self.camera_name}{split}: {', '.join(self.files)}>"
 
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer as it was in memory: dtype and shape as :mod:`omniscv.modalities` has it.

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from omniscv import modalities
+from omniscv import modalities, storage
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.compose.files import check_format
@@ -31,7 +31,7 @@ from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, open_sources
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Job:
     """What to render; see :mod:`omniscv.jobs.file` for the fields. ``options`` are those of every image.
 
@@ -84,6 +84,12 @@ class Job:
 
     def __len__(self) -> int:
         return len(self.cameras) * len(self.poses)
+
+    def __repr__(self) -> str:
+        poses = "sampled poses" if self.sampling else f"{len(self.poses)} poses"
+        shown = f"{', '.join(self.cameras)} at {poses}, {' '.join(self.modes)}"
+        places = " ".join(storage.without_secrets(each) for each in self.sources)
+        return f"<Job {shown}, from {places} into {storage.without_secrets(self.out)}>"
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -120,6 +120,14 @@ class Source(ABC):
     :func:`closed_error`.
     """
 
+    def __repr__(self) -> str:
+        parts = (
+            self.scene_identity.name,
+            self.capabilities.dialect,
+            " ".join(sorted(self.capabilities.modes)),
+        )
+        return f"<{type(self).__name__} {', '.join(part for part in parts if part)}>"
+
     @property
     @abstractmethod
     def capabilities(self) -> Capabilities:

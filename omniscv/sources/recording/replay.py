@@ -74,6 +74,11 @@ class RecordedSource(Source):
             self._store.close()
             raise
 
+    def __repr__(self) -> str:
+        count = sum(len(held.views) for held in self._views.values())
+        name = str(self._shown).rpartition("/")[2]
+        return f"<RecordedSource {name}: {count} views, {' '.join(sorted(self._capabilities.modes))}>"
+
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities

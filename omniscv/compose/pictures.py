@@ -1,0 +1,86 @@
+"""Layers of an image as pictures for a person to look at: depth and labels in colours, all on one sheet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+    from omniscv.compose.image import OmniImage
+
+Picture = NDArray[np.uint8]
+
+OUTSIDE = (230, 233, 238)
+"""The colour of what is outside the field of view."""
+_INK = (28, 35, 48)
+_TILE_PX, _MARGIN_PX, _CAPTION_PX = 480, 8, 20
+
+
+def picture(image: OmniImage, layer: str) -> Picture:
+    """Return (H, W, 3) uint8 RGB of a layer.
+
+    Labels have the colours of their masks; depth goes from red (near) to blue, white is no surface; normals
+    are ``127.5 (1 + n)``; marks are white where they are set.
+
+    Raises:
+        ArgumentError: the image has no such layer.
+    """
+    values = image[layer]
+    if layer == "labels" and image.objects is not None:
+        colors = [(0, 0, 0), *(image.objects.colors[name] for name in image.objects.names())]
+        found = np.array(colors, np.uint8)[values]
+    elif layer == "normals":
+        found = np.round(127.5 * (1 + values)).astype(np.uint8)
+    elif layer in ("depth", "depth_error"):
+        found = colored_depth(values, farthest(values[image.valid]))
+    else:
+        found = _plain(values)
+    return np.where(image.valid[..., None], found, np.uint8(OUTSIDE))
+
+
+def _plain(values: NDArray[Any]) -> Picture:
+    """Colours as they are; other values from black to white."""
+    if values.ndim == 3 and values.shape[2] == 3:
+        return values if values.dtype == np.uint8 else np.round(255 * np.clip(values, 0, 1)).astype(np.uint8)
+    grey = np.where(np.isfinite(values), values, 0).astype(np.float64)
+    grey = grey if grey.ndim == 2 else grey[..., 0]
+    scaled = np.round(255 * grey / (grey.max() or 1)).clip(0, 255).astype(np.uint8)
+    return np.repeat(scaled[..., None], 3, axis=-1)
+
+
+def colored_depth(depth: NDArray[np.float32], most: float) -> Picture:
+    """Return (H, W, 3) RGB of depth (H, W): red is near, blue is ``most`` metres, white no surface."""
+    import cv2
+
+    near = 1 - np.clip(np.where(np.isfinite(depth), depth, most) / most, 0, 1)
+    colors = cv2.applyColorMap(np.round(255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
+    return np.where(np.isinf(depth)[..., None], np.uint8(255), colors)
+
+
+def farthest(depth: NDArray[np.float32]) -> float:
+    """Return the depth that colours end at: all but the last percent of what is finite; else 1."""
+    seen = depth[np.isfinite(depth) & (depth > 0)]
+    return float(np.quantile(seen, 0.99)) if seen.size else 1.0
+
+
+def sheet(image: OmniImage) -> Image:
+    """Return all layers of an image, each under its name: two in a row if they are wide, else three."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    height, width = image.valid.shape
+    tile = min(_TILE_PX, width), max(1, round(height * min(1, _TILE_PX / width)))
+    columns = min(len(image.layers), 2 if width > 1.5 * height else 3)
+    rows = -(-len(image.layers) // columns)
+    across, down = tile[0] + _MARGIN_PX, tile[1] + _CAPTION_PX + _MARGIN_PX
+    page = Image.new("RGB", (columns * across + _MARGIN_PX, rows * down), "white")
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)
+    for k, layer in enumerate(image.layers):
+        left, top = _MARGIN_PX + k % columns * across, k // columns * down
+        draw.text((left, top + 2), layer, _INK, font)
+        shown = Image.fromarray(picture(image, layer)).resize(tile, Image.Resampling.LANCZOS)
+        page.paste(shown, (left, top + _CAPTION_PX))
+    return page

@@ -1,0 +1,108 @@
+"""Frames as a recording of the Rerun viewer: trajectory, cameras, points and images on one timeline.
+
+Rerun has no panoramic or fisheye camera: such images are shown flat beside the points that they see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omniscv.cameras import Camera, Pinhole
+from omniscv.compose.files import whole_file
+from omniscv.dataset import Frame
+from omniscv.dataset.formats.ply import points_of
+from omniscv.dataset.sequences import by_camera
+from omniscv.errors import ArgumentError
+
+_MOST_POINTS = 20_000
+"""Of a frame: enough to see a room, and small enough to turn it."""
+_AXIS_M = 0.25
+
+
+def write(frames: Sequence[Frame], out: Path) -> Path:
+    """Write a file that ``rerun FILE`` shows.
+
+    The timeline ``frame`` counts the frames of each camera; ``time`` has their seconds where they are known.
+    In the space ``world`` (metres, z up) lie each camera's trajectory, its axes, and the points that it sees;
+    ``images/CAMERA`` has colour, depth in metres and labels with the names of objects.
+
+    Args:
+        frames: of a dataset or a folder of images.
+        out: the file, whose name ends in ``.rrd``.
+
+    Raises:
+        ArgumentError: Rerun is not installed, or another name.
+    """
+    if out.suffix != ".rrd":
+        raise ArgumentError(f"rerun: expected a file NAME.rrd, got {out.name!r}")
+    try:
+        import rerun
+    except ImportError as cause:
+        raise ArgumentError(
+            f"rerun: expected the extra 'rerun', got: {cause}; pip install 'omniscv[rerun]'"
+        ) from cause
+    with whole_file(out) as part:
+        stream = rerun.RecordingStream("omniscv", recording_id=_identity(frames))
+        stream.save(part)
+        stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for name, mine in by_camera(frames).items():
+            _log_camera(rerun, stream, name, mine)
+        stream.flush()
+        stream.disconnect()
+    return out
+
+
+def _identity(frames: Sequence[Frame]) -> str:
+    """The same for the same frames: a file that is written again replaces what a viewer shows of it."""
+    return f"{len(frames)} frames from {frames[0].key}" if frames else "no frames"
+
+
+def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> None:
+    path = np.array([frame.pose.position for frame in frames])
+    if len(path) > 1:
+        stream.log(f"world/{name}/trajectory", rerun.LineStrips3D([path]), static=True)
+    named = [(number, each) for each, number in frames[0].instances.items()]
+    if named:
+        stream.log(f"images/{name}", rerun.AnnotationContext([(0, "nothing"), *named]), static=True)
+    camera = frames[0].camera
+    if type(camera) is Pinhole:
+        stream.log(f"world/{name}/camera", _pinhole(rerun, camera), static=True)
+    rays = camera.unproject()
+    for number, frame in enumerate(frames):
+        stream.set_time("frame", sequence=number)
+        if frame.time is not None:
+            stream.set_time("time", duration=frame.time)
+        placed = rerun.Transform3D(translation=frame.pose.position, mat3x3=frame.pose.R_w_c)
+        stream.log(f"world/{name}/camera", placed, rerun.TransformAxes3D(_AXIS_M))
+        _log_images(rerun, stream, name, frame)
+        if "depth" in frame.files:
+            cloud = points_of(frame, rays)
+            some = cloud.only(np.arange(0, len(cloud.distances), 1 + len(cloud.distances) // _MOST_POINTS))
+            colors = some.values.get("lit")
+            stream.log(f"world/{name}/points", rerun.Points3D(some.positions_w, colors=colors))
+
+
+def _pinhole(rerun: Any, camera: Camera) -> Any:
+    """A pinhole camera looks along +z, with x to the right and y down, as ours do."""
+    step = 1e-3  # well inside any field of view
+    middle, *ends = camera.project(np.array([(0, 0, 1), (step, 0, 1), (0, step, 1)]))[0]
+    focal = (ends[0][0] - middle[0]) / step, (ends[1][1] - middle[1]) / step
+    size = (camera.width, camera.height)
+    xyz = rerun.ViewCoordinates.RDF
+    return rerun.Pinhole(focal_length=focal, principal_point=middle, resolution=size, camera_xyz=xyz)
+
+
+def _log_images(rerun: Any, stream: Any, name: str, frame: Frame) -> None:
+    layers = frame.has("lit", "depth", "labels")
+    if "lit" in layers:
+        lit = layers["lit"]
+        stream.log(f"images/{name}/lit", rerun.Image(lit if lit.dtype == np.uint8 else lit.clip(0, 1)))
+    if "depth" in layers:
+        depth = np.where(np.isfinite(layers["depth"]), layers["depth"], 0)  # 0: not known, to Rerun
+        stream.log(f"images/{name}/depth", rerun.DepthImage(depth, meter=1.0))
+    if "labels" in layers:
+        stream.log(f"images/{name}/labels", rerun.SegmentationImage(layers["labels"]))
