@@ -1,6 +1,6 @@
 """One picture of many images, for a person to look at: colours, and smaller what is true of them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ _Picture = NDArray[np.uint8]
 
 _INK, _FAINT, _PAPER, _OUTSIDE = (28, 35, 48), (91, 100, 114), (255, 255, 255), (230, 233, 238)
 _LAYERS = ("lit", "labels", "depth", "normals")
+_LINE = 2
+"""Between pictures of one image, px."""
 _WIDE = 1.8
 """Width by height from which on an image is wide: two fill the sheet, four others do."""
 
@@ -71,14 +73,18 @@ def _section(image: OmniImage) -> str:
 
 def tile(image: OmniImage, objects: ObjectTable, farthest: float) -> _Picture:
     """Return (H, 4/3 W, 3) RGB: the colours, and a third as large labels, depth and normals beside them."""
-    height, width = image.valid.shape
-    edges = [round(k * height / 3) for k in range(4)]
-    third = width // 3
-    beside = [
-        cv2.resize(picture, (third, below - above), interpolation=cv2.INTER_AREA)
-        for picture, above, below in zip(truths(image, objects, farthest), edges, edges[1:], strict=False)
-    ]
-    return np.hstack([_on_paper(image, _bytes(image["lit"])), np.vstack(beside)])
+    return beside(on_paper(image, image["lit"]), truths(image, objects, farthest))
+
+
+def beside(large: _Picture, small: Sequence[_Picture]) -> _Picture:
+    """Return a picture with others below each other on its right, so small that they are as high together."""
+    height, width = large.shape[:2]
+    column = np.full((height, width // len(small) + _LINE, 3), _PAPER, np.uint8)
+    edges = [round(k * (height + _LINE) / len(small)) for k in range(len(small) + 1)]
+    for picture, above, below in zip(small, edges, edges[1:], strict=False):
+        size = column.shape[1] - _LINE, below - above - _LINE
+        column[above : below - _LINE, _LINE:] = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    return np.hstack([large, column])
 
 
 def truths(image: OmniImage, objects: ObjectTable, farthest: float) -> tuple[_Picture, _Picture, _Picture]:
@@ -86,17 +92,14 @@ def truths(image: OmniImage, objects: ObjectTable, farthest: float) -> tuple[_Pi
     colors = np.array([(0, 0, 0), *(objects.colors[name] for name in objects.names())], np.uint8)
     normals = np.round(127.5 * (1 + np.asarray(image["normals"]))).astype(np.uint8)
     pictures = colors[image["labels"]], colored_depth(np.asarray(image["depth"]), farthest), normals
-    labels, depth, turned = (_on_paper(image, picture) for picture in pictures)
+    labels, depth, turned = (on_paper(image, picture) for picture in pictures)
     return labels, depth, turned
 
 
-def _bytes(lit: NDArray[Any]) -> _Picture:
-    return lit if lit.dtype == np.uint8 else np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
-
-
-def _on_paper(image: OmniImage, picture: _Picture) -> _Picture:
-    """The picture, with a plain colour outside of the field of view."""
-    return np.where(image.valid[..., None], picture, np.uint8(_OUTSIDE))
+def on_paper(image: OmniImage, picture: NDArray[Any]) -> _Picture:
+    """Return (H, W, 3) RGB: a picture of an image's size, and a plain colour outside of the field of view."""
+    colors = picture if picture.dtype == np.uint8 else np.round(255 * np.clip(picture, 0, 1))
+    return np.where(image.valid[..., None], colors, _OUTSIDE).astype(np.uint8)
 
 
 def colored_depth(depth: NDArray[np.float32], farthest: float) -> _Picture:
