@@ -102,8 +102,9 @@ def _viewpoints(renderer: Renderer, width: int, count: int) -> float:
 
 
 _MOST = 128
+SIZE = "Mpx of the image"
 SERIES: dict[str, Callable[[Renderer, int, int], float]] = {
-    "Mpx of the image": _sizes,
+    SIZE: _sizes,
     "poses": _poses,
     "cameras at a place": _cameras,
     "viewpoints": _viewpoints,
@@ -111,7 +112,10 @@ SERIES: dict[str, Callable[[Renderer, int, int], float]] = {
 
 
 def measure(
-    width: int = 16384, most: int = _MOST, progress: Callable[[int, int], None] | None = None
+    width: int = 16384,
+    most: int = _MOST,
+    progress: Callable[[int, int], None] | None = None,
+    series: Sequence[str] | None = None,
 ) -> list[Row]:
     """Measure every job in a process of its own.
 
@@ -119,14 +123,19 @@ def measure(
         width: of the largest panorama, px; the other jobs' images are in proportion.
         most: how many times the smallest job the largest is: powers of two up to it are measured.
         progress: called with (jobs done, jobs in all).
+        series: what grows, of :data:`SERIES`; all of them if not given.
     """
     counts = [1 << k for k in range(int(np.log2(most)) + 1)]
-    jobs = [(series, width, count * (_MOST // counts[-1] if job is _sizes else 1))
-            for series, job in SERIES.items() for count in counts]  # fmt: skip
+    largest = _MOST // counts[-1]  # sizes are parts of the largest
+    jobs = [
+        (name, width, count * (largest if name == SIZE else 1))
+        for name in series or SERIES
+        for count in counts
+    ]
     rows = []
-    for series, wide, count in jobs:
+    for job in jobs:
         with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-            rows.append(alone.submit(_measured, series, wide, count).result())
+            rows.append(alone.submit(_measured, *job).result())
         if progress:
             progress(len(rows), len(jobs))
     return rows
@@ -205,7 +214,7 @@ def finding(rows: Sequence[Row]) -> str:
     """The title: what the measurement shows."""
     by = {series: [row for row in rows if row.series == series] for series in SERIES}
     slopes = [slope(mine, cpu_s) for mine in by.values()]
-    largest = max(by["Mpx of the image"], key=lambda row: row.count)
+    largest = max(by[SIZE], key=lambda row: row.count)
     flat = [series for series in list(SERIES)[1:] if slope(by[series], peak_mb) < 0.2]
     more = f"; more {' or '.join(flat)} take no more memory" if flat else ""
     return (

@@ -1,10 +1,11 @@
 """``omniscv chart``: measure speed against accuracy, and draw it."""
 
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from typer import Argument, Option, Typer
+from typer import Argument, BadParameter, Option, Typer
 
 from omniscv.cli import console
 
@@ -13,16 +14,19 @@ app = Typer(add_completion=False)
 
 @app.command(epilog="Example: omniscv chart central --width 128 --out charts")
 def chart(
-    kind: Annotated[Literal["central", "noncentral", "growth"], Argument(help="What is drawn.")],
+    kind: Annotated[Literal["central", "noncentral", "growth", "stability"], Argument(help="What is drawn.")],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
     page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
 ) -> None:
-    """Draw filters and peers, or strategies, by cost and error; or how cost grows. Takes minutes."""
+    """Draw filters and peers, or strategies, by cost and error; how cost grows; or models at their limits."""
     module = import_module(f"omniscv.chart.{kind}")
     given: dict[str, Any] = dict(module.QUICK) if quick else {}
-    given |= {} if width is None else {"width": width}
+    if width is not None:
+        if "width" not in signature(module.measure).parameters:
+            raise BadParameter(f"expected none: images of {kind} have one size", param_hint="--width")
+        given["width"] = width
     with console.progress_bar("measuring") as progress:
         rows = module.measure(**given, progress=progress)
         tables = {module.TITLE: rows, **(module.further(progress, **given) if page else {})}

@@ -84,11 +84,14 @@ def _tap(listener: socket.socket, server: tuple[str, int], replies: Replies) -> 
                     replies.setdefault(commands.pop(number), []).append(body)
                 client.sendall(frame(payload))
 
-        threading.Thread(target=back, daemon=True).start()
+        reader = threading.Thread(target=back, daemon=True)
+        reader.start()
         while (payload := read_frame(client)) is not None:
             number, _, text = payload.partition(b":")
             commands[number] = text.decode()
             upstream.sendall(frame(payload))
+        upstream.shutdown(socket.SHUT_RDWR)
+        reader.join()
 
 
 class Engine:
