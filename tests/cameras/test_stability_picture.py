@@ -15,7 +15,7 @@ def test_every_model_keeps_its_promise_up_to_its_limits(name):
     """1e-6 px, or what float64 keeps of the points themselves where that is more."""
     for row in stability.measure(models=[name]):
         errors = np.array(row.error_px)
-        allowed = np.maximum(stability.BOUND_PX, row.known_px or 0)
+        allowed = np.maximum(stability.BOUND_PX, row.known_px or np.zeros(len(errors)))
         drawn = np.isfinite(errors)
         assert drawn.any(), row.limit
         assert (errors[drawn] <= allowed[drawn]).all(), (row.limit, errors.tolist())
