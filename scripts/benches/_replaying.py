@@ -139,18 +139,18 @@ def _answer(connection: socket.socket, engine: Engine, most: int, latency_s: flo
     reader.start()
     tick = time.monotonic()
     while reader.is_alive() or waiting:
-        tick = max(tick + TICK_S, time.monotonic())
+        tick = max(tick, time.monotonic())
         time.sleep(max(0.0, tick - time.monotonic()))
-        answered = 0
+        answered, done = 0, tick
         while answered < most and waiting and waiting[0][0] + latency_s <= tick:
             number, _, text = waiting.popleft()[1].partition(b":")
             answered += 1
             body = engine.answer(text.decode())
             if text.endswith((b"png", b"npy")):  # a picture
-                tick += reply_s
-                time.sleep(max(0.0, tick - time.monotonic()))
+                done += reply_s
+                time.sleep(max(0.0, done - time.monotonic()))
             connection.sendall(frame(number + b":" + body))
-        tick -= TICK_S if answered and reply_s else 0.0
+        tick = max(tick + TICK_S, done)
 
 
 def _read(connection: socket.socket, waiting: deque[tuple[float, bytes]]) -> None:
