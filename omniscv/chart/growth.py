@@ -199,7 +199,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         axes.set(xscale="log", yscale="log")
         for series, color, marker in zip(SERIES, COLORS, MARKERS, strict=False):
             mine = [row for row in rows if row.series == series]
-            text = f"{series}: slope {slope(mine, of):.2f}"
+            text = f"{series}: slope {round(slope(mine, of), 2) + 0.0:.2f}"
             axes.plot([row.count for row in mine], [of(row) for row in mine], marker + "-",
                       color=color, lw=1.2, ms=5, label=text)  # fmt: skip
         for axis in (axes.xaxis, axes.yaxis):
@@ -225,6 +225,6 @@ def finding(rows: Sequence[Row]) -> str:
     flat = [series for series in list(SERIES)[1:] if slope(by[series], peak_mb) < 0.2]
     more = f"; more {' or '.join(flat)} take no more memory" if flat else ""
     return (
-        f"Twice the work takes twice the time (slopes {min(slopes):.2f} to {max(slopes):.2f}); "
+        f"Twice as much takes about twice the time, or less (slopes {min(slopes):.2f} to {max(slopes):.2f}); "
         f"{largest.count:.0f} Mpx take {largest.peak_mb / 1024:.1f} GB{more}"
     )
