@@ -89,14 +89,14 @@ def write_rows(rows: Sequence[Any], out: Path, name: str) -> Path:
     return write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
 
 
-def save(made: Figure, out: Path, name: str) -> list[Path]:
+def save(made: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
     """Write a figure as ``NAME.svg`` and ``NAME.png``."""
     import matplotlib as mpl
 
     paths = [out / f"{name}.svg", out / f"{name}.png"]
     with mpl.rc_context({"svg.hashsalt": name}):  # the same bytes every time
         made.savefig(paths[0], metadata={"Date": None})
-    made.savefig(paths[1], dpi=2 * _DPI)
+    made.savefig(paths[1], dpi=dpi)
     return paths
 
 

@@ -94,16 +94,18 @@ def _cameras(renderer: Renderer, width: int, count: int) -> float:
 
 
 def _viewpoints(renderer: Renderer, width: int, count: int) -> float:
-    """One non-central panorama, captured from so many optical centres."""
-    camera = create("noncentral-panorama", width=width // 16, height=width // 32, radius=0.5)
-    options = RenderOptions("cube", viewpoints=count, face_size=max(width // 128, 8))
+    """One non-central panorama, captured from so many optical centres; of so small a circle that no rays are
+    marched, whose cost is that of pixels."""
+    camera = create("noncentral-panorama", width=width // 16, height=width // 32, radius=0.04)
+    options = RenderOptions("cube", viewpoints=count, face_size=max(width // 64, 8))
     renderer.render(camera, _POSE, _MODES, options)
     return count
 
 
 _MOST = 128
+SIZE = "Mpx of the image"
 SERIES: dict[str, Callable[[Renderer, int, int], float]] = {
-    "Mpx of the image": _sizes,
+    SIZE: _sizes,
     "poses": _poses,
     "cameras at a place": _cameras,
     "viewpoints": _viewpoints,
@@ -111,7 +113,10 @@ SERIES: dict[str, Callable[[Renderer, int, int], float]] = {
 
 
 def measure(
-    width: int = 16384, most: int = _MOST, progress: Callable[[int, int], None] | None = None
+    width: int = 16384,
+    most: int = _MOST,
+    progress: Callable[[int, int], None] | None = None,
+    series: Sequence[str] | None = None,
 ) -> list[Row]:
     """Measure every job in a process of its own.
 
@@ -119,24 +124,30 @@ def measure(
         width: of the largest panorama, px; the other jobs' images are in proportion.
         most: how many times the smallest job the largest is: powers of two up to it are measured.
         progress: called with (jobs done, jobs in all).
+        series: what grows, of :data:`SERIES`; all of them if not given.
     """
     counts = [1 << k for k in range(int(np.log2(most)) + 1)]
-    jobs = [(series, width, count * (_MOST // counts[-1] if job is _sizes else 1))
-            for series, job in SERIES.items() for count in counts]  # fmt: skip
+    largest = _MOST // counts[-1]  # sizes are parts of the largest
+    jobs = [
+        (name, width, count * (largest if name == SIZE else 1))
+        for name in series or SERIES
+        for count in counts
+    ]
     rows = []
-    for series, wide, count in jobs:
+    for job in jobs:
         with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-            rows.append(alone.submit(_measured, series, wide, count).result())
+            rows.append(alone.submit(_measured, *job).result())
         if progress:
             progress(len(rows), len(jobs))
     return rows
 
 
 def _measured(series: str, width: int, count: int) -> Row:
-    """Do one job, after one that is as small as can be."""
+    """Do one job, after two that are as small as can be."""
     with open_scene("scene://four-wall") as scene:
         source, job = _Still(scene), SERIES[series]
-        job(Renderer(source), min(width, 1024), 1)
+        for few in (1, 2):
+            job(Renderer(source), min(width, 1024), few)
         idle_mb = _peak_mb()
         started = time.process_time()
         measured = job(Renderer(source), width, count)
@@ -165,7 +176,12 @@ def peak_mb(row: Row) -> float:
 
 
 def slope(rows: Sequence[Row], of: Callable[[Row], float]) -> float:
-    """Return a series' slope on logarithmic axes, by least squares: 1 where twice as much takes twice."""
+    """Return a series' slope on logarithmic axes, by least squares: 1 where twice as much takes twice.
+
+    It is that of the largest jobs, of the last two doublings: small ones pay for what does not grow.
+    """
+    most = max(row.count for row in rows)
+    rows = [row for row in rows if row.count > most / 5]
     counts, values = [row.count for row in rows], [of(row) for row in rows]
     return float(np.polyfit(np.log(counts), np.log(values), 1)[0])
 
@@ -183,7 +199,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         axes.set(xscale="log", yscale="log")
         for series, color, marker in zip(SERIES, COLORS, MARKERS, strict=False):
             mine = [row for row in rows if row.series == series]
-            text = f"{series}: slope {slope(mine, of):.2f}"
+            text = f"{series}: slope {round(slope(mine, of), 2) + 0.0:.2f}"
             axes.plot([row.count for row in mine], [of(row) for row in mine], marker + "-",
                       color=color, lw=1.2, ms=5, label=text)  # fmt: skip
         for axis in (axes.xaxis, axes.yaxis):
@@ -205,10 +221,10 @@ def finding(rows: Sequence[Row]) -> str:
     """The title: what the measurement shows."""
     by = {series: [row for row in rows if row.series == series] for series in SERIES}
     slopes = [slope(mine, cpu_s) for mine in by.values()]
-    largest = max(by["Mpx of the image"], key=lambda row: row.count)
+    largest = max(by[SIZE], key=lambda row: row.count)
     flat = [series for series in list(SERIES)[1:] if slope(by[series], peak_mb) < 0.2]
     more = f"; more {' or '.join(flat)} take no more memory" if flat else ""
     return (
-        f"Time grows in proportion (slopes {min(slopes):.2f} to {max(slopes):.2f}); "
-        f"{largest.count:.3g} Mpx in {largest.peak_mb / 1024:.2g} GB{more}"
+        f"Twice as much takes about twice the time, or less (slopes {min(slopes):.2f} to {max(slopes):.2f}); "
+        f"{largest.count:.0f} Mpx take {largest.peak_mb / 1024:.1f} GB{more}"
     )

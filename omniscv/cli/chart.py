@@ -1,10 +1,11 @@
 """``omniscv chart``: measure speed against accuracy, and draw it."""
 
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from typer import Argument, Option, Typer
+from typer import Argument, BadParameter, Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.progress import StyleOption, display
@@ -14,17 +15,20 @@ app = Typer(add_completion=False)
 
 @app.command(epilog="Example: omniscv chart central --width 128 --out charts")
 def chart(
-    kind: Annotated[Literal["central", "noncentral", "growth"], Argument(help="What is drawn.")],
+    kind: Annotated[Literal["central", "noncentral", "growth", "stability"], Argument(help="What is drawn.")],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
     page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
     progress: StyleOption = None,
 ) -> None:
-    """Draw filters and peers, or strategies, by cost and error; or how cost grows. Takes minutes."""
+    """Draw filters and peers, or strategies, by cost and error; how cost grows; or models at their limits."""
     module = import_module(f"omniscv.chart.{kind}")
     given: dict[str, Any] = dict(module.QUICK) if quick else {}
-    given |= {} if width is None else {"width": width}
+    if width is not None:
+        if "width" not in signature(module.measure).parameters:
+            raise BadParameter(f"expected none: images of {kind} have one size", param_hint="--width")
+        given["width"] = width
     with display("rounds", progress) as shown:
         rows = module.measure(**given, progress=shown.steps)
         tables = {module.TITLE: rows, **(module.further(shown.steps, **given) if page else {})}

@@ -131,7 +131,8 @@ class Atlas:
         x, y = np.empty_like(lookup.x), np.empty_like(lookup.y)
         level = np.zeros(len(x), np.uint8) if level is None else level
         corners = np.array([level.corners for level in self.levels], dtype=np.float64)
-        kernels.run(_to_atlas, (lookup.view, lookup.x, lookup.y, level, x, y), corners, self._first)
+        scales = 0.5 ** np.arange(self._first + len(self.levels))
+        kernels.run(_to_atlas, (lookup.view, lookup.x, lookup.y, level, x, y), corners, scales, self._first)
         return x, y
 
 
@@ -144,13 +145,14 @@ def _halved(face: Pixels) -> Pixels:
 
 @njit(cache=True, nogil=True)
 def _to_atlas(
-    view: Ints, x: Floats, y: Floats, level: Ints, out_x: Floats, out_y: Floats, corners: Array, first: int
-) -> None:
+    view: Ints, x: Floats, y: Floats, level: Ints, out_x: Floats, out_y: Floats,
+    corners: Array, scales: Array, first: int,
+) -> None:  # fmt: skip
     for i in range(view.shape[0]):
         k = view[i]
         if k < 0:
             out_x[i] = out_y[i] = OUTSIDE
             continue
-        scale = 0.5 ** level[i]
+        scale = scales[level[i]]
         out_x[i] = x[i] * scale - 0.5 + corners[level[i] - first, k, 0]
         out_y[i] = y[i] * scale - 0.5 + corners[level[i] - first, k, 1]

@@ -98,12 +98,14 @@ def _sample(
     stack: Floats, focal: Array, nearest: bool, precision: Precision,
 ) -> None:  # fmt: skip
     height, width = stack.shape[1], stack.shape[2]
+    face, last = stack[0], 0
     for i in range(view.shape[0]):
         k = view[i]
         if k < 0:
             distance[i] = error[i] = 0.0
             continue
-        face = stack[k]
+        if k != last:  # a slice counts its references, which takes longer than what it is sliced for
+            face, last = stack[k], k
         u, v = (x[i] - width / 2) / focal[k], (y[i] - height / 2) / focal[k]
         length = np.sqrt(1.0 + u * u + v * v)
         point = surface_point(face, x[i], y[i], focal[k], precision)

@@ -39,7 +39,6 @@ Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 OBJECTS = "objects.json"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
-_PNG_COMPRESSION = 2
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
@@ -209,9 +208,12 @@ def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
 
     if pixels.dtype == np.bool_:
         pixels = pixels.astype(np.uint8) * 255
-    swapped = pixels[..., ::-1] if pixels.ndim == 3 else pixels
-    options = [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION]
-    path.write_bytes(cv2.imencode(".png", np.ascontiguousarray(swapped), options)[1].tobytes())
+    swapped = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.shape[2:] == (3,) else pixels
+    # By measurement: a third of the time that libpng's own choice takes. Masks and labels take half the
+    # bytes, colours as many.
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    options += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
+    path.write_bytes(cv2.imencode(".png", swapped, options)[1].tobytes())
 
 
 def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:

@@ -7,16 +7,14 @@ from omniscv.compose.kernels import Floats, Pixels
 
 LARGEST_PX = 32766
 _ROW = 1 << 12
-_INTERPOLATION = {"nearest": cv2.INTER_NEAREST, "bilinear": cv2.INTER_LINEAR}
 
 
-def remap(picture: Pixels, x: Floats, y: Floats, interpolation: str, row: int = 0) -> Pixels:
-    """Return values at points; 0 outside the picture.
+def remap(picture: Pixels, x: Floats, y: Floats, row: int = 0) -> Pixels:
+    """Return values at points, bilinear between pixels; 0 outside the picture.
 
     Args:
         picture: (H, W) or (H, W, C).
         x, y: (N,) pixel centres at whole numbers.
-        interpolation: ``nearest`` or ``bilinear``.
         row: how many points lie in a row of the image, so that neighbours are read together; 0: any.
 
     Returns:
@@ -29,7 +27,7 @@ def remap(picture: Pixels, x: Floats, y: Floats, interpolation: str, row: int = 
     if rows * row != count:
         x, y = (np.pad(each, (0, rows * row - count)) for each in (x, y))
     out = cv2.remap(
-        picture, x.reshape(rows, row), y.reshape(rows, row), _INTERPOLATION[interpolation],
+        picture, x.reshape(rows, row), y.reshape(rows, row), cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT, borderValue=0,
     )  # fmt: skip
     return np.asarray(out.reshape(-1, *picture.shape[2:])[:count])

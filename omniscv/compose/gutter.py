@@ -60,7 +60,7 @@ class Gutter:
         at = self._pixel + corners[self._source]
         x, y = np.ascontiguousarray(at.reshape(-1, 2).T, dtype=np.float32)
         column, row = np.moveaxis(self._ring[None] + corners[:, None], -1, 0)
-        picture[row.ravel(), column.ravel()] = remap(picture, x, y, "bilinear")
+        picture[row.ravel(), column.ravel()] = remap(picture, x, y)
         if self._bicubic:  # again: at the very edge of a neighbour it needs that one's gutter
             picture[row.ravel(), column.ravel()] = sample_bicubic(picture, x, y)
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 Mask = NDArray[np.bool_]
+_ROWS = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -203,6 +204,14 @@ def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
         layers["unsure"] = beyond | layers.get("unsure", False)
 
 
+def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
+    """Return (H, W, 3) directions in a camera's frame; float64 is only ever held of some rows."""
+    turned = np.empty(directions.shape, np.float32)
+    for first in range(0, len(directions), _ROWS):
+        turned[first : first + _ROWS] = directions[first : first + _ROWS] @ R_w_c
+    return turned
+
+
 def layers_of(
     sampled: Mapping[str, NDArray[Any]], source: Source, valid: Mask, R_w_c: Array
 ) -> tuple[dict[str, NDArray[Any]], ObjectTable | None, dict[Color, int]]:
@@ -223,7 +232,7 @@ def layers_of(
     for mode, values in sampled.items():
         row = modalities.get(mode)
         turned = row.interpolation in ("direction", "plane")
-        layers[mode] = (values @ R_w_c).astype(np.float32) if turned else values
+        layers[mode] = _turned(values, R_w_c) if turned else values
         if "labels" in row.derives:
             objects = source.objects()
             if values.ndim == 2:

@@ -8,6 +8,7 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.kernels import Faces, Floats, Ints, Mask, Pixels
+from omniscv.compose.nearest import beside_another
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.sources.base import View
@@ -24,11 +25,9 @@ def label_edges(
         views: those of the faces.
         parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
     """
-    out = np.empty(len(lookup.x), np.bool_)
     if parallax is None:
-        stack = kernels.stacked(faces)
-        kernels.run(_beside, (lookup.view, lookup.x, lookup.y, out), stack.reshape(*stack.shape[:3], -1))
-        return out
+        return beside_another(faces, lookup)
+    out = np.empty(len(lookup.x), np.bool_)
     edge_px = np.stack([_px_to_boundary(face) for face in faces])
     focal = np.array([view.focal_px for view in views])
     kernels.run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, focal)
@@ -47,34 +46,6 @@ def _px_to_boundary(face: Pixels) -> Floats:
     if inside.all():
         return np.full(inside.shape, np.inf, np.float32)
     return np.asarray(cv2.distanceTransform(inside, cv2.DIST_C, 3))
-
-
-@njit(cache=True, nogil=True)
-def _beside(view: Ints, x: Floats, y: Floats, out: Mask, stack: Pixels) -> None:
-    """Whether a neighbour of the nearest pixel has another value."""
-    height, width, channels = stack.shape[1:]
-    for i in range(view.shape[0]):
-        k, out[i] = view[i], False
-        if k < 0:
-            continue
-        c = min(max(int(np.floor(x[i])), 0), width - 1)
-        r = min(max(int(np.floor(y[i])), 0), height - 1)
-        left, right, above, below = (
-            max(c - 1, 0),
-            min(c + 1, width - 1),
-            max(r - 1, 0),
-            min(r + 1, height - 1),
-        )
-        for j in range(channels):
-            own = stack[k, r, c, j]
-            if (
-                stack[k, r, left, j] != own
-                or stack[k, r, right, j] != own
-                or stack[k, above, c, j] != own
-                or stack[k, below, c, j] != own
-            ):
-                out[i] = True
-                break
 
 
 @njit(cache=True, nogil=True)

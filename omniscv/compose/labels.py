@@ -4,11 +4,15 @@ A colour that is nobody's own is the object's whose colour it is nearest to, if 
 that the source gives and no other object's is.
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from omniscv.compose import kernels
+from omniscv.compose.kernels import Pixels
 from omniscv.sources.base import Color, ObjectTable
 
 Labels = NDArray[np.uint16]
@@ -26,14 +30,14 @@ def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Colo
         labels (...) uint16, 0 where no object has the colour, and the unknown colours with the number of
         their pixels; black, which is also what servers show where nothing is, is not counted.
     """
-    label_of = _label_of_colors(table)
-    codes = mask[..., 0].astype(np.uint32) << 16
-    codes |= mask[..., 1].astype(np.uint32) << 8
-    codes |= mask[..., 2]
-    labels = label_of[codes]
-    strange, counts = np.unique(codes[(labels == 0) & (codes != 0)], return_counts=True)
-    colors = [(int(code >> 16), int(code >> 8 & 255), int(code & 255)) for code in strange]
-    return labels, dict(zip(colors, counts.tolist(), strict=True))
+    label_of = _label_of_colors(tuple(table.colors[name] for name in table.names()), table.tolerance)
+    colors, labels = np.ascontiguousarray(mask).reshape(-1, 3), np.empty(mask.shape[:-1], np.uint16)
+    kernels.run(_look_up, (colors, labels.reshape(-1)), label_of)
+    strange = colors[labels.reshape(-1) == 0].astype(np.uint32)
+    codes = strange[:, 0] << 16 | strange[:, 1] << 8 | strange[:, 2]
+    found, counts = np.unique(codes[codes != 0], return_counts=True)
+    unknown = [(int(code >> 16), int(code >> 8 & 255), int(code & 255)) for code in found]
+    return labels, dict(zip(unknown, counts.tolist(), strict=True))
 
 
 def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, NDArray[np.uint8]]:
@@ -45,11 +49,12 @@ def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, 
     return label_of[ids], color_of[ids]
 
 
-def _label_of_colors(table: ObjectTable) -> Labels:
-    """(2^24,) the label of every colour; its pages are only made where they are written or read."""
+@lru_cache(maxsize=2)
+def _label_of_colors(own: tuple[Color, ...], off: int) -> Labels:
+    """(2^24,) the label of every colour, of objects' own colours and the tolerance; its pages are only made
+    where they are written or read."""
     label_of = np.zeros(1 << 24, np.uint16)
-    cube, own = label_of.reshape(256, 256, 256), [table.colors[name] for name in table.names()]
-    off = table.tolerance
+    cube = label_of.reshape(256, 256, 256)
     balls = [cube[tuple(slice(max(0, c - off), c + off + 1) for c in color)] for color in own]
     for label, near in enumerate(balls, start=1):
         near[...] = np.where(near == 0, label, _SEVERAL)
@@ -59,3 +64,10 @@ def _label_of_colors(table: ObjectTable) -> Labels:
     for label, color in enumerate(own, start=1):
         cube[color] = label if own.count(color) == 1 else 0
     return label_of
+
+
+@njit(cache=True, nogil=True)
+def _look_up(colors: Pixels, labels: Labels, label_of: Labels) -> None:
+    for i in range(len(colors)):
+        red, green, blue = np.uint32(colors[i, 0]), np.uint32(colors[i, 1]), np.uint32(colors[i, 2])
+        labels[i] = label_of[red << 16 | green << 8 | blue]

@@ -50,7 +50,7 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
     return RayLookup(view, x, y, float(min(margins)))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _look_up(
     directions: Array, view: Ints, x: Floats, y: Floats,
     R_c_d: Array, focal: Array, half_width: float, half_height: float,
@@ -64,8 +64,13 @@ def _look_up(
             z = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
             if not z > 0.0:
                 continue
-            u = focal[k] * (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c) / z
-            v = focal[k] * (R[1, 0] * a + R[1, 1] * b + R[1, 2] * c) / z
+            p = focal[k] * (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c)
+            q = focal[k] * (R[1, 0] * a + R[1, 1] * b + R[1, 2] * c)
+            # Divisions take longest: none where the ray lies clearly farther off than in the best view.
+            farthest = best * z * (1.0 + 1e-9)
+            if abs(p) > farthest * half_width or abs(q) > farthest * half_height:
+                continue
+            u, v = p / z, q / z
             off = max(abs(u) / half_width, abs(v) / half_height)
             if off < best:
                 best, which, best_u, best_v = off, k, u, v

@@ -19,6 +19,7 @@ from omniscv.compose.folding import remap
 from omniscv.compose.gutter import FILTER_SUPPORT_PX
 from omniscv.compose.kernels import Floats, Mask, Pixels
 from omniscv.compose.label_edges import label_edges
+from omniscv.compose.nearest import sample_nearest
 from omniscv.compose.ray_bundle import RayBundle
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
@@ -69,7 +70,7 @@ class PointSampling:
     """Samples an atlas at one point a ray.
 
     Args:
-        filter: ``nearest``, ``bilinear`` or ``bicubic``.
+        filter: ``bilinear`` or ``bicubic``.
         lookup: of N rays.
         views: all of one size.
         row: rays in a row of the image; 0 where they are in none.
@@ -80,8 +81,6 @@ class PointSampling:
         self, filter: str, lookup: RayLookup, views: Sequence[View], row: int, atlas: Atlas | None = None
     ) -> None:
         self._filter, self._row = filter, row
-        if filter == "nearest":
-            lookup = _pixel_centers(lookup, views[0])
         self._atlas = atlas or point_atlas(filter, lookup.margin, views)
         self._x, self._y = self._atlas.coordinates(lookup)
 
@@ -94,8 +93,7 @@ class PointSampling:
         """Return (N, ...) values of the picture of an atlas."""
         if self._filter == "bicubic":
             return sample_bicubic(picture, self._x, self._y)
-        interpolation = "nearest" if self._filter == "nearest" else "bilinear"
-        return remap(picture, self._x, self._y, interpolation, self._row)
+        return remap(picture, self._x, self._y, self._row)
 
     @property
     def nbytes(self) -> int:
@@ -132,6 +130,8 @@ class CpuSampler:
         return few_pixels_each(spanned_px(self.lookup, self._rays.steps, self._views[0]))
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+        if filter == "nearest":
+            return sample_nearest(faces, self.lookup)
         if filter not in self._made:
             rays, views = self._rays, self._views
             self._made[filter] = (
@@ -162,9 +162,9 @@ class CpuSampler:
 
 
 def point_atlas(filter: str, margin: float, views: Sequence[View]) -> Atlas:
-    """Return the atlas of a filter other than ``area``, for rays whose pixels lie so far, px, from the edges
+    """Return the atlas of ``bilinear`` or ``bicubic``, for rays whose pixels lie so far, px, from the edges
     of their views."""
-    guttered = filter != "nearest" and margin < FILTER_SUPPORT_PX
+    guttered = margin < FILTER_SUPPORT_PX
     return Atlas(views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
 
 
@@ -188,13 +188,6 @@ def spanned_px(lookup: RayLookup, steps: Floats, view: View, first: int = 0) -> 
 def few_pixels_each(spanned: Floats) -> bool:
     """Return whether most pixels of an image span more of a view's than bilinear interpolation reads."""
     return len(spanned) > 0 and bool(np.quantile(spanned, 1 - _MOST) > _MINIFIED)
-
-
-def _pixel_centers(lookup: RayLookup, view: View) -> RayLookup:
-    """The centres of the pixels that rays lie in; remap's own rounding ties to even."""
-    x = np.clip(np.floor(lookup.x), 0, view.width - 1) + np.float32(0.5)
-    y = np.clip(np.floor(lookup.y), 0, view.height - 1) + np.float32(0.5)
-    return RayLookup(lookup.view, x, y, lookup.margin)
 
 
 SAMPLE: dict[Interpolation, Callable[[Sampler, str, Sequence[Pixels]], Pixels]] = {

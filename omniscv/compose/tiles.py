@@ -18,6 +18,7 @@ from omniscv.compose.directions import normals_from_depth, sample_directions
 from omniscv.compose.footprints import Footprints, ImageFootprints
 from omniscv.compose.kernels import Floats, Mask, Pixels
 from omniscv.compose.label_edges import label_edges
+from omniscv.compose.nearest import sample_nearest
 from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.compose.samplers import PointSampling, few_pixels_each, point_atlas, spanned_px
@@ -146,6 +147,8 @@ class TiledSampler:
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
         """Return (N, ...) blended values."""
+        if filter == "nearest":
+            return self._nearest(faces)
         out: Pixels | None = None
         atlas = self._area_atlas() if filter == "area" else point_atlas(filter, self._seen[1], self._views)
         with atlas.picture(faces) as picture:
@@ -188,6 +191,13 @@ class TiledSampler:
         out, stack = np.empty((self._tiles.count, 3), np.float32), np.stack(faces)
         for part, _, lookup in self._looked_up():
             out[part] = normals_from_depth(stack, lookup, self._views)
+        return out
+
+    def _nearest(self, faces: Sequence[Pixels]) -> Pixels:
+        stack = np.stack(faces)
+        out = np.empty((self._tiles.count, *stack.shape[3:]), stack.dtype)
+        for part, _, lookup in self._looked_up():
+            out[part] = sample_nearest(stack, lookup)
         return out
 
     def _looked_up(self) -> Iterator[tuple[slice, RayBundle, RayLookup]]:
