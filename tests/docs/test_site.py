@@ -100,7 +100,7 @@ def test_the_page_of_scenes_has_every_word():
 
 def test_the_page_of_the_command_line_has_every_command_and_override():
     text = (DOCS / "command-line.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\| `omniscv ([a-z]+)", text, flags=re.MULTILINE)) == set(COMMANDS)
+    assert set(COMMANDS) <= set(re.findall(r"^\| `omniscv ([a-z]+)", text, flags=re.MULTILINE))
     options = {f"--{name.replace('_', '-')}" for name in {**MakeOptions.keys_of, **RecordOptions.keys_of}}
     assert options <= set(re.findall(r"--[a-z-]+", text))
 
