@@ -153,11 +153,11 @@ class ImageOptions(JobOptions):
 
     keys_of: ClassVar = {
         **JobOptions.keys_of,
-        "out": _as("out", str),
+        "out": _as("out"),
         "record": _as("record", str),
         "image_format": _as("image_format"),
     }
 
-    out: Path = Option(Path("out"), help="Folder for the images.")
+    out: str = Option("out", help="Folder for the images.")  # a text: as a path, a URL would lose a slash
     record: Path | None = Option(None, help="A recording to take captures from, and to add new ones to.")
     image_format: str = Option("png", help="png, jxl or jpg, for lit.")

@@ -89,7 +89,6 @@ complete_words() {
 complete -p omniscv
 complete_words omniscv ""
 complete_words omniscv render --camera fisheye-eq
-complete_words omniscv captures ver
 """
 
 
@@ -99,8 +98,7 @@ def test_bash_completes_commands_and_models():
     environment["PYTHONPATH"] = str(ROOT)
     done = subprocess.run(["bash", "-c", BASH], env=environment, capture_output=True, text=True, check=True)
     assert done.stderr == ""
-    function, commands, models, verify = done.stdout.splitlines()
+    function, commands, models = done.stdout.splitlines()
     assert function.endswith(" omniscv")
     assert commands.split() == list(COMMANDS)
     assert models.split() == ["fisheye-equidistant", "fisheye-equisolid"]
-    assert verify == "verify"

@@ -17,7 +17,7 @@ from omniscv.cli.record import RecordOptions
 from omniscv.cli.render import RenderOptions
 from omniscv.errors import ArgumentError
 from omniscv.jobs import load
-from omniscv.jobs.file import read
+from omniscv.jobs.file import address, read
 from omniscv.jobs.overriding import overridden
 from omniscv.sources.recording.inspection import info
 
@@ -176,6 +176,13 @@ def test_what_is_overridden_is_not_changed():
 def test_a_key_below_a_value_is_refused(there):
     with pytest.raises(ArgumentError, match=r"^a(\.\*)?: expected something in which (\*\.)?n can be set"):
         overridden({"a": there}, {"a.*.n": 1})
+
+
+def test_a_url_keeps_its_slashes(job):
+    make = get_command(app).commands["dataset"].commands["make"]
+    context = make.make_context("make", [str(job), "--out", "s3://bucket/kitchen"])
+    assert MakeOptions(["out"], context.params).keys(["out"]) == {"out": "s3://bucket/kitchen"}
+    assert address("s3://bucket/kitchen", Path("/elsewhere")) == "s3://bucket/kitchen"
 
 
 def test_the_options_of_commands_share_their_keys():

@@ -167,3 +167,56 @@ def test_a_child_process_traces_after_its_parent_has(method):
     here = distances(scene)
     with multiprocessing.get_context(method).Pool(1) as pool:
         np.testing.assert_array_equal(pool.apply_async(distances, (scene,)).get(timeout=120), here)
+
+
+FULL = {
+    "sky": [0, 0.5, 1],
+    "room": {
+        "floor": SQUARE,
+        "height": 3.0,
+        "walls": [{"kind": "stripes", "colors": [[0, 0, 0], [1, 1, 1]], "scale": 0.5, "angle_deg": 10}],
+        "floor_texture": {"kind": "wood", "scale": 0.2},
+        "ceiling_texture": {"kind": "plain", "colors": [[1, 1, 1]]},
+    },
+    "objects": {
+        "Box": {"solids": [{"box": [1, 2, 3], "at": [1, 0, 1], "turn_deg": 20, "texture": {"scale": 2.0}}]},
+        "Ball": {
+            "solids": [{"sphere": 0.2, "at": [1, 0, 1]}],
+            "moving": {"kind": "steady", "velocity": [0, 1, 0]},
+        },
+        "Post": {
+            "solids": [{"cylinder": [0.1, 2.0], "at": [0, 0, 1]}],
+            "moving": {"kind": "swing", "by": [0, 0, 1], "turn_deg": 60, "period_s": 4.0, "about": [1, 2]},
+        },
+        "Train": {
+            "solids": [{"box": [1, 1, 1], "at": [0, 0, 0]}],
+            "moving": {"kind": "waypoints", "points": [[0, 0, 0, 0, 0], [1, 1, 0, 0, 90]], "repeat": True},
+        },
+    },
+    "pattern": {"kind": "waves", "period_rad": 0.04},
+}
+POSITIVE = {"height", "scale", "box", "sphere", "cylinder", "period_s", "period_rad", "sky", "colors"}
+"""Words whose numbers are sizes, or colours: none is negative."""
+
+
+def numbers_in(value, path=()):
+    """The places of all numbers of a description."""
+    if isinstance(value, (dict, list)):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        return [each for key, below in items for each in numbers_in(below, (*path, key))]
+    return [path] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
+
+
+@pytest.mark.parametrize("path", numbers_in(FULL), ids=lambda path: ".".join(map(str, path)))
+def test_no_number_of_a_scene_is_taken_as_it_comes(path):
+    assert Scene("full", FULL).objects
+    word = next(key for key in reversed(path) if isinstance(key, str))
+    for wrong in ("-0.2", "", None, True, [], {}, float("nan"), float("inf"), *[-0.2] * (word in POSITIVE)):
+        description = copy.deepcopy(FULL)
+        place = description
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = wrong
+        with pytest.raises(ValueError, match=f"^bad: .*{word}: expected ") as refused:
+            Scene("bad", description)
+        assert len(str(refused.value)) <= 300
