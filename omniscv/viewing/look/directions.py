@@ -6,7 +6,8 @@ Sphere to image
     (cyclic) over the largest. A face has N x N cells and (N + 1) x (N + 1) nodes. In a smooth cell the pixel
     is interpolated between the four nodes, whose pixels ``camera.project`` gives; a cell is smooth where that
     is within ``_SMOOTH_PX`` in its middle. Other cells, at the border of the field of view, at seams and
-    poles, have a table of their own, F x F nearest directions, F up to 16: nothing is interpolated across a border.
+    poles, have a table of their own, F x F nearest directions, F up to 16: nothing is interpolated across a
+    border.
 Image to sphere
     Directions (and origins of a non-central camera) at every few pixels.
 
