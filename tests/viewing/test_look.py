@@ -122,7 +122,7 @@ def test_a_dataset_shows_its_classes_boxes_layout_and_times(tmp_path):
     keys = [each["key"] for each in shared["frames"]]
     assert [each["time"] for each in shared["frames"]] == [0, 0.5, 1, 0, 0.5, 1]
     assert {"wall", "floor", "chair"} <= {each["name"] for each in shared["classes"].values()}
-    assert shared["labels"]["1"]["class"] is not None or shared["labels"]
+    assert {"wall", "chair"} <= {each["class"] for each in shared["labels"].values()}
     frame = read.json[f"frame-{keys.index('pano-0')}"]
     assert {"boxes", "boxes3d"} == set(frame["boxes"])
     assert np.allclose(sorted(frame["layout"]["floor"]), sorted(ROOM_CORNERS))
@@ -134,8 +134,7 @@ ROOM_CORNERS = [[-3, -2.5], [-3, 2.5], [3, -2.5], [3, 2.5]]
 
 def test_a_recording_is_composed_at_its_places(tmp_path):
     shutil.copy(ROOT / "captures" / "four-wall.sqlite", tmp_path / "room.sqlite")
-    warned = []
-    page, *_ = look(tmp_path / "room.sqlite", tmp_path / "page.html", size=(64, 32), warn=warned.append)
+    page, *_ = look(tmp_path / "room.sqlite", tmp_path / "page.html", size=(64, 32))
     shared = Read(page).json["data"]
     assert shared["title"] == "room.sqlite"
     assert all(each["camera"] == "equirectangular" for each in shared["frames"])
@@ -209,6 +208,16 @@ def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path, make, wanted):
     with pytest.raises(ArgumentError, match=wanted):
         look(tmp_path / "what", tmp_path / "page.html")
     assert not (tmp_path / "page.html").exists()
+
+
+def test_places_that_are_not_recorded_all_around_are_left_out(tmp_path):
+    """The living room was recorded for a non-central camera, too: in depth only, but for one place."""
+    shutil.copy(ROOT / "captures" / "living-room.sqlite", tmp_path / "room.sqlite")
+    warned = []
+    page, *_ = look(tmp_path / "room.sqlite", tmp_path / "page.html", size=(64, 32), warn=warned.append)
+    assert len(Read(page).json["data"]["frames"]) == 1
+    assert len(warned) == 1
+    assert "not recorded in lit all around" in warned[0]
 
 
 def test_another_database_is_refused(tmp_path):

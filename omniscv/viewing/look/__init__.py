@@ -31,7 +31,7 @@ def look(
         size: of the panoramas that are composed at the places of a recording, px.
         most_pixels: the frames of more than that in all lie beside the page, in ``NAME.frames/``.
         progress: called with (frames done, frames in all).
-        warn: called with a line for each place of a recording that is left out.
+        warn: called with a line where places of a recording are left out.
 
     Returns:
         The files, the page first.
@@ -49,7 +49,7 @@ def look(
     if not recordings.is_recording(given):
         return page.write(gathering.gather(given), target, title, most_pixels, progress)
     with TemporaryDirectory() as folder:
-        for line in recordings.compose(given, Path(folder), size, progress):
-            if warn:
-                warn(line)
+        left_out = recordings.compose(given, Path(folder), size, progress)
+        if left_out and warn:
+            warn(left_out)
         return page.write(gathering.gather(Path(folder)), target, title, most_pixels)
