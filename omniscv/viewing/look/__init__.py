@@ -9,6 +9,8 @@ from tempfile import TemporaryDirectory
 from omniscv.errors import ArgumentError
 
 DEFAULT_SIZE = 1024, 512
+MOST_PIXELS = 1 << 23
+"""Of frames in the page itself: four panoramas of 2048 x 1024."""
 
 
 def look(
@@ -16,6 +18,7 @@ def look(
     out: str | Path = "look.html",
     *,
     size: tuple[int, int] = DEFAULT_SIZE,
+    most_pixels: int = MOST_PIXELS,
     progress: Callable[[int, int], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
@@ -24,10 +27,11 @@ def look(
     Args:
         what: a dataset, a folder that ``render`` wrote, the ``STEM.json`` or a layer of one image, a picture,
             or a recording.
-        out: the HTML file. Frames of more than 8 megapixels in all lie beside it, in ``OUT.frames/``.
+        out: the HTML file.
         size: of the panoramas that are composed at the places of a recording, px.
+        most_pixels: the frames of more than that in all lie beside the page, in ``NAME.frames/``.
         progress: called with (frames done, frames in all).
-        warn: called with a line for each place of a recording that is left out.
+        warn: called with a line where places of a recording are left out.
 
     Returns:
         The files, the page first.
@@ -43,9 +47,9 @@ def look(
         raise ArgumentError(f"out: expected a file NAME.html, got {target.name!r}")
     title = given.resolve().name
     if not recordings.is_recording(given):
-        return page.write(gathering.gather(given), target, title, progress)
+        return page.write(gathering.gather(given), target, title, most_pixels, progress)
     with TemporaryDirectory() as folder:
-        for line in recordings.compose(given, Path(folder), size, progress):
-            if warn:
-                warn(line)
-        return page.write(gathering.gather(Path(folder)), target, title)
+        left_out = recordings.compose(given, Path(folder), size, progress)
+        if left_out and warn:
+            warn(left_out)
+        return page.write(gathering.gather(Path(folder)), target, title, most_pixels)

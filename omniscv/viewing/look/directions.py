@@ -2,11 +2,12 @@
 
 Sphere to image
     The directions of six faces of a cube along the camera's axes. Face ``2 m + s`` has the axis m (x, y, z)
-    as its largest component, negative where s = 1; a point of it is ``(a, b)``, the next two components (cyclic)
-    over the largest. A face has N x N cells and (N + 1) x (N + 1) nodes. In a smooth cell the pixel is
-    interpolated between the four nodes, whose pixels ``camera.project`` gives; a cell is smooth where that is
-    within ``_SMOOTH_PX`` in its middle. Other cells, at the border of the field of view, at seams and poles,
-    have a table of their own, 16 x 16 nearest directions: nothing is interpolated across a border.
+    as its largest component, negative where s = 1; a point of it is ``(a, b)``, the next two components
+    (cyclic) over the largest. A face has N x N cells and (N + 1) x (N + 1) nodes. In a smooth cell the pixel
+    is interpolated between the four nodes, whose pixels ``camera.project`` gives; a cell is smooth where that
+    is within ``_SMOOTH_PX`` in its middle. Other cells, at the border of the field of view, at seams and
+    poles, have a table of their own, F x F nearest directions, F up to 16: nothing is interpolated across a
+    border.
 Image to sphere
     Directions (and origins of a non-central camera) at every few pixels.
 
@@ -26,7 +27,7 @@ from omniscv.viewing.look.arrays import pack
 
 _FAR_M = 1e6
 _CELL_PX, _LEAST_CELLS, _MOST_CELLS = 6.0, 48, 384
-_FINE = 16
+_FINE_PX, _LEAST_FINE, _MOST_FINE = 0.375, 4, 16
 _SMOOTH_PX = 0.05
 _NODES = 384  # of the way back, across the image
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
@@ -91,7 +92,7 @@ def tables(camera: Camera, density: float) -> dict[str, Any]:
         density: px per radian, which decides how many cells there are.
 
     Returns:
-        ``cells`` N, ``fine`` 16; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (16 T, 16, 2), pixels as
+        ``cells`` N, ``fine`` F; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as
         whole multiples of 1 / ``perPixel``, plus 1; 0 for none; ``kinds`` (6 N, N): 0 nothing is seen,
         1 smooth, 2 + the index of the cell's table.
     """
@@ -105,18 +106,19 @@ def tables(camera: Camera, density: float) -> dict[str, Any]:
     known = np.asarray(np.isfinite(between).all(axis=-1))
     off = _turned(camera, between, known, directions) * density
     kinds = np.where(off <= _SMOOTH_PX, 1, 0)
-    fine = (np.arange(_FINE) + 0.5) / _FINE * (2 / count)
+    finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
+    fine = (np.arange(finer) + 0.5) / finer * (2 / count)
     face, i, j = np.nonzero(kinds == 0)
     torn = _project_cells(camera, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
     some = torn.any(axis=(1, 2, 3))
     kinds[face[some], i[some], j[some]] = 2 + np.arange(np.count_nonzero(some))
     return {
         "cells": count,
-        "fine": _FINE,
+        "fine": finer,
         "perPixel": _PER_PX,
         "nodes": pack(_fixed(nodes, seen).reshape(-1, count + 1, 2)),
         "kinds": pack(kinds.astype(np.uint32).reshape(-1, count)),
-        "tables": pack(torn[some].reshape(-1, _FINE, 2)),
+        "tables": pack(torn[some].reshape(-1, finer, 2)),
     }
 
 
@@ -133,12 +135,12 @@ def _on_face(face: int | NDArray[np.int64], a: Array, b: Array) -> Array:
     for shift, part in enumerate((np.broadcast_to(sign, a.shape), a, b)):
         where = np.broadcast_to((axis + shift) % 3, a.shape)[..., None]
         np.put_along_axis(found, where, part[..., None], axis=-1)
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
 
 
 def _project_cells(camera: Camera, face: NDArray[np.int64], b: Array, a: Array) -> NDArray[np.uint32]:
-    """(T, 16, 16, 2) fixed-point pixels of the fine points of cells; b and a are (T, 16)."""
-    shape = (len(face), _FINE, _FINE)
+    """(T, F, F, 2) fixed-point pixels of the fine points of cells; b and a are (T, F)."""
+    shape = (len(face), a.shape[1], a.shape[1])
     across, down = np.broadcast_to(a[:, None, :], shape), np.broadcast_to(b[:, :, None], shape)
     faces = np.broadcast_to(face[:, None, None], shape)
     return _fixed(*camera.project(_FAR_M * _on_face(faces, across, down)))

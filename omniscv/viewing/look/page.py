@@ -39,18 +39,20 @@ _PROGRAMS = (
     "main",
 )
 _PLACEHOLDER = re.compile(r"\{\{(\w+)\}\}")
-_MOST_PIXELS = 1 << 23  # of frames in the page itself: four panoramas of 2048 x 1024
 
 Progress = Callable[[int, int], None]
 
 
-def write(gathered: Gathered, out: Path, title: str, progress: Progress | None = None) -> list[Path]:
+def write(
+    gathered: Gathered, out: Path, title: str, most_pixels: int, progress: Progress | None = None
+) -> list[Path]:
     """Write a page, and the frames beside it where they are many.
 
     Args:
         gathered: what it shows.
         out: the HTML file.
         title: of the page.
+        most_pixels: of frames in the page itself; the frames of more lie beside it.
         progress: called with (frames done, frames in all).
 
     Returns:
@@ -61,7 +63,7 @@ def write(gathered: Gathered, out: Path, title: str, progress: Progress | None =
     """
     frames = gathered.frames
     pixels = sum(frame.camera.width * frame.camera.height for frame in frames)
-    beside = out.with_suffix(".frames") if pixels > _MOST_PIXELS else None
+    beside = out.with_suffix(".frames") if pixels > most_pixels else None
     written, ranges = [out], _Ranges()
     if beside is not None:
         beside.mkdir(parents=True, exist_ok=True)

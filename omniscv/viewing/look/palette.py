@@ -9,7 +9,7 @@ from omniscv.viewing.look.arrays import text
 _BASE = ("#3b82b5", "#e0a43a", "#2f9e7e", "#c986ae", "#7cbfe6", "#cf6a32", "#e3d85e", "#9a8ee0")
 """After Okabe and Ito, whose colours people with any kind of colour vision tell apart, a little paler, with a
 violet for their black, which a dark page would hide."""
-_TURNS = ((0.0, 0), (0.4, 255), (0.4, 0), (0.65, 255), (0.6, 0), (0.22, 255), (0.22, 0))
+_TURNS = ((0.0, 0), (0.4, 255), (0.4, 0), (0.65, 255), (0.52, 0), (0.2, 255), (0.2, 0))
 """Mixed into the base colours in each further turn: how much, of white or black."""
 
 

@@ -27,13 +27,17 @@ class Page {
     this.controls = new Controls(this, element("stage"));
     this.bar = new Bar(this);
     new ResizeObserver(() => this.changed()).observe(element("stage"));
-    window.addEventListener("hashchange", () => this.fromHash());
+    // The address of the event: the page may have written its own since.
+    window.addEventListener("hashchange", (event) => this.fromHash(new URL(event.newURL).hash));
   }
 
   get line() { return this.shared.frames[this.index]; }
   get camera() { return this.shared.cameras[this.line.camera]; }
   get rotation() { return this.shared.placed ? this.line.rotation : LEVEL; }
   get group() { return this.shared.frames.flatMap((each, i) => (each.camera === this.line.camera ? [i] : [])); }
+
+  // A panorama where there is one.
+  get first() { return Math.max(0, this.shared.frames.findIndex((each) => this.shared.cameras[each.camera].closed)); }
 
   // -- frames ------------------------------------------------------------------------------------
 
@@ -324,13 +328,13 @@ class Page {
     if (location.hash.slice(1) !== text) history.replaceState(null, "", `#${text}`);
   }
 
-  async fromHash() {
-    const said = new URLSearchParams(location.hash.slice(1)), number = (key, low, high) => {
+  async fromHash(hash) {
+    const said = new URLSearchParams(hash.slice(1)), number = (key, low, high) => {
       const value = Number.parseFloat(said.get(key));
       if (Number.isFinite(value)) this.view[key] = clamp(value, low, high);
     };
     const index = this.shared.frames.findIndex(({ key }) => key === said.get("frame"));
-    if (index !== this.index || !this.frame) await this.show(Math.max(0, index));
+    if (index !== this.index || !this.frame) await this.show(index < 0 ? this.first : index);
     if (!this.frame) return;
     if (said.has("layer") && said.get("layer") in this.frame.layers) this.layer = said.get("layer");
     [this.view.flat, this.view.planet] = [said.get("flat") === "1", said.get("planet") === "1"];
@@ -345,7 +349,7 @@ class Page {
 async function begin() {
   try {
     const page = new Page(JSON.parse(element("data").textContent));
-    await page.fromHash();
+    await page.fromHash(location.hash);
     document.documentElement.dataset.ready = "1";
   } catch (error) {
     element("message").textContent = error.message;

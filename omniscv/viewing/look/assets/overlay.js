@@ -84,15 +84,20 @@ class Overlay {
     if (best) this.label(name, best[0] + 2, best[1] - 6, color);
   }
 
-  label(text, x, y, color = "#e9edf2") {
+  // A text on a dark ground, with a bar in a colour before it.
+  label(text, x, y, color = null) {
     const { pen } = this;
     pen.font = "600 12px system-ui, sans-serif";
     const width = pen.measureText(text).width;
     pen.fillStyle = "rgb(13 16 20 / .78)";
     pen.beginPath();
-    pen.roundRect(x - 5, y - 13, width + 10, 18, 5);
+    pen.roundRect(x - 7, y - 13, width + 13, 18, 5);
     pen.fill();
-    pen.fillStyle = color;
+    if (color) {
+      pen.fillStyle = color;
+      pen.fillRect(x - 7, y - 11, 3, 14);
+    }
+    pen.fillStyle = "#e9edf2";
     pen.fillText(text, x, y);
   }
 

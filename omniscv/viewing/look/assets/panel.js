@@ -50,7 +50,7 @@ class Panel {
     if (found.error !== null && found.depth > 0) rows.push(["off by", offBy(found.error)]);
     rows.push(["pixel", found.pixel.join(", ")]);
     if (found.angles && this.page.shared.placed) rows.push(["heading", `${signed(found.angles[0], 2)}\u00b0, up ${signed(found.angles[1], 2)}\u00b0`]);
-    if (found.direction) rows.push(["ray", vector(found.direction, 4)]);
+    if (found.direction) rows.push(["ray", vector(found.direction, 3)]);
     if (found.point) rows.push(["point", `${vector(found.point, 3)} m`]);
     if (found.normal) rows.push(["normal", vector(found.normal, 2)]);
     for (const [name, value] of found.others) rows.push([name, String(value)]);

@@ -35,7 +35,8 @@ function offBy(metres) {
   return metres < 1e-5 ? "less than 0.01 mm" : `at most ${Number((1000 * metres).toPrecision(2))} mm`;
 }
 
-const signed = (value, digits) => (value < 0 ? "\u2212" : "") + Math.abs(value).toFixed(digits);
+// With a minus sign, and none before zero.
+const signed = (value, digits) => value.toFixed(digits).replace(/^-(?!0\.?0*$)/, "\u2212").replace("-", "");
 const vector = (values, digits) => values.map((each) => signed(each, digits)).join(", ");
 
 // Points of the surfaces that a frame sees about level, [x, y] in the world, metres: the room from above.

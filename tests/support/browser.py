@@ -1,0 +1,34 @@
+"""A Chromium that is installed, driven by playwright."""
+
+import importlib.util
+import shutil
+from contextlib import contextmanager
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_OPTIONS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",  # WebGL without a graphics card
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-component-update",
+)
+
+
+def found():
+    """The path of a browser that can be driven, or None."""
+    paths = (shutil.which(name) for name in _NAMES)
+    return next(filter(None, paths), None) if importlib.util.find_spec("playwright") else None
+
+
+@contextmanager
+def started():
+    """A browser."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=found(), args=list(_OPTIONS))
+        try:
+            yield browser
+        finally:
+            browser.close()

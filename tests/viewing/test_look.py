@@ -1,0 +1,233 @@
+"""What ``omniscv look`` writes, read without a browser."""
+
+import base64
+import json
+import shutil
+import zlib
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from PIL import Image
+from support import datasets, looked
+from support.command_line import ROOT
+
+from omniscv import cameras, cli
+from omniscv.errors import ArgumentError, RecordingError
+from omniscv.viewing.look import look
+from omniscv.viewing.look.arrays import pack, rounded
+from omniscv.viewing.look.directions import describe
+
+KINDS = {"f4": np.float32, "u4": np.uint32, "u2": np.uint16, "i2": np.int16, "i1": np.int8, "u1": np.uint8}
+
+
+class Read(HTMLParser):
+    """A page's JSON by the id of its script, and every address in its markup."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.json, self.addresses, self._id = {}, [], None
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.addresses += [attributes[key] for key in ("src", "href", "action") if key in attributes]
+        self._id = attributes.get("id") if attributes.get("type") == "application/json" else None
+
+    def handle_data(self, data):
+        if self._id:
+            self.json[self._id] = json.loads(data)
+            self._id = None
+
+
+def unpacked(packed):
+    """The numbers of a packed array, (C, H, W), as its description says."""
+    kind = np.dtype(KINDS[packed["type"]])
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8)
+    steps = np.ascontiguousarray(planes.reshape(kind.itemsize, -1).T).view(f"<u{kind.itemsize}")
+    whole = np.cumsum(steps.reshape(packed["shape"]), axis=-1, dtype=f"u{kind.itemsize}")
+    return whole.view(kind)
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    return looked.images(tmp_path_factory.mktemp("images"))
+
+
+@given(st.sampled_from(sorted(KINDS)).flatmap(lambda kind: arrays.arrays(KINDS[kind], (3, 5, 2))))
+def test_packed_arrays_hold_every_bit(values):
+    assert unpacked(pack(values)).tobytes() == np.moveaxis(values, -1, 0).tobytes()
+
+
+@given(arrays.arrays(np.float32, 8, elements=st.floats(2**-60, 2**60, width=32)))
+def test_rounded_numbers_are_within_their_digits(values):
+    kept = rounded(np.append(values, np.float32([0, np.inf])), 10)
+    assert (np.abs(kept[:-2] / values - 1) <= 2**-11).all()
+    assert kept[-2:].tolist() == [0, np.inf]
+
+
+def test_a_page_holds_all_layers_and_no_address(truth, tmp_path):
+    page, *others = look(truth.folder, tmp_path / "page.html")
+    read = Read(page)
+    assert others == []
+    assert read.addresses == ["data:,"]
+    assert "default-src 'none'" in page.read_text()
+    shared = read.json["data"]
+    assert [each["key"] for each in shared["frames"]] == sorted(looked.CAMERAS)
+    assert [each["name"] for each in shared["layers"]] == ["lit", "depth", "normals", "labels"]
+    for i, line in enumerate(shared["frames"]):
+        camera, layers = looked.CAMERAS[line["key"]], read.json[f"frame-{i}"]["layers"]
+        hit = truth.trace(camera, (camera.width // 2, camera.height // 2))
+        place = 0, camera.height // 2, camera.width // 2
+        assert unpacked(layers["depth"])[place] == np.float32(hit.distance[0])
+        assert shared["labels"][str(unpacked(layers["labels"])[place])]["name"] in truth.scene.objects
+        assert (
+            base64.b64decode(layers["lit"]["data"]) == (truth.folder / f"{line['key']}.lit.png").read_bytes()
+        )
+
+
+def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):
+    page, *others = look(truth.folder, tmp_path / "page.html", most_pixels=1000)
+    assert [path.name for path in others] == ["00000.js", "00001.js", "00002.js"]
+    assert Read(page).json["data"]["folder"] == "page.frames"
+    for i, path in enumerate(others):
+        call = path.read_text()
+        assert call.startswith(f"lookFrame({i},")
+        assert set(json.loads(call[len(f"lookFrame({i},") : -2])) == {"layers", "boxes", "layout"}
+
+
+def test_one_image_is_shown_by_any_of_its_files(truth, tmp_path):
+    for name in ("panorama.json", "panorama.lit.png", "panorama.depth.exr"):
+        page, *_ = look(truth.folder / name, tmp_path / "page.html")
+        assert [each["key"] for each in Read(page).json["data"]["frames"]] == ["panorama"]
+
+
+@pytest.mark.parametrize(("size", "sphere"), [((64, 32), "closed"), ((60, 40), None)])
+def test_a_bare_picture_is_a_sphere_where_it_is_twice_as_wide_as_high(tmp_path, size, sphere):
+    Image.new("RGB", size, (10, 200, 30)).save(tmp_path / "picture.jpg")
+    page, *_ = look(tmp_path / "picture.jpg", tmp_path / "page.html")
+    shared = Read(page).json["data"]
+    assert shared["cameras"]["picture"]["sphere"] == sphere
+    assert shared["placed"] is False
+
+
+def test_a_dataset_shows_its_classes_boxes_layout_and_times(tmp_path):
+    folder = datasets.made(tmp_path, more="truth: {boxes: true, boxes3d: true, layout: true}\n")
+    page, *_ = look(folder, tmp_path / "page.html")
+    read = Read(page)
+    shared = read.json["data"]
+    keys = [each["key"] for each in shared["frames"]]
+    assert [each["time"] for each in shared["frames"]] == [0, 0.5, 1, 0, 0.5, 1]
+    assert {"wall", "floor", "chair"} <= {each["name"] for each in shared["classes"].values()}
+    assert {"wall", "chair"} <= {each["class"] for each in shared["labels"].values()}
+    frame = read.json[f"frame-{keys.index('pano-0')}"]
+    assert {"boxes", "boxes3d"} == set(frame["boxes"])
+    assert np.allclose(sorted(frame["layout"]["floor"]), sorted(ROOM_CORNERS))
+
+
+ROOM_CORNERS = [[-3, -2.5], [-3, 2.5], [3, -2.5], [3, 2.5]]
+"""Of four-wall."""
+
+
+def test_a_recording_is_composed_at_its_places(tmp_path):
+    shutil.copy(ROOT / "captures" / "four-wall.sqlite", tmp_path / "room.sqlite")
+    page, *_ = look(tmp_path / "room.sqlite", tmp_path / "page.html", size=(64, 32))
+    shared = Read(page).json["data"]
+    assert shared["title"] == "room.sqlite"
+    assert all(each["camera"] == "equirectangular" for each in shared["frames"])
+    assert len(shared["frames"]) >= 1
+
+
+TURNED = {
+    "fisheye": cameras.create("fisheye-equidistant", width=256, height=256, fov_deg=185),
+    "cylinder": cameras.create("cylindrical", width=256, height=128),
+    "cube": cameras.create("cube-map", width=96, height=64),
+    "ball": looked.CAMERAS["mirror"],
+}
+
+
+@pytest.mark.parametrize("name", TURNED)
+def test_directions_find_the_pixels_that_see_them(name):
+    """Of directions anywhere: within 0.1 px where the image is smooth, 0.75 px at borders; and a pixel is
+    found where the camera sees, but for a rim of a pixel."""
+    camera = TURNED[name]
+    described = describe(camera)
+    tables = {key: unpacked(described["sphere"][key]) for key in ("nodes", "kinds", "tables")}
+    directions = np.random.default_rng(1).normal(size=(4000, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    found, smooth = looked_up(described["sphere"], tables, directions)
+    _, sees = camera.project(1e6 * directions)
+    both = sees & np.isfinite(found[:, 0])
+    assert np.mean(sees == np.isfinite(found[:, 0])) > 0.995
+    rays = camera.unproject(np.clip(found[both], 0, (camera.width, camera.height)))
+    off = np.linalg.norm(rays.directions - directions[both], axis=-1) * described["density"]
+    known = rays.valid
+    assert np.quantile(off[known & smooth[both]], 0.999) < 0.1
+    assert np.quantile(off[known & ~smooth[both]], 0.99) < 0.75 if (known & ~smooth[both]).any() else True
+
+
+def looked_up(sphere, tables, directions):
+    """(N, 2) px of directions, NaN for none, and which were interpolated, as directions.py describes it."""
+    count, finer = sphere["cells"], sphere["fine"]
+    axis = np.abs(directions).argmax(axis=-1)
+    rows = np.arange(len(directions))
+    largest = directions[rows, axis]
+    place = np.stack([directions[rows, (axis + k) % 3] / np.abs(largest) for k in (1, 2)], axis=-1)
+    place = (place + 1) / 2 * count
+    i, j = np.minimum(place.astype(int), count - 1).T
+    face = 2 * axis + (largest < 0)
+    kinds = tables["kinds"][0, face * count + j, i].astype(int)
+    s, t = (place - np.stack([i, j], axis=-1)).T
+    nodes = np.moveaxis(tables["nodes"], 0, -1).astype(float)
+    row = face * (count + 1) + j
+    top = nodes[row, i] * (1 - s)[:, None] + nodes[row, i + 1] * s[:, None]
+    low = nodes[row + 1, i] * (1 - s)[:, None] + nodes[row + 1, i + 1] * s[:, None]
+    found = (top * (1 - t)[:, None] + low * t[:, None] - 1) / 1024
+    torn = kinds >= 2
+    fine = np.moveaxis(tables["tables"], 0, -1).astype(float)
+    at = fine[(kinds[torn] - 2) * finer + (t[torn] * finer).astype(int), (s[torn] * finer).astype(int)]
+    found[torn] = np.where(at > 0, (at - 1) / 1024, np.nan)
+    found[kinds == 0] = np.nan
+    return found, kinds == 1
+
+
+@pytest.mark.parametrize(
+    ("make", "wanted"),
+    [
+        (lambda folder: None, "expected a folder, an image or a recording"),
+        (lambda folder: folder.mkdir(), "expected images of 'render' or a dataset"),
+        (lambda folder: folder.write_text("text"), "expected a folder of images, a STEM.json"),
+        (lambda folder: Image.new("RGB", (4, 4)).save(folder, "GIF"), "expected a picture .png, .jpg, .jpeg"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path, make, wanted):
+    make(tmp_path / "what")
+    with pytest.raises(ArgumentError, match=wanted):
+        look(tmp_path / "what", tmp_path / "page.html")
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_places_that_are_not_recorded_all_around_are_left_out(tmp_path):
+    """The living room was recorded for a non-central camera, too: in depth only, but for one place."""
+    shutil.copy(ROOT / "captures" / "living-room.sqlite", tmp_path / "room.sqlite")
+    warned = []
+    page, *_ = look(tmp_path / "room.sqlite", tmp_path / "page.html", size=(64, 32), warn=warned.append)
+    assert len(Read(page).json["data"]["frames"]) == 1
+    assert len(warned) == 1
+    assert "not recorded in lit all around" in warned[0]
+
+
+def test_another_database_is_refused(tmp_path):
+    (tmp_path / "other.sqlite").write_bytes(b"SQLite format 3\x00" + bytes(100))
+    with pytest.raises(RecordingError):
+        look(tmp_path / "other.sqlite", tmp_path / "page.html")
+
+
+def test_the_command_prints_the_page(truth, tmp_path, capsys):
+    assert cli.run(["look", str(truth.folder / "panorama.json"), "--out", str(tmp_path / "a.html")]) == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / "a.html")
+    assert cli.run(["look", str(truth.folder), "--out", str(tmp_path / "a.txt")]) == 2
+    assert "expected a file NAME.html" in capsys.readouterr().err
