@@ -37,7 +37,7 @@ def same(one, other):
 
 
 class All(IterableDataset):
-    """Shards, then each worker's part of what has indices: one loader for all, because starting takes time."""
+    """Shards, then each worker's part of what has indices: one loader, because workers take time to start."""
 
     def __init__(self, shards, maps):
         self.shards, self.maps = shards, maps
