@@ -27,7 +27,7 @@ CENTER = (0, 0, 1.5)
 def measure(quick: bool) -> Iterator[Figure]:
     import torch
 
-    count, turns, width = (2, 1, 32) if quick else (32, 3, 512)
+    count, turns, width = (2, 1, 32) if quick else (16, 3, 512)
     cv2.setNumThreads(2)
     torch.set_num_threads(2)
     camera = omniscv.cameras.create("equirectangular", width=width, height=width // 2)

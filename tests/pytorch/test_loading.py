@@ -147,6 +147,8 @@ def test_wrong_arguments(recording, tmp_path):
         RandomTurns(CAMERA, pitch_deg=(1, 0))
     with pytest.raises(ArgumentError, match="draw: expected a function"):
         RecordingDataset(recording, CAMERA)
+    with pytest.raises(ArgumentError, match="modes: expected a sequence"):
+        RecordingDataset(recording, TURNS, "lit")
     path = tmp_path / "one.sqlite"
     pinhole = omniscv.cameras.create("pinhole", width=8, height=8, fov_deg=60)
     with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
