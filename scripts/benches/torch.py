@@ -2,8 +2,8 @@
 
 Panoramas of 512 x 256 in lit, labels and depth, a new orientation each, from faces of 256 px. "faces kept"
 samples faces that are decoded already; "faces read each time" decodes them for every image, as omniscv.render
-does, so that the two differ by the sampling alone. Shards are compared with decoding the same files. Two
-threads, or two workers of one; the best of several turns.
+does, so that the two differ by the sampling alone. Shards are compared with decoding the same files. PyTorch
+works in one thread, or in two workers of one; omniscv.render in two; the best of several turns.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +29,7 @@ def measure(quick: bool) -> Iterator[Figure]:
 
     count, turns, width = (2, 1, 32) if quick else (16, 3, 512)
     cv2.setNumThreads(2)
-    torch.set_num_threads(2)
+    torch.set_num_threads(1)  # on a busy machine its threads wait for each other
     camera = omniscv.cameras.create("equirectangular", width=width, height=width // 2)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "room.sqlite"
