@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, side_by_side
+from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, limit, side_by_side
 
 TIMEOUT_S = 60
 
@@ -34,6 +34,18 @@ def test_results_come_in_order():
     assert squares() == [n * n for n in range(40)]
     assert side_by_side(str, []) == []
     assert side_by_side(str, [7]) == ["7"]
+
+
+def test_cores_can_be_limited():
+    every, here = cores(), threading.get_ident()
+    try:
+        limit(1)
+        assert cores() == 1
+        assert set(side_by_side(lambda _: threading.get_ident(), range(20))) == {here}
+        limit(every + 1)
+        assert cores() == every
+    finally:
+        limit(every)
 
 
 @pytest.mark.parametrize("elements", [None, MIN_PARALLEL_ELEMENTS, 10 * MIN_PARALLEL_ELEMENTS])

@@ -83,7 +83,7 @@ class Faces:
             kind = TILES[modalities.get(mode).interpolation]
             self._tiles[mode] = views, kind(views, faces, self._device)
 
-    def render(self, camera: Camera, R_w_c: ArrayLike) -> dict[str, Tensor]:
+    def render(self, camera: Camera, R_w_c: ArrayLike | Tensor) -> dict[str, Tensor]:
         """Return images of a central camera, one for each orientation.
 
         Args:
@@ -100,10 +100,9 @@ class Faces:
             MissingCaptureError: the faces do not show all rays.
         """
         check_central(camera)
-        given = np.asarray(R_w_c, np.float64)
-        every = [Pose(self.position, R).R_w_c for R in (given[None] if given.ndim == 2 else given)]
-        if not every:
-            raise ArgumentError("R_w_c: expected at least one rotation, got none")
+        given = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
+        batch = numbers("R_w_c", [given] if np.ndim(given) == 2 else given, (None, 3, 3))
+        every = [Pose(self.position, R).R_w_c for R in batch]
         directions, valid = directions_of(camera, self._device)
         at_once = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
         step = max(1, at_once // valid.numel())

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from torch.utils.data import Dataset
 
+from omniscv import modalities
 from omniscv.arguments import shown, whole_number
 from omniscv.compose.cache import ByteCache
 from omniscv.dataset.classes import class_rules
@@ -63,7 +64,7 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         super().__init__()
         if not callable(draw):
             raise ArgumentError(f"draw: expected a function of a generator, got {shown(draw)}")
-        self.path, self.draw, self.modes = Path(path).absolute(), draw, tuple(modes)
+        self.path, self.draw, self.modes = Path(path).absolute(), draw, modalities.chosen(modes)
         self.per_center = whole_number("per_center", per_center)
         self.seed = whole_number("seed", seed, least=0)
         self.truth_scale, self._cache_bytes = truth_scale, cache_bytes

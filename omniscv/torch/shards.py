@@ -88,11 +88,13 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
     def _read(self, wanted: Sequence[tuple[int, str]]) -> Iterator[Sample]:
         layers = LAYERS if self.layers is None else self.layers
         with ExitStack() as opened:
+            folder = Path(opened.enter_context(TemporaryDirectory(prefix="omniscv-")))
             shards: dict[int, Shard] = {}
             for number, key in wanted:
                 if number not in shards:
                     shard = Shard(self._packed, self._shards[number][0])
                     shards[number] = opened.enter_context(closing(shard))
-                with TemporaryDirectory(prefix="omniscv-") as folder:  # pictures are decoded from files
-                    sample = sample_of_frame(shards[number].extract(key, layers, Path(folder)), self.layers)
+                sample = sample_of_frame(shards[number].extract(key, layers, folder), self.layers)
+                for path in folder.iterdir():  # pictures are decoded from files
+                    path.unlink()
                 yield sample

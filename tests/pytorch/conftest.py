@@ -10,7 +10,11 @@ from support.datasets import made
 
 import omniscv
 
-collect_ignore = [] if find_spec("torch") else ["test_faces.py", "test_loading.py", "test_shard_order.py"]
+collect_ignore = (
+    []
+    if find_spec("torch")
+    else ["test_faces.py", "test_loading.py", "test_shard_order.py", "test_torch_example.py"]
+)
 
 MODES = ("lit", "object_mask", "depth", "normals")
 CENTERS = ((0, 0, 1.5), (0.8, -0.5, 1.2))

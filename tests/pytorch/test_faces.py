@@ -93,11 +93,13 @@ def test_faces_without_a_border():
         assert check(faces, source, camera, turns(), MODES, face_size=32) <= 1
 
 
-def test_finer_truth_of_instance_ids():
+def test_finer_truth_of_instance_ids_in_a_recording(tmp_path):
     camera = omniscv.cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=200)
     options = {"face_size": 24, "truth_scale": 2}
-    with omniscv.open_source("scene://four-wall?masks=ids") as source:
-        faces = Faces(source, CENTER, MODES, **options)
+    with omniscv.record(omniscv.open_source("scene://four-wall?masks=ids"), tmp_path / "a.sqlite") as source:
+        Faces(source, CENTER, MODES, **options)
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        faces = Faces(source, CENTER, MODES, truth_scale=2)
         assert check(faces, source, camera, turns(), MODES, **options) <= 1
 
 
@@ -145,6 +147,15 @@ def test_a_batch_is_its_images():
         assert torch.equal(faces.render(camera, R)["lit"][0], batch[i])
 
 
+def test_orientations_may_be_tensors(wide):
+    _, faces = wide
+    camera = omniscv.cameras.create("equirectangular", width=16, height=8)
+    for kind in (torch.float64, torch.float32):
+        given = torch.tensor(np.array(turns()), dtype=kind)
+        expected = faces.render(camera, given.double().numpy())
+        assert torch.equal(faces.render(camera, given)["depth"], expected["depth"])
+
+
 def test_classes():
     camera = omniscv.cameras.create("equirectangular", width=32, height=16)
     rules = yaml_text.parse(CLASSES)
@@ -170,7 +181,8 @@ def test_wrong_arguments(wide, recording):
         faces.render(ring, np.eye(3))
     with pytest.raises(ArgumentError, match="rotation"):
         faces.render(camera, 2 * np.eye(3))
-    with pytest.raises(ArgumentError, match="at least one rotation"):
-        faces.render(camera, np.zeros((0, 3, 3)))
+    for wrong in (np.zeros((0, 3, 3)), np.zeros(3), "turned", np.full((3, 3), np.nan)):
+        with pytest.raises(ArgumentError, match="R_w_c: expected"):
+            faces.render(camera, wrong)
     with omniscv.open_source(recording) as recorded, pytest.raises(MissingCaptureError):
         Faces(recorded, (9, 9, 9))

@@ -37,7 +37,7 @@ def same(one, other):
 
 
 class All(IterableDataset):
-    """Shards, then each worker's part of what has indices: one loader for all, because starting takes time."""
+    """Shards, then each worker's part of what has indices: one loader, because workers take time to start."""
 
     def __init__(self, shards, maps):
         self.shards, self.maps = shards, maps
@@ -147,6 +147,8 @@ def test_wrong_arguments(recording, tmp_path):
         RandomTurns(CAMERA, pitch_deg=(1, 0))
     with pytest.raises(ArgumentError, match="draw: expected a function"):
         RecordingDataset(recording, CAMERA)
+    with pytest.raises(ArgumentError, match="modes: expected a sequence"):
+        RecordingDataset(recording, TURNS, "lit")
     path = tmp_path / "one.sqlite"
     pinhole = omniscv.cameras.create("pinhole", width=8, height=8, fov_deg=60)
     with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
