@@ -2,6 +2,8 @@
 
 import multiprocessing
 import pickle
+import resource
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -137,6 +139,14 @@ def test_a_full_store_holds_no_half_file(tmp_path: Path) -> None:
         assert place.names() == ["fits"]
 
 
+def test_a_full_disk_holds_no_half_file(tmp_path: Path) -> None:
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        says = pool.apply(_put_beyond_limit, (str(tmp_path / "full"),))
+    assert says.startswith(f"{tmp_path / 'full' / 'more'}: expected to read or write it, got: File too large")
+    assert says.endswith("free space there, and run again")
+    assert [path.name for path in (tmp_path / "full").rglob("*")] == ["fits"]
+
+
 def test_a_store_that_always_fails_is_one_line() -> None:
     with failing_store(every=1):
         with pytest.raises(
@@ -175,6 +185,19 @@ def test_urls_of_files() -> None:
 
 def _put_first(url: str, content: bytes) -> bool:
     return storage.folder(url).put("race", content, first=True)
+
+
+def _put_beyond_limit(folder: str) -> str:
+    """What is raised where files may have 1000 bytes."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+    place = storage.folder(folder)
+    place.put("fits", b"x" * 1000)
+    try:
+        place.put("more", b"y" * 1001)
+    except StorageError as full:
+        return str(full)
+    return "nothing"
 
 
 def _file(path: Path, content: bytes) -> Path:
