@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, cast
+from typing import Any, TypeVar
 
 from omniscv.errors import ArgumentError, MissingFileError, OmniscvError, StorageError
 from omniscv.storage import cache
@@ -19,11 +19,14 @@ from omniscv.storage.urls import without_secrets
 T = TypeVar("T")
 
 _ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
+_PATIENCE_S = 20.0
+"""No attempt is begun later: the packages of some stores try again for a while themselves."""
 _FINAL = (
     FileExistsError, FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, TypeError,
     ValueError, NotImplementedError, ImportError,
 )  # fmt: skip
-"""Errors that another attempt does not mend."""
+_FINAL_NAMES = ("NoCredentialsError", "ParamValidationError", "PartialCredentialsError", "ProfileNotFound")
+"""Errors that another attempt does not mend, and those of packages that may be missing, by their names."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +37,15 @@ class RemoteFolder(Folder):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "url", self.url.rstrip("/") if "://" in self.url.rstrip("/") else self.url)
-        if "?" in self.url or "#" in self.url:
-            wanted = "expected a URL without a query; options and credentials are the store's own settings"
-            raise ArgumentError(f"{without_secrets(self.url.partition('#')[0])}: {wanted}, got one")
+        if without_secrets(self.url) != self.url or "?" in self.url or "#" in self.url:
+            wanted = (
+                "expected a URL without user and query; credentials and options are the store's own settings"
+            )
+            shown = without_secrets(self.url).partition("?")[0].partition("#")[0]
+            raise ArgumentError(f"{shown}: {wanted}, got one with them")
 
     def __str__(self) -> str:
-        return without_secrets(self.url)
-
-    def __repr__(self) -> str:
-        return f"RemoteFolder({str(self)!r})"
+        return self.url
 
     def __getstate__(self) -> dict[str, Any]:
         return {"url": self.url}
@@ -126,9 +129,6 @@ class RemoteFolder(Folder):
         """Return an inner folder."""
         return RemoteFolder(f"{self.url.rstrip('/')}/{checked(name)}")
 
-    def _open(self, name: str) -> BinaryIO:
-        return cast(BinaryIO, self._tried(name, lambda: self._call(name, "open", "rb")))
-
     def _opened(self, name: str) -> tuple[Any, str]:
         """The file system, and the path in it of a name."""
         fs, root, process = self.__dict__.get("_held", (None, "", 0))
@@ -144,7 +144,7 @@ class RemoteFolder(Folder):
             fs, root = url_to_fs(self.url)
         except ImportError as cause:
             wanted = f"expected the packages of this store ({without_secrets(cause)})"
-            raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud]") from cause
+            raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud], and gcsfs for gs://") from cause
         except ValueError as cause:
             raise ArgumentError(
                 f"{self}: expected the URL of a store, got: {without_secrets(cause)}"
@@ -193,6 +193,7 @@ class RemoteFolder(Folder):
         FileExistsError passes unchanged.
         """
         place = f"{self}/{name}" if name else str(self)
+        patient_until = time.monotonic() + _PATIENCE_S
         for attempt in range(_ATTEMPTS):
             try:
                 return action()
@@ -202,7 +203,9 @@ class RemoteFolder(Folder):
                 raise MissingFileError(f"{place}: expected a file, it is missing") from cause
             except Exception as cause:  # of every store's own library
                 full = getattr(cause, "errno", None) in NO_SPACE
-                if isinstance(cause, _FINAL) or full or attempt == _ATTEMPTS - 1:
+                final = isinstance(cause, _FINAL) or type(cause).__name__ in _FINAL_NAMES
+                late = attempt == _ATTEMPTS - 1 or time.monotonic() > patient_until
+                if final or full or late:
                     raise _failed(place, cause, full) from cause
             time.sleep(_FIRST_WAIT_S * 2**attempt * random.uniform(0.5, 1.5))
         raise AssertionError("the last attempt returns or raises")

@@ -1,10 +1,12 @@
 """Files of local folders and of object stores: one contract for all of them."""
 
+import hashlib
 import multiprocessing
 import pickle
 import resource
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +51,10 @@ def test_contract(place: Folder, tmp_path: Path) -> None:
     assert place.read("a.txt") == b"another"
     assert place.put("first", b"1", first=True)
     assert place.put("second", tmp_path / "source", first=True)
-    assert place.digest("inner/b.bin") == place.digest("second")
-    assert place.digest("inner/c.txt")[0] == 0
+    assert place.read("inner/b.bin") == place.read("second")
+    assert place.read("inner/c.txt") == b""
+    place.copy("inner/b.bin", tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == b"two" * 1000
     assert place.fetch("inner/b.bin").read_bytes() == b"two" * 1000
     assert place.fetch("inner/b.bin").suffix == ".bin"
     place.remove("a.txt")
@@ -62,7 +66,7 @@ def test_contract(place: Folder, tmp_path: Path) -> None:
 
 
 def test_missing_files(place: Folder) -> None:
-    for use in (place.read, place.fetch, place.digest):
+    for use in (place.read, place.fetch, partial(_copied, place)):
         with pytest.raises(MissingFileError, match=r"nothing\.txt: expected a file, it is missing"):
             use("nothing.txt")
 
@@ -70,7 +74,14 @@ def test_missing_files(place: Folder) -> None:
 @pytest.mark.parametrize("name", ["", "/etc/passwd", "../up", "a/../../b", "a//b", "a/./b", "a\0b", "a\\b"])
 def test_names_stay_below_the_folder(name: str, tmp_path: Path) -> None:
     for place in (storage.folder(tmp_path), storage.folder("memory://names")):
-        for use in (place.read, place.exists, place.fetch, place.below, place.remove, place.digest):
+        for use in (
+            place.read,
+            place.exists,
+            place.fetch,
+            place.below,
+            place.remove,
+            partial(_copied, place),
+        ):
             with pytest.raises(ArgumentError, match="name: expected"):
                 use(name)
         with pytest.raises(ArgumentError, match="name: expected"):
@@ -104,7 +115,7 @@ def test_a_foreign_reader_reads_what_is_on_s3(s3: Any, tmp_path: Path) -> None:
 
 def test_damaged_copies_are_fetched_again(place: Folder) -> None:
     place.put("room.bin", b"whole")
-    _, checksum = place.digest("room.bin")
+    checksum = hashlib.sha256(b"whole").hexdigest()
     for given in ("", checksum):
         copy = place.fetch("room.bin", given)
         if place.local:
@@ -163,11 +174,7 @@ def test_a_store_that_always_fails_is_one_line() -> None:
 )
 def test_credentials_are_not_shown(url: str) -> None:
     assert "secret" not in storage.without_secrets(f"expected {url}, got nothing")
-    if "?" not in url:
-        found = storage.folder(url)
-        assert "secret" not in str(found) + repr(found)
-        return
-    with pytest.raises(ArgumentError, match="without a query") as refused:
+    with pytest.raises(ArgumentError, match="without user and query") as refused:
         storage.folder(url)
     assert "secret" not in str(refused.value)
 
@@ -198,6 +205,10 @@ def _put_beyond_limit(folder: str) -> str:
     except StorageError as full:
         return str(full)
     return "nothing"
+
+
+def _copied(place: Folder, name: str) -> None:
+    place.copy(name, Path("never"))
 
 
 def _file(path: Path, content: bytes) -> Path:
