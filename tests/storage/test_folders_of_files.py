@@ -126,6 +126,17 @@ def test_damaged_copies_are_fetched_again(place: Folder) -> None:
         assert not [each for each in copy.parent.iterdir() if each.name.startswith(".")]
 
 
+def test_processes_share_a_cache(cache: Path) -> None:
+    """Four fetch at once, from copies of one store in memory; the cache begins with a damaged copy."""
+    place, content = storage.folder("memory://shared"), bytes(range(256)) * 4000
+    place.put("room.bin", content)
+    place.fetch("room.bin").write_bytes(b"damaged")
+    with multiprocessing.get_context("fork").Pool(4) as pool:
+        found = pool.map(_fetched, ["memory://shared"] * 8, chunksize=1)
+    assert found == [hashlib.sha256(content).hexdigest()] * 8
+    assert sorted(path.name for path in cache.rglob("*") if path.is_file()) == ["room.bin", "room.bin.sha256"]
+
+
 def test_what_changed_in_the_store_is_another_copy(place: Folder) -> None:
     place.put("room.bin", b"earlier")
     place.fetch("room.bin")
@@ -209,6 +220,10 @@ def _put_beyond_limit(folder: str) -> str:
 
 def _copied(place: Folder, name: str) -> None:
     place.copy(name, Path("never"))
+
+
+def _fetched(url: str) -> str:
+    return hashlib.sha256(storage.folder(url).fetch("room.bin").read_bytes()).hexdigest()
 
 
 def _file(path: Path, content: bytes) -> Path:
