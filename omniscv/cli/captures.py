@@ -4,16 +4,18 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Exit, Typer
+from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console, options
 
-_HELP = "Inspect recordings, check them, convert them to folders and back."
+_HELP = "Inspect recordings, check, join and divide them, convert them to folders and back."
 app = Typer(name="captures", help=_HELP, no_args_is_help=True, add_completion=False)
 
 _MOST_NAMES = 5  # of objects in a line
 
-Recording = Annotated[Path, Argument(metavar="FILE", help="A recording.")]
+# Texts: as a path, a URL would lose a slash.
+Recording = Annotated[str, Argument(metavar="FILE", help="A recording, by path or URL.")]
+Written = Annotated[Path, Argument(metavar="FILE", help="A recording.")]
 
 
 @app.command(epilog="Example: omniscv captures info room.sqlite")
@@ -53,7 +55,7 @@ def verify(file: Recording) -> None:
 
 
 @app.command(epilog="Example: omniscv captures upgrade room.sqlite")
-def upgrade(file: Recording) -> None:
+def upgrade(file: Written) -> None:
     """Make a recording of an earlier version one of this version; recording into it does the same."""
     from omniscv.sources.recording.upgrade import upgrade
 
@@ -70,8 +72,39 @@ def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or n
 
 
 @app.command("import", epilog="Example: omniscv captures import faces/ mine.sqlite")
-def import_(folder: Annotated[Path, Argument(help="See docs/capture-folders.md.")], file: Recording) -> None:
+def import_(folder: Annotated[Path, Argument(help="See docs/capture-folders.md.")], file: Written) -> None:
     """Add a folder of images, exported or rendered by other tools, to a recording."""
     from omniscv.sources.recording import folders
 
     console.line(f"{file}: {folders.import_folder(folder, file)} captures")
+
+
+@app.command(
+    epilog="Example: omniscv captures merge room.sqlite room.part-0-of-2.sqlite room.part-1-of-2.sqlite"
+)
+def merge(
+    out: Annotated[str, Argument(metavar="OUT", help="What gets them, new or there: path or URL.")],
+    files: Annotated[list[str], Argument(metavar="FILE...", help="Recordings of one scene, by path or URL.")],
+) -> None:
+    """Join recordings into one, all or nothing; what OUT holds already is left out."""
+    from omniscv.sources import recording
+    from omniscv.storage import without_secrets
+
+    with console.progress_bar("recordings") as progress:
+        added = recording.merge(out, files, progress)
+    console.line(f"{without_secrets(out)}: {added} captures added")
+
+
+@app.command(epilog="Example: omniscv captures split room.sqlite --by place --out rooms")
+def split(
+    file: Recording,
+    out: Annotated[str, Option(help="An empty or new folder: path or URL.")],
+    by: Annotated[str, Option(help="place: of optical centres that are near each other.")] = "place",
+    distance: Annotated[float, Option(help="Metres between neighbours of one place, at most.")] = 0.5,
+) -> None:
+    """Write a recording for each place; each replays what was captured there."""
+    from omniscv.sources import recording
+    from omniscv.storage import folder
+
+    for name, count in recording.split(file, out, by, distance):
+        console.line(f"{folder(out)}/{name}: {count} captures")

@@ -13,7 +13,8 @@ from omniscv.errors import ArgumentError
 _HELP = "Images with all their truth, as files that other programs read."
 app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=False)
 
-Dataset = Annotated[Path, Argument(metavar="DIR", help="A dataset.")]
+# Texts: as a path, a URL would lose a slash.
+Dataset = Annotated[str, Argument(metavar="DIR", help="A dataset, by path or URL.")]
 Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
 Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
 
@@ -66,7 +67,9 @@ def make(
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
-    out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    out: Annotated[
+        str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
+    ] = None,
     camera: Cameras = None,
     given: Given = None,
 ) -> None:
@@ -85,12 +88,13 @@ def check(
 ) -> None:
     """Check a dataset against its manifest: one line for each fault. Exit code 1 if there is any."""
     from omniscv.dataset import check, open
+    from omniscv.storage import without_secrets
 
     faults = check(folder, deep=deep, format=format)
     for fault in faults:
         console.line(fault)
     if not faults:
-        console.line(f"{folder}: {len(open(folder))} frames, no faults")
+        console.line(f"{without_secrets(folder)}: {len(open(folder))} frames, no faults")
     raise Exit(1 if faults else 0)
 
 
@@ -129,7 +133,9 @@ def classes(
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
-    out: Annotated[Path | None, Option(help="The folder to write into; else exports/FORMAT in DIR.")] = None,
+    out: Annotated[
+        str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
+    ] = None,
     camera: Cameras = None,
     given: Given = None,
 ) -> None:
@@ -142,7 +148,7 @@ def pack(
 @app.command(epilog="Example: omniscv dataset video dataset --camera panorama --out panorama.mp4 --rate 10")
 def video(
     folder: Dataset,
-    out: Annotated[Path, Option(help="The MP4 file.")],
+    out: Annotated[str, Option(help="The MP4 file, by path or URL.")],
     camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
     rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
     quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
@@ -151,13 +157,15 @@ def video(
     from omniscv.arguments import one_of
     from omniscv.dataset import open
     from omniscv.dataset.video import write_video
+    from omniscv.storage import without_secrets
 
     every = open(folder)
     if camera is not None:
         one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
     frames = [frame for frame in every if camera in (None, frame.camera_name)]
     with console.progress_bar("frames") as progress:
-        console.line(write_video(frames, out, rate=rate, quality=quality, progress=progress))
+        written = write_video(frames, out, rate=rate, quality=quality, progress=progress)
+        console.line(without_secrets(written))
 
 
 def _shard(text: str) -> tuple[int, int]:

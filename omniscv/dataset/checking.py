@@ -4,40 +4,50 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from omniscv import storage
 from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
-from omniscv.dataset.exporting import EXPORTS, Export, write_into
+from omniscv.dataset.exporting import EXPORTS, Export, placed, write_into
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.layer_checks import layer_faults
 from omniscv.dataset.manifest import FrameEntry, Manifest
 from omniscv.dataset.reading import frame
-from omniscv.errors import DatasetError, OmniscvError
+from omniscv.errors import DatasetError, MissingFileError, OmniscvError
 from omniscv.parallel import side_by_side
+from omniscv.storage import Folder
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_FETCHES = 16  # at a time
 
 
-def check(out: str | Path, deep: bool = False, format: str | None = None) -> list[str]:
+def check(out: str | Path | Folder, deep: bool = False, format: str | None = None) -> list[str]:
     """Return what is wrong with a dataset, a line for each fault.
 
     Args:
-        out: the dataset.
+        out: the dataset, by path or URL. Files of a URL are fetched for the check, and not
+            kept, but for those of which an export is made again.
         deep: whether layers and records are read, and compared with each other and with the manifest.
         format: an export to check too; with ``deep``, all that the manifest lists are.
 
     Raises:
         ArgumentError: no dataset is there, or no such format.
     """
-    folder = Path(out)
+    folder = storage.folder(out)
     try:
         whole = manifest.read(folder)
         entries = manifest.read_frames(folder)
     except DatasetError as damaged:
         return [str(damaged)]
     faults = [*_manifest_faults(folder, whole), *_list_faults(folder, entries)]
-    for found in side_by_side(lambda entry: list(_frame_faults(folder, whole, entry, deep)), entries):
+    for found in _for_each(folder, lambda entry: list(_frame_faults(folder, whole, entry, deep)), entries):
         faults += found
     wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
@@ -50,8 +60,8 @@ def check(out: str | Path, deep: bool = False, format: str | None = None) -> lis
     return faults
 
 
-def _manifest_faults(folder: Path, whole: Manifest) -> Iterator[str]:
-    said = json.loads((folder / manifest.DATASET).read_bytes())
+def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
+    said = json.loads(folder.read(manifest.DATASET))
     if len(set(whole.names.values())) != len(whole.names):
         yield f"{manifest.DATASET}: names: expected another id for each"
     try:
@@ -65,7 +75,7 @@ def _manifest_faults(folder: Path, whole: Manifest) -> Iterator[str]:
             yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {got}"
 
 
-def _list_faults(folder: Path, entries: list[FrameEntry]) -> Iterator[str]:
+def _list_faults(folder: Folder, entries: list[FrameEntry]) -> Iterator[str]:
     """Faults of ``frames.jsonl`` as a whole."""
     keys = [entry.key for entry in entries]
     if keys != sorted(set(keys)):
@@ -75,14 +85,22 @@ def _list_faults(folder: Path, entries: list[FrameEntry]) -> Iterator[str]:
         if entry.place and split_of.setdefault(entry.place, entry.split) != entry.split:
             wanted = split_of[entry.place]
             yield f"{entry.key}: expected the split {wanted!r} of its place, got {entry.split!r}"
-    for path in sorted(folder.glob("*.json")):
-        if path.stem not in keys and "." not in path.stem and path.name != manifest.DATASET:
-            yield f"{path.name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
+    known = set(keys)
+    for name in folder.names():
+        stem, dot, suffix = name.partition(".")
+        if dot + suffix == ".json" and "/" not in name and stem not in known and name != manifest.DATASET:
+            yield f"{name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
-def _frame_faults(folder: Path, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
+def _frame_faults(folder: Folder, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
+    with _here(folder, [file.path for file in entry.files.values()]) as place:
+        yield from _local_faults(place, whole, entry, deep)
+
+
+def _local_faults(folder: Path, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
+    """Faults of a frame whose files are on this machine."""
     try:
-        found = frame(folder, whole, entry)
+        found = frame(storage.folder(folder), whole, entry)
     except OmniscvError as wrong:
         yield f"{manifest.FRAMES}: {wrong}"
         return
@@ -133,20 +151,51 @@ def _values(record: Any, key: str) -> Iterator[Any]:
         yield from _values(part, key)
 
 
-def _export_faults(folder: Path, frames: list[Frame], wanted: Export, deep: bool) -> list[str]:
+def _export_faults(folder: Folder, frames: list[Frame], wanted: Export, deep: bool) -> list[str]:
     """Faults of an export: those that its format finds, else how it differs from a new one."""
-    place = folder / EXPORTS / wanted.folder
-    if not place.is_dir():
+    start = f"{EXPORTS}/{wanted.folder}/"
+    names = folder.names(start)
+    if not names:
         return [f"{EXPORTS}/{wanted.folder}: expected an export to {wanted.format}, it is missing"]
     if not deep:
         return []
+    with _here(folder, names) as root:
+        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _faults_there(root, frames, wanted)]
+
+
+def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
+    """Faults of an export that is on this machine, below a folder that stands for the dataset's."""
+    place = root / EXPORTS / wanted.folder
     format = registry.get(wanted.format)
     if own := getattr(format, "check", None):
         shown = [each for each in frames if wanted.shows(each.camera_name)]
-        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in own(shown, place)]
+        return list(own(shown, place))
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-        write_into(wanted, frames, Path(again))
-        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _differences(Path(again), place)]
+        write_into(wanted, placed(frames, root), Path(again))
+        return list(_differences(Path(again), place))
+
+
+@contextmanager
+def _here(folder: Folder, names: Iterable[str]) -> Iterator[Path]:
+    """Give a local folder with some files of a dataset: its own, or a new one with copies of those there."""
+    if folder.local is not None:
+        yield folder.local
+        return
+    with tempfile.TemporaryDirectory(prefix="omniscv-") as place:
+        for name in names:
+            path = Path(place) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with suppress(MissingFileError):
+                folder.copy(name, path)
+        yield Path(place)
+
+
+def _for_each(folder: Folder, check: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """The results of a check: on all cores, or by threads that wait for a store."""
+    if folder.local is not None:
+        return side_by_side(check, items)
+    with ThreadPoolExecutor(_FETCHES) as threads:
+        return list(threads.map(check, items))
 
 
 def _differences(wanted: Path, got: Path) -> Iterator[str]:

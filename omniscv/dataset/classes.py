@@ -11,6 +11,7 @@ from omniscv.arguments import shown, within
 from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError
 from omniscv.sources.registry import open_source, scheme_of
+from omniscv.storage import SCHEMES, folder
 from omniscv.truth.classes import ClassRules
 
 
@@ -38,9 +39,9 @@ def object_names(scene: str | Path) -> tuple[str, ...]:
         ArgumentError: none of these.
         SourceError, RecordingError: the source cannot be opened.
     """
-    if (Path(scene) / manifest.DATASET).is_file():
-        return tuple(sorted(manifest.read(Path(scene)).names))
     address = str(scene)
+    if scheme_of(address) in (None, *SCHEMES) and folder(scene).exists(manifest.DATASET):
+        return tuple(sorted(manifest.read(scene).names))
     if scheme_of(address) is None and not _recorded(Path(address)):
         address = f"scene://{address}"  # a scene's name, or its file
     with open_source(address) as source:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compose.files import whole_file
+from omniscv.dataset.fetched_files import reference
 from omniscv.dataset.frames import Frame
 from omniscv.truth import rle
 from omniscv.truth.classes import SemanticClass
@@ -27,9 +27,9 @@ _FROM_TRUTH = {
 
 def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
     """Return the entry of ``images`` of a frame, whose file is named as seen from a folder."""
-    file = frame.files.get("lit", frame.files["labels"])
+    name = reference(frame.files, "lit" if "lit" in frame.files else "labels", out)
     camera = frame.camera
-    found: dict[str, Any] = {"id": number, "file_name": Path(os.path.relpath(file, out)).as_posix()}
+    found: dict[str, Any] = {"id": number, "file_name": name}
     found |= {"width": camera.width, "height": camera.height, "key": frame.key}
     found |= {"camera": camera.to_dict(), "pose": frame.pose.to_dict(), "split": frame.split}
     return found | {"place": frame.place} | ({} if frame.time is None else {"time": frame.time})

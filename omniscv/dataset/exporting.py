@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from omniscv import storage
 from omniscv.arguments import one_of, text, within
 from omniscv.cameras import Camera
 from omniscv.dataset import registry
+from omniscv.dataset.fetched_files import FetchedFiles
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.reading import open
 from omniscv.errors import ArgumentError
+from omniscv.storage import Folder
 
 EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
@@ -97,42 +101,81 @@ def export(
     out: str | Path | None = None,
     cameras: Sequence[str] = (),
     **options: Any,
-) -> list[Path]:
+) -> list[str | Path]:
     """Export a dataset to a format.
 
     Args:
-        folder: the dataset.
+        folder: the dataset, by path or URL.
         to: a name of :func:`omniscv.dataset.names`.
-        out: the folder to write into, beside what is there; if not given, ``exports/NAME`` in the dataset,
-            which is replaced.
+        out: the folder to write into, by path or URL, beside what is there; if not given, ``exports/NAME``
+            in the dataset, which is replaced.
         cameras: names of those whose frames are exported; all if not given.
         options: of the format.
 
     Returns:
-        The files.
+        The files: paths, or URLs.
 
     Raises:
         ArgumentError: no dataset, no such format, a camera that it cannot carry, or an unknown option.
         DatasetError: the dataset is not complete, or damaged.
     """
     wanted = Export(to, options, cameras=tuple(cameras))
-    frames = open(folder)
+    source = storage.folder(folder)
+    frames = open(source)
     check_cameras(wanted, {frame.camera_name: frame.camera for frame in frames})
     shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
     if shown:
         check_kinds(wanted.format, set.intersection(*(set(frame.files) for frame in shown)))
     if out is None:
-        return write(wanted, frames, Path(folder))
-    return _written(wanted, frames, Path(out), _merge)
+        return write(wanted, frames, source)
+    target = storage.folder(out)
+    if target.local is not None:
+        return [*_written(wanted, frames, target.local, _merge)]
+    with tempfile.TemporaryDirectory(prefix="omniscv-") as part:
+        return _put(target, Path(part), write_into(wanted, frames, Path(part)))
 
 
-def write(wanted: Export, frames: Sequence[Frame], out: Path) -> list[Path]:
+def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
     """Write an export into its folder of a dataset; one that is there is replaced by the complete new one.
+
+    In a store, files are put there one by one, what lists them last; then earlier ones are removed.
 
     Raises:
         ArgumentError: as the format.
     """
-    return _written(wanted, frames, out / EXPORTS / wanted.folder, _replace)
+    if out.local is not None:
+        return [*_written(wanted, frames, out.local / EXPORTS / wanted.folder, _replace)]
+    with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
+        part = Path(root) / EXPORTS / wanted.folder
+        part.mkdir(parents=True)
+        written = write_into(wanted, placed(frames, Path(root)), part)
+        target = out.below(f"{EXPORTS}/{wanted.folder}")
+        found = _put(target, part, written)
+    for name in target.names():
+        if f"{target}/{name}" not in found:
+            target.remove(name)
+    return found
+
+
+def placed(frames: Sequence[Frame], root: Path) -> list[Frame]:
+    """Return frames whose files are named as if a local folder were that of their dataset."""
+    return [
+        replace(each, files=replace(each.files, place=root)) if isinstance(each.files, FetchedFiles) else each
+        for each in frames
+    ]
+
+
+def _put(target: Folder, part: Path, paths: Sequence[Path]) -> list[str | Path]:
+    """Put all files below a local folder into one of a store, some of them last, in their order.
+
+    Returns:
+        Their URLs.
+    """
+    others = sorted({path for path in part.rglob("*") if path.is_file()} - set(paths))
+    names = [path.relative_to(part).as_posix() for path in (*others, *paths)]
+    for name in names:
+        target.put(name, part / name)
+    return [f"{target}/{name}" for name in names]
 
 
 def _written(

@@ -4,25 +4,32 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from omniscv import storage
 from omniscv.dataset import manifest
+from omniscv.dataset.fetched_files import files_of
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.manifest import FrameEntry, Manifest
 from omniscv.errors import DatasetError
+from omniscv.storage import Folder
 
 
-def open(out: str | Path) -> tuple[Frame, ...]:
+def open(out: str | Path | Folder) -> tuple[Frame, ...]:
     """Return the frames of a dataset in the order of their keys; their files are read when they are used.
+
+    Args:
+        out: its folder, by path or URL. Files of a URL are fetched when they are used, once, into the local
+            cache, and compared with their checksums.
 
     Raises:
         ArgumentError: no dataset is there.
         DatasetError: it is not complete, or its manifest is damaged.
     """
-    folder = Path(out)
+    folder = storage.folder(out)
     whole = manifest.read(folder)
     return tuple(frame(folder, whole, entry) for entry in manifest.read_frames(folder))
 
 
-def frame(folder: Path, whole: Manifest, entry: FrameEntry) -> Frame:
+def frame(folder: Folder, whole: Manifest, entry: FrameEntry) -> Frame:
     """Return a frame of a dataset's folder from its line.
 
     Raises:
@@ -36,7 +43,7 @@ def frame(folder: Path, whole: Manifest, entry: FrameEntry) -> Frame:
         camera_name=entry.camera,
         camera=whole.cameras[entry.camera],
         pose=entry.pose,
-        files={kind: folder / file.path for kind, file in entry.files.items()},
+        files=files_of(folder, entry),
         instances=whole.names,
         classes=whole.classes,
         time=entry.time,

@@ -14,6 +14,7 @@ from omniscv.arguments import Reader, fields, number, one_of, shown, whole_numbe
 from omniscv.dataset.manifest import check_key
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
+from omniscv.geometry.places import joined
 
 _SHARES = 1e-6  # how far their sum may be off 1
 
@@ -73,31 +74,15 @@ class Split:
         given = given or [""] * len(positions_w)
         free = [i for i, place in enumerate(given) if not place]
         positions = dict.fromkeys(map(tuple, positions_w[free].tolist()))  # many poses may share one
-        joined = dict(zip(positions, _joined(np.array(list(positions)), self.distance_m), strict=True))
+        first = dict(zip(positions, joined(np.array(list(positions)), self.distance_m), strict=True))
         found = list(given)
         for i in free:
-            found[i] = ",".join(f"{each:.3f}" for each in joined[tuple(positions_w[i].tolist())])
+            found[i] = ",".join(f"{each:.3f}" for each in first[tuple(positions_w[i].tolist())])
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :meth:`read` reads."""
         return {**self.shares, "by": "place", "distance_m": self.distance_m, "seed": self.seed}
-
-
-def _joined(positions_w: Array, distance_m: float) -> Array:
-    """For each position, the first one that steps of at most a distance join it to."""
-    from scipy.spatial import cKDTree
-
-    first = [-1] * len(positions_w)
-    tree = cKDTree(positions_w) if first else None
-    for i in range(len(first)):
-        reached = [i] if first[i] < 0 else []
-        while tree is not None and reached:
-            for near in tree.query_ball_point(positions_w[reached.pop()], distance_m):
-                if first[near] < 0:
-                    first[near] = i
-                    reached.append(near)
-    return positions_w[first]
 
 
 _OPTIONS: dict[str, Reader] = {

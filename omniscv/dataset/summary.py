@@ -6,26 +6,29 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from omniscv import storage
 from omniscv.dataset import manifest
+from omniscv.storage import Folder
 
 
-def info(out: str | Path) -> dict[str, Any]:
+def info(out: str | Path | Folder) -> dict[str, Any]:
     """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind of file.
 
     Raises:
         ArgumentError: no dataset is there.
         DatasetError: its manifest is damaged.
     """
-    folder = Path(out)
+    folder = storage.folder(out)
     whole = manifest.read(folder)
-    complete = (folder / manifest.FRAMES).is_file()
+    there = set(folder.names())
+    complete = manifest.FRAMES in there
     entries = manifest.read_frames(folder) if complete else []
     sizes: Counter[str] = Counter()
     missing: Counter[str] = Counter()
     for entry in entries:
         for kind, file in entry.files.items():
             sizes[kind] += file.bytes
-            missing[kind] += not (folder / file.path).is_file()
+            missing[kind] += file.path not in there
     classes = whole.classes
     objects = Counter() if classes is None else Counter(classes.of_object.values())
     return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from io import BytesIO
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import storage
 from omniscv.arguments import number, whole_number
 from omniscv.dataset import photo_sphere, spherical_video
 from omniscv.dataset.frames import Frame
@@ -21,17 +21,17 @@ from omniscv.errors import ArgumentError
 
 def write_video(
     frames: Sequence[Frame],
-    path: Path,
+    path: str | Path,
     *,
     rate: float = 30.0,
     quality: int = 18,
     progress: Callable[[int, int], None] | None = None,
-) -> Path:
+) -> str | Path:
     """Write the colour of frames as an H.264 video in an MP4 file; players show panoramas as spheres.
 
     Args:
         frames: in their order, of one camera.
-        path: the file; it appears when it is complete.
+        path: the file, or its URL; it appears when it is complete.
         rate: frames a second.
         quality: the constant rate factor of H.264: 0 lossless of its YUV 4:2:0, 51 worst.
         progress: called with (frames done, frames in all).
@@ -56,13 +56,8 @@ def write_video(
     data = _encoded(frames, rate, quality, progress)
     if photo_sphere.refuses(camera) is None:
         data = spherical_video.tagged(data)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(data)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    place = storage.file_at(path)
+    place.folder.put(place.name, data)
     return path
 
 

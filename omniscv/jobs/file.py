@@ -41,7 +41,7 @@ from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 from omniscv.sources.world import Freeze
-from omniscv.storage import is_url
+from omniscv.storage import is_url, without_secrets
 
 
 def load(path: Path) -> Job:
@@ -128,6 +128,9 @@ def _source_options(name: str, value: object) -> dict[str, Any]:
 
 
 def _record(name: str, value: object) -> str | None:
+    if is_url(value):
+        wanted = "expected a path on this machine, to be put into a store by 'omniscv captures merge'"
+        raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
     return None if value is None else text(name, value)
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import chain
-from pathlib import Path
 
 from omniscv import storage
 from omniscv.dataset import exporting, manifest, reading
 from omniscv.dataset import parts as marked
 from omniscv.dataset.manifest import FrameEntry
-from omniscv.dataset.stored import alone, workplace
+from omniscv.dataset.stored import alone
 from omniscv.errors import DatasetError
 from omniscv.jobs.job import Job
 from omniscv.jobs.parts import parts
@@ -69,16 +68,4 @@ def _export(job: Job, folder: Folder) -> None:
         return
     frames = reading.open(job.out)
     for each in job.recipe.exports:
-        with workplace(folder) as place:
-            written = exporting.write(each, frames, place)
-            if folder.local is None:
-                _put(folder, place, f"{exporting.EXPORTS}/{each.folder}/", written)
-
-
-def _put(folder: Folder, place: Path, start: str, paths: Sequence[Path]) -> None:
-    """Put files below a place into a folder, in place of those whose names start so."""
-    names = [path.relative_to(place).as_posix() for path in paths]
-    for name, path in zip(names, paths, strict=True):
-        folder.put(name, path)
-    for stale in sorted(set(folder.names(start)) - set(names)):
-        folder.remove(stale)
+        exporting.write(each, frames, folder)

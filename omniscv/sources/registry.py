@@ -14,6 +14,7 @@ from pkgutil import resolve_name
 from typing import Any, TypedDict, Unpack
 from urllib.parse import parse_qsl
 
+from omniscv import storage
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.sources.base import Capabilities, Source
@@ -27,6 +28,7 @@ _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _HOST_AND_PORT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:]+\]):\d+")
 
 _UNREAL = "omniscv.sources.unreal.opening"
+_RECORDING = "omniscv.sources.recording.replay:open_recording"
 _openers: dict[str, Opener | str] = {
     "unreal": f"{_UNREAL}:open_unreal",
     "unreal+unix": f"{_UNREAL}:open_unreal",
@@ -34,6 +36,7 @@ _openers: dict[str, Opener | str] = {
     "mock": f"{_UNREAL}:open_mock",
     "scene": "omniscv.sources.scene:open_scene",
     "blender": "omniscv.sources.blender.opening:open_blender",
+    **dict.fromkeys(storage.SCHEMES, _RECORDING),
 }
 """By scheme; ``module:function`` is imported when the scheme is first opened."""
 
@@ -105,13 +108,15 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
             options behind a question mark (``mock://four-wall?latency_ms=5&depth=float32``;
             ``dialect=0.3.10&size=512x512``; ``fault=delay=0.2@0.05``, repeatable, and their ``seed``);
             ``scene://four-wall``, a scene traced in this process; ``blender://SCENE.blend?samples=64``, a
-            scene that Blender renders; an address of a registered scheme; the path of a recording.
+            scene that Blender renders; an address of a registered scheme; the path of a recording, or its URL
+            in a store, ``s3://bucket/room.sqlite``, from which it is fetched once into the local cache.
         options: see :class:`SourceOptions`.
 
     Raises:
         ArgumentError: an address of another form, or an option that the source does not take.
         SourceError: no server reachable at the address, or the package of a scheme cannot be imported.
         RecordingError: the file is not there, or is no recording.
+        StorageError: it cannot be fetched.
     """
     if not isinstance(uri, str | Path) or not str(uri):
         raise ArgumentError(f"source: expected an address or the path of a recording, got {shown(uri)}")
@@ -121,7 +126,7 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         if _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
             wanted = f"expected an address or a recording, got {shown(text)}"
             raise ArgumentError(f"source: {wanted}; write unreal://{text}")
-        opener: Opener = resolve_name("omniscv.sources.recording.replay:open_recording")
+        opener: Opener = resolve_name(_RECORDING)
     else:
         opener = _opener(scheme, text)
     try:
@@ -130,7 +135,8 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         known = list(inspect.signature(opener).parameters)[1:]
         wanted = f"options among {', '.join(known)}" if known else "no options"
         given = ", ".join(sorted(options))
-        raise ArgumentError(f"options: expected {wanted} for {shown(text)}, got {given}") from None
+        place = shown(storage.without_secrets(text) if opener is resolve_name(_RECORDING) else text)
+        raise ArgumentError(f"options: expected {wanted} for {place}, got {given}") from None
     source = opener(text, **options)
     if not isinstance(source, Source):
         raise ArgumentError(
@@ -216,6 +222,9 @@ def _opener(scheme: str, address: str) -> Opener:
                 wanted = f"expected the entry point {entry.value!r} to be importable"
                 raise SourceError(f"{address}: {wanted}, got: {cause}") from cause
     if found is None:
-        forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in schemes())
-        raise ArgumentError(f"source: expected {forms} or the path of a recording; got {shown(address)}")
+        others = (each for each in schemes() if each not in storage.SCHEMES)
+        forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in others)
+        raise ArgumentError(
+            f"source: expected {forms} or the path or URL of a recording; got {shown(address)}"
+        )
     return resolve_name(found) if isinstance(found, str) else found

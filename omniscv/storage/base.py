@@ -69,6 +69,10 @@ class Folder(ABC):
         """
 
     @abstractmethod
+    def copy(self, name: str, path: Path) -> None:
+        """Write the bytes of a file to a local path; MissingFileError where there is none."""
+
+    @abstractmethod
     def below(self, name: str) -> Folder:
         """Return an inner folder, whether it is there or not."""
 

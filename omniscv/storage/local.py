@@ -81,6 +81,11 @@ class LocalFolder(Folder):
             raise MissingFileError(f"{path}: expected a file, it is missing")
         return path
 
+    def copy(self, name: str, path: Path) -> None:
+        """Write the bytes of a file to a local path."""
+        with in_one_line(place := self.path / checked(name)):
+            shutil.copyfile(place, path)
+
     def below(self, name: str) -> LocalFolder:
         """Return an inner folder."""
         return LocalFolder(self.path / checked(name))

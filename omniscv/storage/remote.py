@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import time
 from collections.abc import Callable
@@ -42,6 +43,9 @@ class RemoteFolder(Folder):
 
     def __repr__(self) -> str:
         return f"RemoteFolder({str(self)!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"url": self.url}
 
     @property
     def local(self) -> None:
@@ -104,7 +108,7 @@ class RemoteFolder(Folder):
         """Return a copy in the local cache, which is compared with its checksum at every call."""
 
         def download(place: Path) -> None:
-            self._tried(name, lambda: self._call(name, "get_file", str(place)))
+            self.copy(name, place)
 
         if checksum:
             return cache.by_checksum(f"{self}/{name}", checked(name), checksum, download)
@@ -114,6 +118,10 @@ class RemoteFolder(Folder):
         version = repr(sorted((str(key), str(value)) for key, value in info.items()))
         return cache.by_version(f"{self.url}/{name}", version, download)
 
+    def copy(self, name: str, path: Path) -> None:
+        """Write the bytes of a file to a local path."""
+        self._tried(name, lambda: self._call(name, "get_file", str(path)))
+
     def below(self, name: str) -> RemoteFolder:
         """Return an inner folder."""
         return RemoteFolder(f"{self.url.rstrip('/')}/{checked(name)}")
@@ -122,7 +130,14 @@ class RemoteFolder(Folder):
         return cast(BinaryIO, self._tried(name, lambda: self._call(name, "open", "rb")))
 
     def _opened(self, name: str) -> tuple[Any, str]:
-        """The file system, one for each process and thread, and the path in it of a name."""
+        """The file system, and the path in it of a name."""
+        fs, root, process = self.__dict__.get("_held", (None, "", 0))
+        if process != os.getpid():  # a file system does not survive a fork
+            fs, root = self._file_system()
+            self.__dict__["_held"] = fs, root, os.getpid()
+        return fs, f"{root.rstrip('/')}/{checked(name)}" if name else root
+
+    def _file_system(self) -> tuple[Any, str]:
         try:
             from fsspec.core import url_to_fs
 
@@ -134,7 +149,7 @@ class RemoteFolder(Folder):
             raise ArgumentError(
                 f"{self}: expected the URL of a store, got: {without_secrets(cause)}"
             ) from cause
-        return fs, f"{root.rstrip('/')}/{checked(name)}" if name else str(root)
+        return fs, str(root)
 
     def _call(self, name: str, operation: str, *values: Any, **options: Any) -> Any:
         fs, path = self._opened(checked(name))

@@ -7,23 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.stores import BUCKET, FailingStore, failing_store, s3_server
+from support.stores import BUCKET, FailingStore, failing_store
 
 from omniscv import storage
 from omniscv.errors import ArgumentError, MissingFileError, StorageError
 from omniscv.storage import Folder
-
-
-@pytest.fixture(scope="module")
-def s3():
-    with s3_server() as client:
-        yield client
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
 
 
 @pytest.fixture(params=["path", "file", "memory", "s3", "failing"])

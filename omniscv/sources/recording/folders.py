@@ -2,13 +2,12 @@
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from omniscv import modalities
+from omniscv import modalities, storage
 from omniscv.arguments import number, numbers, shown, whole_number, within
 from omniscv.errors import (
     ArgumentError,
@@ -22,8 +21,8 @@ from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
+from omniscv.sources.recording.adding import opened_whole
 from omniscv.sources.recording.object_tables import labelled_modes
-from omniscv.sources.recording.replacing import kind_of, part_of, place_of, publish_new
 from omniscv.sources.recording.rows import (
     DEFAULT_TOLERANCE,
     Row,
@@ -50,7 +49,7 @@ def export(path: Path | str, folder: Path | str) -> int:
     """Write a recording as a folder, the payloads byte for byte; return the number of captures.
 
     Args:
-        path: the recording.
+        path: path or URL of the recording.
         folder: created if there is none; must be empty.
 
     Raises:
@@ -61,7 +60,7 @@ def export(path: Path | str, folder: Path | str) -> int:
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ArgumentError(f"{folder}: expected an empty or new folder, but it holds something")
-    with closing(Store(path)) as store:
+    with closing(Store(storage.fetch_file(path))) as store:
         store.listing()  # checks that none is lost
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -113,7 +112,7 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
         masks = masks or capture.mode in labelled_modes()
         scenes.add(scene_in(capture.provenance))
     scene, geometry, states = _scene(folder) or the_scene(scenes), _geometry(folder), _states(folder)
-    with _opened(path) as store, store.transaction():
+    with opened_whole(path) as store:
         store.set_scene(scene)
         given, known = bool(objects.colors), bool(store.objects().colors)
         if (masks and known and not given) or (store.has_masks() and given and not known):
@@ -128,22 +127,6 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
         for entry in entries:
             store.add(_read_entry(folder, *entry))
     return len(entries)
-
-
-@contextmanager
-def _opened(path: Path | str) -> Iterator[Store]:
-    """A recording to add to: the one that is there, or a new one, which appears when all is well."""
-    place = place_of(path)
-    if kind_of(place) and place.stat().st_size:
-        with closing(Store(path, write=True)) as store:
-            yield store
-        return
-    with part_of(place) as part:
-        with closing(Store(part, write=True)) as store:
-            yield store
-        if not publish_new(part, place):
-            wanted = "expected a new file, but another recorder has just created one"
-            raise RecordingNotWritableError(f"{path}: {wanted}; import again to add to it")
 
 
 def _read_entry(folder: Path, number: int, entry: Any) -> Capture:

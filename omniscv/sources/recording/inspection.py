@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
 from omniscv.sources.recording.rows import Row, object_from_json, view_from_json
@@ -51,7 +52,7 @@ class Info:
 
 def info(path: Path | str) -> Info:
     """What a recording holds, without its pixels; RecordingError if it cannot be read."""
-    with closing(Store(path)) as store:
+    with closing(Store(storage.fetch_file(path))) as store:
         rows = store.listing()
         views = [view_from_json(row.captured) for row in rows]
         origins = [object_from_json(row.provenance) for row in rows]
@@ -61,7 +62,7 @@ def info(path: Path | str) -> Info:
             return sorted({str(each[key]) for each in origins if key in each})
 
         return Info(
-            file=str(store.path),
+            file=storage.without_secrets(path),
             bytes=store.path.stat().st_size,
             schema_version=store.version,
             captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
@@ -111,7 +112,8 @@ def verify(path: Path | str) -> Verification:
     Raises:
         RecordingError: the file cannot be read, or has other tables than a recording.
     """
-    with closing(Store(path)) as store:
+    shown = storage.without_secrets(path)
+    with closing(Store(storage.fetch_file(path))) as store:
         faults = store.structural_faults()
 
         def check(what: Callable[[], object]) -> None:
@@ -128,7 +130,7 @@ def verify(path: Path | str) -> Verification:
         for row in store.rows():
             captures += 1
             check(row.capture)
-        return Verification(str(store.path), captures, [f"{store.path}: {fault}" for fault in faults])
+        return Verification(shown, captures, [f"{shown}: {fault}" for fault in faults])
 
 
 def _iso(seconds: float | None) -> str:

@@ -10,6 +10,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from omniscv import storage
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, RecordingNotWritableError
 from omniscv.sources.recording.logs import remove_logs, sync_folder
@@ -37,7 +38,11 @@ def place_of(path: Path | str) -> Path:
 
 
 def followed(path: Path | str) -> Path:
-    """Return a path with links followed; ArgumentError for a text that is no path."""
+    """Return a path with links followed; ArgumentError for a text that is no path on this machine."""
+    if storage.is_url(path):
+        wanted = "expected a path on this machine"
+        advice = "record there, and put it into the store by 'omniscv captures merge'"
+        raise ArgumentError(f"recording: {wanted}, got {storage.without_secrets(path)}; {advice}")
     try:
         return Path(os.path.realpath(path))
     except ValueError as cause:  # it has a NUL

@@ -6,7 +6,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omniscv import modalities
+from omniscv import modalities, storage
 from omniscv.arguments import shown
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Pose
@@ -42,7 +42,7 @@ class RecordedSource(Source):
     """Replays a recording, without any network.
 
     Args:
-        path: the file.
+        path: the file, or its URL: it is then fetched once into the local cache.
         state: of the world, in which images are planned; requests of any other are replayed too. If no
             capture is of the still world, the state that was found where none was to be set.
 
@@ -51,7 +51,10 @@ class RecordedSource(Source):
     """
 
     def __init__(self, path: Path | str, state: str = "") -> None:
-        self._store, self._state, self._owner = Store(path), state, True
+        # Of a URL, and not of the copy, so that it may be opened on another machine:
+        self._where = path if storage.is_url(path) else Path(path).absolute()
+        self._store, self._state, self._owner = Store(storage.fetch_file(path)), state, True
+        self._shown = storage.without_secrets(path)
         modes: dict[str, dict[View, set[str]]] = defaultdict(lambda: defaultdict(set))
         for row in self._store.listing():
             modes[row.state][view_from_json(row.asked)].add(row.mode_name)
@@ -138,7 +141,7 @@ class RecordedSource(Source):
             self._store.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return RecordedSource, (self._store.path.absolute(), self._state)
+        return RecordedSource, (self._where, self._state)
 
     @property
     def _held(self) -> RecordedState:
@@ -148,12 +151,12 @@ class RecordedSource(Source):
         if state and state not in self._views:
             wanted = f"expected captures of the world in state {shown(state)}"
             held = states_in_words(self._views)
-            raise MissingCaptureError(f"{self._store.path}: {wanted}, the recording holds {held}")
+            raise MissingCaptureError(f"{self._shown}: {wanted}, the recording holds {held}")
 
     def _replayed(self, request: Request) -> Capture:
         if capture := self._store.get(request):
             return capture
-        raise MissingCaptureError(f"{self._store.path}: {self._explain(request)}")
+        raise MissingCaptureError(f"{self._shown}: {self._explain(request)}")
 
     def _explain(self, request: Request) -> str:
         """What is not there, and what is."""
@@ -171,7 +174,7 @@ class RecordedSource(Source):
 
 
 open_recording = RecordedSource
-"""The opener of :mod:`omniscv.sources.registry` for addresses without a scheme."""
+"""The opener of :mod:`omniscv.sources.registry` for addresses without a scheme, and with that of a store."""
 
 
 def sharing(source: S, **changes: object) -> S:

@@ -111,13 +111,18 @@ class Row(NamedTuple):
 
     def capture(self) -> Capture:
         """The capture, checked and decoded; DamagedRecordingError if a value is not what was recorded."""
-        crc = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
         request, view, provenance = self.description()
+        self.check_payload()
+        with self._named():
+            pixels = decode(self.payload, self.encoding, request.mode, view)
+        return Capture(request, view, pixels, provenance, self.payload, self.encoding)
+
+    def check_payload(self) -> None:
+        """Raise DamagedRecordingError if the payload is not what was recorded."""
+        crc = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
         with self._named():
             if crc != self.payload_checksum:
                 raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
-            pixels = decode(self.payload, self.encoding, request.mode, view)
-        return Capture(request, view, pixels, provenance, self.payload, self.encoding)
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:

@@ -4,7 +4,7 @@ Each capture is a transaction: whatever kills the process, a capture is in the f
 a killed process left half-written is undone from the journal beside the file when it is next opened.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any, NoReturn
 
@@ -64,15 +64,22 @@ class Store(Database):
                 raise DamagedRecordingError(f"{wanted}, got {found.captures}, or others")
         return rows
 
-    def rows(self, *, payload: bool = True) -> Iterator[Row]:
-        """Every capture as stored, unchecked, in the order of recording; without its payload if so wanted."""
+    def rows(self, numbers: Iterable[int] | None = None, *, payload: bool = True) -> Iterator[Row]:
+        """Every capture as stored, unchecked, in the order of recording; without its payload if so wanted.
+
+        Args:
+            numbers: of those that are wanted, in their order; all if not given.
+            payload: whether it is read.
+        """
         if not payload:
             yield from self._rows()
             return
-        most = schema.most_captures(self._place)
-        numbers = self._query(f"SELECT rowid FROM capture ORDER BY rowid LIMIT {most}")
+        if numbers is None:
+            most = schema.most_captures(self._place)
+            every = self._query(f"SELECT rowid FROM capture ORDER BY rowid LIMIT {most}")
+            numbers = (number for (number,) in every)
         for number in dict.fromkeys(numbers):
-            found = self._query(f"SELECT {_COLUMNS[self.version]} FROM capture WHERE rowid = ?", *number)
+            found = self._query(f"SELECT {_COLUMNS[self.version]} FROM capture WHERE rowid = ?", number)
             yield from map(Row._make, found)
 
     def holds(self, request: Request) -> bool:
@@ -81,13 +88,21 @@ class Store(Database):
 
     def get(self, request: Request) -> Capture | None:
         """The capture of a request, None if there is none; DamagedRecordingError as :meth:`Row.capture`."""
+        row = self.get_row(request)
+        if row is None:
+            return None
+        with self._named(ADVICE):
+            return replace(row.capture(), request=request)
+
+    def get_row(self, request: Request) -> Row | None:
+        """The capture of a request as it is stored, all but its payload checked; None if there is none."""
         found = self._find(_COLUMNS[self.version], request)
         if not found:
             return None
         with self._named(ADVICE):
             row = Row._make(found[0])
             row.check(self._recording_id())
-            return replace(row.capture(), request=request)
+            return row
 
     def add(self, capture: Capture) -> None:
         """Write a capture, in place of an earlier one of the same request.
@@ -98,12 +113,21 @@ class Store(Database):
             RecordingNotWritableError: the disk is full, the capture is too large, or the file cannot be
                 written.
         """
+        self.add_row(Row.of(capture, 1, ""), capture.request)
+
+    def add_row(self, row: Row, request: Request) -> None:
+        """Write a capture as it is stored, of this or another recording, in place of an earlier one.
+
+        Raises:
+            RecordingNotWritableError: as :meth:`add`.
+        """
         with self.transaction() as database:
             assert self._head is not None  # there is a transaction
-            known = keys(capture.request)
+            known = keys(request)
             where = f"FROM capture WHERE key IN ({', '.join('?' * len(known))})"
             (number,) = database.execute("SELECT coalesce(max(number), 0) + 1 FROM capture").fetchone()
-            row = Row.of(capture, number, self._head.id)
+            row = row._replace(number=number)
+            row = row._replace(checksum=row.own_checksum(self._head.id))
             if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
                 wanted = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
                 raise RecordingNotWritableError(f"{self.path}: {wanted}, got {len(row.payload)}")

@@ -1,0 +1,230 @@
+"""Recordings joined and divided: every capture stays as it was recorded, byte for byte."""
+
+import shutil
+from contextlib import closing
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+from support.recorder import SMALL, STATES
+from support.recorder import requests as requests_in
+from support.recordings import contents, downgrade, provenances
+
+import omniscv
+from omniscv.errors import ArgumentError, DamagedRecordingError, OmniscvError, RecordingError
+from omniscv.geometry import R_LEVEL
+from omniscv.sources.recording import merge, part_file, part_files, split
+from omniscv.sources.recording.inspection import info, verify
+from omniscv.sources.recording.store import Store
+
+REQUESTS = [
+    *face_requests(size=16, modes=("lit", "object_mask", "depth")),
+    *face_requests(size=16, modes=("lit", "depth"), center=(1.5, 0.2, 1.4)),
+]
+CAMERA = omniscv.cameras.create("equirectangular", width=32, height=16)
+PLACES = ((0.0, 0.0, 1.5), (1.5, 0.2, 1.4))
+
+
+def record(path, requests, address="scene://four-wall"):
+    with omniscv.record(omniscv.open_source(address), path) as source:
+        list(source.capture(requests))
+    return path
+
+
+def record_states(path, states):
+    with omniscv.open_source("scene://workshop") as scene, omniscv.record(scene, path) as source:
+        for instant in states:
+            list(source.at(instant).capture(requests_in(SMALL, instant.state)[5:25:6]))
+    return path
+
+
+def known(path):
+    """All that a replay can show, of shapes and states too."""
+    with closing(Store(path)) as store:
+        states = {name: each.instant and each.instant.to_dict() for name, each in store.states().items()}
+        return *contents(path), store.geometry().to_dict(), store.scene_identity, states, store.version
+
+
+def rendered(path):
+    with omniscv.open_source(path) as source:
+        image = omniscv.render(
+            CAMERA, omniscv.Pose(PLACES[0], R_LEVEL), source, ("lit", "depth"), face_size=16
+        )
+    return image.lit.tobytes(), image.depth.tobytes()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("whole") / "room.sqlite", REQUESTS)
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(range(1, 200), marks=pytest.mark.soak)])
+def test_any_division_merges_into_what_one_recorder_writes(whole, tmp_path, seed):
+    for each in np.atleast_1d(seed):
+        draw = np.random.default_rng(each)
+        folder = tmp_path / str(each)
+        folder.mkdir()
+        check_division(whole, folder, draw.integers(0, 3, len(REQUESTS)), draw.permutation(3))
+
+
+def check_division(whole, folder, owners, order):
+    files = part_files(folder / "room.sqlite", 3)
+    for part, file in enumerate(files):
+        record(file, [each for each, owner in zip(REQUESTS, owners, strict=True) if owner == part])
+    out = folder / "room.sqlite"
+    assert merge(out, [files[part] for part in order]) == len(REQUESTS)
+    assert known(out) == known(whole)
+    assert sorted(map(str, provenances(out))) == sorted(map(str, provenances(whole)))
+    assert verify(out).ok
+    assert rendered(out) == rendered(whole)
+    assert merge(out, files) == 0  # what is there stays, and nothing comes twice
+    assert known(out) == known(whole)
+
+
+def test_states_and_versions_merge(tmp_path):
+    """Files of version 2, 3 and 4 become the least version that holds all of them."""
+    first = record_states(tmp_path / "first.sqlite", STATES[:2])
+    second = record_states(tmp_path / "second.sqlite", STATES[1:])
+    whole = record_states(tmp_path / "whole.sqlite", STATES)
+    out = tmp_path / "out.sqlite"
+    merge(out, [first, second])
+    assert known(out) == known(whole)
+    versions = []
+    for modes in (("lit",), ("object_mask",)):
+        path = record(tmp_path / f"{modes[0]}.sqlite", face_requests(size=16, modes=modes))
+        versions.append(info(path).schema_version)
+    assert versions == [2, 3]
+    out = tmp_path / "both.sqlite"
+    merge(out, [tmp_path / "lit.sqlite"])
+    assert info(out).schema_version == 2
+    merge(out, [tmp_path / "object_mask.sqlite"])
+    assert info(out).schema_version == 3
+
+
+def test_a_file_of_version_1_is_merged(whole, tmp_path):
+    downgrade(whole, tmp_path / "old.sqlite")
+    out = tmp_path / "out.sqlite"
+    merge(out, [tmp_path / "old.sqlite"])
+    assert contents(out) == contents(whole)
+    assert verify(out).ok
+
+
+def _other_scene(path):
+    record(path, REQUESTS[:2], "scene://six-wall")
+    return "expected captures of the scene 'four-wall'.*, got 'six-wall'"
+
+
+def _other_dialect(path):
+    record(path, REQUESTS[:2], "mock://four-wall")
+    return "expected captures of dialect 'scene', as in those before, got '"
+
+
+def _other_bytes(path):
+    with closing(Store(path, write=True)) as store:
+        with omniscv.open_source("scene://four-wall") as scene:
+            capture = next(scene.capture(REQUESTS[-2:-1]))
+        capture.pixels.flags.writeable = True
+        store.add(omniscv.sources.Capture(capture.request, capture.view, np.full_like(capture.pixels, 7)))
+    return "expected the bytes that were recorded before of .* at .*; got others"
+
+
+def _other_objects(path):
+    with omniscv.open_source("scene://four-wall") as scene, closing(Store(path, write=True)) as store:
+        table = scene.objects()
+        first, second, *_ = table.names()
+        colors = {**table.colors, first: table.colors[second], second: table.colors[first]}
+        store.set_objects(type(table)(colors, table.tolerance))
+        capture = next(scene.capture([each for each in REQUESTS if each.mode == "object_mask"][:1]))
+        store.add(capture)
+    return "expected the mask colours of those before, but "
+
+
+def _damaged(path):
+    with closing(Store(path, write=True)) as store, omniscv.open_source("scene://four-wall") as scene:
+        store.add(next(scene.capture(REQUESTS[:1])))
+        row = next(iter(store.rows()))
+    data = path.read_bytes()
+    place = data.index(row.payload[:40]) + 30
+    path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+    return "expected checksum "
+
+
+def _nothing(path):
+    path.write_bytes(b"no recording at all, but a text" * 100)
+    return "expected a recording, got "
+
+
+@pytest.mark.parametrize(
+    "make", [_other_scene, _other_dialect, _other_bytes, _other_objects, _damaged, _nothing]
+)
+def test_what_does_not_belong_is_refused_and_changes_nothing(make, whole, tmp_path):
+    says = make(strange := tmp_path / "strange.sqlite")
+    new, there = tmp_path / "new.sqlite", tmp_path / "there.sqlite"
+    shutil.copyfile(whole, there)
+    for out in (new, there):
+        with pytest.raises(RecordingError, match=says) as raised:
+            merge(out, [whole, strange])
+        assert str(strange) in str(raised.value)
+        assert len(str(raised.value)) <= 300
+    assert known(there) == known(whole)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["strange.sqlite", "there.sqlite"]
+
+
+def test_lost_captures_are_refused(whole, tmp_path):
+    import sqlite3
+
+    lost = tmp_path / "lost.sqlite"
+    shutil.copyfile(whole, lost)
+    with closing(sqlite3.connect(lost)) as database, database:
+        database.execute("DELETE FROM capture WHERE number = 3")
+    with pytest.raises(DamagedRecordingError, match=r"lost\.sqlite: expected 30 captures as recorded"):
+        merge(tmp_path / "out.sqlite", [lost])
+
+
+def test_wrong_arguments(whole, tmp_path):
+    for out, files in ((tmp_path / "out.sqlite", []), (whole, [whole])):
+        with pytest.raises(ArgumentError, match="files: expected recordings"):
+            merge(out, files)
+    with pytest.raises(OmniscvError, match="nothing there"):
+        merge(tmp_path / "out.sqlite", [tmp_path / "missing.sqlite"])
+
+
+def test_each_place_replays_alone(whole, tmp_path):
+    made = split(whole, tmp_path / "places")
+    names = [name for name, _ in made]
+    assert names == ["room.0.000,0.000,1.500.sqlite", "room.1.500,0.200,1.400.sqlite"]
+    assert [count for _, count in made] == [18, 12]
+    assert sorted(each.name for each in (tmp_path / "places").iterdir()) == names
+    for name, place in zip(names, PLACES, strict=True):
+        assert verify(tmp_path / "places" / name).ok
+        shown = []
+        for path in (whole, tmp_path / "places" / name):
+            with omniscv.open_source(path) as source:
+                image = omniscv.render(
+                    CAMERA, omniscv.Pose(place, R_LEVEL), source, ("lit", "depth"), face_size=16
+                )
+                shown.append((image.lit.tobytes(), image.depth.tobytes(), source.objects()))
+        assert shown[0] == shown[1]
+    merge(tmp_path / "again.sqlite", [tmp_path / "places" / name for name in names])
+    assert known(tmp_path / "again.sqlite") == known(whole)
+    with pytest.raises(ArgumentError, match="expected an empty or new folder"):
+        split(whole, tmp_path / "places")
+
+
+def test_near_places_are_one(whole, tmp_path):
+    assert split(whole, tmp_path / "far", distance_m=2.0) == [("room.0.000,0.000,1.500.sqlite", 30)]
+    assert contents(tmp_path / "far" / "room.0.000,0.000,1.500.sqlite") == contents(whole)
+
+
+def test_states_stay_with_their_place(tmp_path):
+    moving = record_states(tmp_path / "moving.sqlite", STATES)
+    ((name, _),) = split(moving, tmp_path / "places")
+    assert known(tmp_path / "places" / name) == known(moving)
+
+
+def test_names_of_parts():
+    assert part_file("s3://bucket/rooms/room.sqlite", 0, 2) == "s3://bucket/rooms/room.part-0-of-2.sqlite"
+    assert part_files("a.b/room", 2) == ["a.b/room.part-0-of-2", "a.b/room.part-1-of-2"]
+    for index, count in ((2, 2), (-1, 2), (0, 0)):
+        with pytest.raises(ArgumentError, match="part: expected a whole number"):
+            part_file("room.sqlite", index, count)

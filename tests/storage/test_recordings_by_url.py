@@ -1,0 +1,90 @@
+"""Recordings in an object store: read by URL, joined there, divided there."""
+
+import pickle
+
+import pytest
+from support.faces import face_requests
+from support.recordings import contents
+from support.stores import BUCKET, failing_store
+
+import omniscv
+from omniscv import cli, storage
+from omniscv.errors import ArgumentError, MissingFileError, NotARecordingError
+from omniscv.sources.recording import merge, split
+from omniscv.sources.recording.inspection import info, verify
+
+REQUESTS = face_requests(size=16, modes=("lit", "depth"))
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    path = tmp_path_factory.mktemp("room") / "room.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        list(source.capture(REQUESTS))
+    return path
+
+
+@pytest.fixture
+def url(s3, room, tmp_path):
+    s3.upload_file(str(room), BUCKET, f"{tmp_path.name}/room.sqlite")  # by another program
+    return f"s3://{BUCKET}/{tmp_path.name}/room.sqlite"
+
+
+def replayed(source):
+    return [capture.payload for capture in source.capture(REQUESTS)]
+
+
+def test_a_recording_on_s3_replays_as_its_file_does(url, room, cache, s3):
+    with omniscv.open_source(room) as local, omniscv.open_source(url) as source:
+        assert replayed(source) == replayed(local)
+        with pickle.loads(pickle.dumps(source)) as again:  # noqa: S301
+            assert replayed(again) == replayed(local)
+    copies = list(cache.rglob("room.sqlite"))
+    assert [each.read_bytes() for each in copies] == [room.read_bytes()]
+    copies[0].write_bytes(b"damaged")
+    with omniscv.open_source(url) as source:
+        assert len(replayed(source)) == len(REQUESTS)
+
+
+def test_commands_read_urls(url, room, capsys):
+    assert info(url).captures == info(room).captures
+    assert verify(url).ok
+    assert cli.run(["captures", "verify", url]) == 0
+    assert capsys.readouterr().out == f"{url}: {len(REQUESTS)} captures, all as recorded\n"
+
+
+def test_what_is_wrong_is_one_line_with_the_url(url, room):
+    with pytest.raises(
+        MissingFileError, match=r"^s3://rooms/none/room.sqlite: expected a file, it is missing"
+    ):
+        omniscv.open_source(f"s3://{BUCKET}/none/room.sqlite")
+    with pytest.raises(ArgumentError, match=r"options: expected .* for 's3://") as refused:
+        omniscv.open_source(url.replace("://", "://user:secret@"), timeout_s=1.0)
+    assert "secret" not in str(refused.value)
+    with (
+        omniscv.open_source(url) as source,
+        pytest.raises(omniscv.OmniscvError, match=f"^{url}: expected a lit"),
+    ):
+        list(source.capture(face_requests(size=8, modes=("lit",))))
+    storage.folder("memory://texts").put("a.sqlite", b"a text" * 1000)
+    with pytest.raises(NotARecordingError):
+        omniscv.open_source("memory://texts/a.sqlite")
+
+
+def test_recordings_are_joined_and_divided_in_a_store(room, tmp_path):
+    with failing_store(every=5):
+        storage.folder("failing://parts").put("room.sqlite", room)
+        out = "failing://whole/room.sqlite"
+        assert merge(out, ["failing://parts/room.sqlite"]) == len(REQUESTS)
+        assert merge(out, [room]) == 0
+        ((name, _),) = split(out, "failing://places")
+        for place, file in (("failing://whole", "room.sqlite"), ("failing://places", name)):
+            assert storage.folder(place).names() == [file]
+            assert contents(storage.folder(place).fetch(file)) == contents(room)
+
+
+def test_a_merge_that_fails_leaves_the_store_as_it_was(room):
+    with failing_store():
+        with pytest.raises(NotARecordingError):
+            merge("failing://whole/room.sqlite", [room, __file__])
+        assert storage.folder("failing://whole").names() == []
