@@ -1,7 +1,7 @@
 """The processes of a cluster, forked from one that has imported all they need: to be killed.
 
-Run as a program, it reads lines of JSON, an action of ``ACTIONS`` and its arguments, forks a process for each,
-and prints its id. ``Cluster`` is how tests use it.
+Run as a program, it reads lines of JSON, an action of ``ACTIONS`` and its arguments, forks a process for
+each, and prints its id. ``Cluster`` is how tests use it.
 """
 
 import asyncio
