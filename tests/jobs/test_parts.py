@@ -1,0 +1,138 @@
+"""Parts of a job: pure, exhaustive, without captures that are made twice, and joined into the same bytes."""
+
+from collections import Counter
+from dataclasses import replace
+from itertools import groupby, pairwise
+from typing import ClassVar
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.datasets import job_file, made, tree
+
+import omniscv
+from omniscv import dataset, jobs
+from omniscv.errors import ArgumentError, DatasetError
+from omniscv.geometry import Pose
+from omniscv.jobs import Part
+from omniscv.sources.base import SourceWrapper
+from omniscv.sources.recording import part_files
+from omniscv.sources.recording.inspection import info
+from omniscv.sources.registry import open_source
+
+
+class Counted(SourceWrapper):
+    """The room, and how often each request was made of it."""
+
+    requests: ClassVar = Counter()
+
+    def capture(self, requests):
+        for capture in super().capture(requests):
+            Counted.requests[capture.request] += 1
+            yield capture
+
+
+@pytest.fixture
+def counted():
+    omniscv.sources.register("counted", lambda address: Counted(open_source("scene://four-wall")))
+    Counted.requests.clear()
+    return Counted.requests
+
+
+def job_of(folder, **fields):
+    """Two cameras at five poses, at three positions."""
+    first, second, third = (0, 0, 1.5), (0.5, 0.2, 1.5), (-1, 0.5, 1)
+    turns = ((first, 0), (second, 40), (second, 130), (third, 0), (third, 90))
+    poses = tuple(Pose.from_angles(position, yaw_deg=yaw) for position, yaw in turns)
+    known = {"times": (0.0, 0.5, 0.6, 1.0, 2.0), "places": ("middle", "middle", "middle", "corner", "corner")}
+    return replace(jobs.load(job_file(folder, source="counted:room")), poses=poses, **known, **fields)
+
+
+AT = [Pose.from_angles((place, 0, 0)) for place in range(4)]
+
+
+@given(st.lists(st.integers(0, 3), max_size=40), st.integers(1, 50))
+def test_every_pose_is_in_one_part_and_one_position_in_as_few_as_can_hold_it(places, count):
+    poses = [AT[place] for place in places]
+    found = [Part(i, count).poses(poses) for i in range(count)]
+    assert [i for each in found for i in each] == list(range(len(poses)))
+    runs = [len(list(run)) for _, run in groupby(places)]
+    run_of = [length for length in runs for _ in range(length)]
+    for before, after in pairwise(each for each in found if each):
+        if places[before[-1]] == places[after[0]]:
+            assert run_of[after[0]] > len(poses) // count  # one part cannot hold it
+    assert all(len(each) <= 2 * -(-len(poses) // count) for each in found)
+
+
+@pytest.mark.parametrize("wrong", [(2, 2), (-1, 2), (0, 0), (0.5, 2)])
+def test_a_part_that_is_none_is_refused(wrong):
+    with pytest.raises(ArgumentError, match=r"part\.(index|count): expected a whole number"):
+        Part(*wrong)
+
+
+def test_parts_capture_what_one_process_captures_and_make_its_bytes(counted, tmp_path):
+    job = job_of(tmp_path)
+    jobs.make(replace(job, out=tmp_path / "single"))
+    single = Counter(counted)
+    wanted = tree(tmp_path / "single")
+    for count, order in ((3, (2, 0, 1)), (7, range(7))):
+        counted.clear()
+        parted = replace(job, out=tmp_path / f"of-{count}")
+        made_of = [jobs.run_part(parted, Part(i, count)) for i in order]
+        assert counted == single, count
+        assert sum(each.written for each in made_of) == len(job)
+        counted.clear()
+        again = [jobs.run_part(parted, Part(i, count)) for i in order]
+        assert sum(each.kept for each in again) == len(job)
+        assert not counted
+        jobs.finish(parted, count)
+        assert tree(parted.out) == wanted, count
+        jobs.finish(parted, count)  # another process was just as late
+        assert tree(parted.out) == wanted, count
+    assert dataset.check(parted.out, deep=True) == []
+
+
+def test_a_marker_is_checked_and_what_is_gone_is_made_again(counted, tmp_path):
+    job = job_of(tmp_path)
+    for i in range(2):
+        jobs.run_part(job, Part(i, 2))
+    jobs.make(replace(job, out=tmp_path / "single"))
+    marker = job.out / "parts" / "1-of-2.json"
+    whole = marker.read_bytes()
+    for damaged in (whole[:-9], whole.replace(b'"split"', b'"split "', 1), b"[]", b""):
+        marker.write_bytes(damaged)
+        with pytest.raises(DatasetError, match="part 1 has none; make it again with --shard 1/2"):
+            jobs.finish(job, 2)
+        counted.clear()
+        assert jobs.run_part(job, Part(1, 2)).written == 0  # its frames are whole
+        assert not counted
+        assert marker.read_bytes() == whole
+    (job.out / "lens-0.depth.exr").unlink()
+    assert jobs.run_part(job, Part(0, 2)).written == 1
+    jobs.finish(job, 2)
+    assert tree(job.out) == tree(tmp_path / "single")
+
+
+def test_a_shard_of_a_complete_dataset_leaves_it_complete(tmp_path):
+    out = made(tmp_path)
+    before = tree(out)
+    job = jobs.load(tmp_path / "dataset.yaml")
+    for shard in ((0, 3), (2, 5)):
+        done = jobs.make(job, shard=shard)
+        assert (done.written, done.missing) == (0, 0)
+        assert tree(out) == before
+    changed = jobs.make(replace(job, source="scene://six-wall"), shard=(0, 3))
+    assert (changed.written, changed.missing) == (2, 4)
+
+
+def test_parts_record_into_files_of_their_own(counted, tmp_path):
+    """Poses at one position share captures in a recording: all parts capture what one process does."""
+    job = job_of(tmp_path, record=tmp_path / "room.sqlite")
+    jobs.make(replace(job, out=tmp_path / "single"))
+    single = Counter(counted)
+    counted.clear()
+    for i in range(3):
+        jobs.run_part(job, Part(i, 3))
+    assert counted == single
+    each = [info(path).captures["lit"] for path in part_files(job.record, 3)]
+    assert sum(each) == info(job.record).captures["lit"]
