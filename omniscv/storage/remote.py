@@ -70,7 +70,11 @@ class RemoteFolder(Folder):
             fs.invalidate_cache()
             return [str(each) for each in fs.find(start)]
 
-        found = [each[len(root.rstrip("/")) :].lstrip("/") for each in self._tried(inner, find)]
+        try:
+            paths = self._tried(inner, find)
+        except MissingFileError:  # some stores have folders
+            return []
+        found = [path[len(root.rstrip("/")) :].lstrip("/") for path in paths]
         shown = (each for each in found if not any(part.startswith(".") for part in each.split("/")))
         return sorted(each for each in shown if each.startswith(prefix))
 
@@ -82,12 +86,16 @@ class RemoteFolder(Folder):
         """Write a file in one request, or in parts that the store joins at the end."""
         if first and self.exists(name):
             return False
+        options = {"mode": "create"} if first and self._writes_once() else {}
         attempts = 0
 
         def write() -> bool:
             nonlocal attempts
             attempts += 1
-            self._write(name, content, "create" if first else "overwrite")
+            if isinstance(content, bytes):
+                self._call(name, "pipe_file", content, **options)
+            else:
+                self._call(name, "put_file", str(content), **options)
             return True
 
         try:
@@ -97,7 +105,7 @@ class RemoteFolder(Folder):
         except FileExistsError:
             # The answer to an attempt that succeeded may have been lost: then the bytes are these.
             return attempts > 1 and self._holds(name, content)
-        return not first or self._writes_once() or self._holds(name, content)
+        return not first or bool(options) or self._holds(name, content)
 
     def remove(self, name: str) -> None:
         """Remove a file, where there is one."""
@@ -156,12 +164,6 @@ class RemoteFolder(Folder):
         order = (values[0], path) if operation == "put_file" else (path, *values)
         return getattr(fs, operation)(*order, **options)
 
-    def _write(self, name: str, content: bytes | Path, mode: str) -> None:
-        if isinstance(content, bytes):
-            self._call(name, "pipe_file", content, mode=mode)
-        else:
-            self._call(name, "put_file", str(content), mode=mode)
-
     def _info(self, name: str) -> dict[str, Any] | None:
         """What the store has of a file; None where there is none.
 
@@ -183,9 +185,9 @@ class RemoteFolder(Folder):
         return self.read(name) == (content if isinstance(content, bytes) else content.read_bytes())
 
     def _writes_once(self) -> bool:
-        """Whether the store refuses in one step to replace a file: S3 by ``If-None-Match``, and Google's."""
+        """Whether the store refuses in one step to replace a file, as S3 does by ``If-None-Match``."""
         protocol = self._opened("")[0].protocol
-        return not {"s3", "gs"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
+        return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
     def _tried(self, name: str, action: Callable[[], T]) -> T:
         """The result of an action, tried again with growing pauses while it fails in a way that may pass.
