@@ -103,7 +103,7 @@ def run(arguments: list[str]) -> int:
     except MemoryError as error:
         code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
     if code == signals.STOPPED:
-        message = "stopped; recorded captures are kept, rerun to resume"
+        message = "stopped; what is complete is kept, rerun to resume"
     if message:
         console.error(message)
     return code

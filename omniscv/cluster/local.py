@@ -47,6 +47,7 @@ class Local:
                 dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
                 resources=RESOURCE,
+                preload=["omniscv.cluster.unstopped"],
             ) as cluster,
             Client(cluster, set_as_default=False) as client,
         ):

@@ -44,14 +44,15 @@ class Address:
     """A scheduler that runs already, such as ``tcp://node7:8786``; it has workers of its own."""
 
     address: str
+    timeout_s: float = 10.0
 
     @contextmanager
     def client(self, sources: Sequence[str]) -> Iterator[Client]:
-        """Connect to it; ClusterError where that fails within 10 s."""
+        """Connect to it; ClusterError where that fails, or workers have no server."""
         from distributed import Client
 
         try:
-            client = Client(self.address, timeout="10s", set_as_default=False)
+            client = Client(self.address, timeout=self.timeout_s, set_as_default=False)
         except (OSError, ValueError) as cause:
             wanted = f"expected a scheduler of Dask at {self.address}"
             raise ClusterError(f"{wanted}, got: {cause}; start it with 'dask scheduler'") from cause

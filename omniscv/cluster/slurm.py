@@ -18,11 +18,13 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from omniscv import yaml_text
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
     from distributed import Client
 
-_SHORTEST_MIN = 10
+_SHORTEST_MIN, _SLOWEST_S = 10, 60.0
 
 
 @dataclass(frozen=True)
@@ -51,15 +53,14 @@ class Slurm:
     walltime_min: int
     options: dict[str, Any]
 
-    def cluster(self, jobs: int = 0) -> SLURMCluster:
-        """Return the cluster, with so many jobs submitted; ``job_script()`` of it is what is submitted.
+    def cluster(self) -> SLURMCluster:
+        """Return the cluster, without jobs as yet: ``job_script()`` is what is submitted.
 
-        A worker leaves when nine tenths of its time are over, or up to a twentieth earlier, so that not all
+        A worker leaves when 17 twentieths of its time are over, give or take a twentieth, so that not all
         leave at once: the parts that it has are then made by others.
 
         Raises:
             ArgumentError: the package is missing.
-            ClusterError: SLURM takes no job.
         """
         try:
             from dask_jobqueue import SLURMCluster
@@ -67,17 +68,13 @@ class Slurm:
             wanted = "expected dask-jobqueue: pip install 'omniscv[cluster]'"
             raise ArgumentError(f"--cluster slurm: {wanted}; got: {cause}") from cause
         seconds = 60 * self.walltime_min
-        life = ["--lifetime", f"{9 * seconds // 10}s", "--lifetime-stagger", f"{seconds // 20}s"]
-        try:
-            return SLURMCluster(
-                n_workers=jobs,
-                processes=1,
-                worker_extra_args=["--resources", "server=1", *life],
-                scheduler_options={"dashboard_address": ":0"},
-                **self.options,
-            )
-        except (OSError, RuntimeError) as cause:
-            raise ClusterError(f"expected SLURM to take a job, got: {cause}") from cause
+        life = ["--lifetime", f"{17 * seconds // 20}s", "--lifetime-stagger", f"{seconds // 20}s"]
+        return SLURMCluster(
+            processes=1,
+            worker_extra_args=["--resources", "server=1", *life],
+            scheduler_options={"dashboard_address": ":0"},
+            **self.options,
+        )
 
     @contextmanager
     def client(self, sources: Sequence[str]) -> Iterator[Client]:
@@ -95,11 +92,27 @@ class Slurm:
             raise ArgumentError(f"--cluster slurm: {wanted}, got a list of {len(sources)}")
         with (
             dask.config.set(SETTINGS),
-            self.cluster(self.workers) as cluster,
+            self.cluster() as cluster,
             Client(cluster, set_as_default=False) as client,
         ):
+            _check(cluster.job_script())
             cluster.adapt(minimum=self.workers, maximum=self.workers)
             yield client
+
+
+def _check(script: str) -> None:
+    """Raise ClusterError where SLURM would not take a job: Dask submits in the background, without a word."""
+    with NamedTemporaryFile("w", prefix="omniscv-", suffix=".sh") as file:
+        file.write(script)
+        file.flush()
+        try:
+            command = ["sbatch", "--test-only", file.name]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_SLOWEST_S, check=False)
+            got = done.stderr.strip() if done.returncode else ""
+        except (OSError, subprocess.TimeoutExpired) as cause:
+            got = str(cause)
+    if got:
+        raise ClusterError(f"expected SLURM to take a job, got: {got}")
 
 
 def read(path: Path) -> Slurm:

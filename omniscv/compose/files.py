@@ -39,6 +39,7 @@ Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 OBJECTS = "objects.json"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
+_LAST_BUFFER = 1 << 16  # bytes, more than libraries hold back
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
@@ -239,6 +240,20 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         raise OmniscvError(f"{path.name}: expected to write it, got: {OpenImageIO.geterror()}")
     if not (output.write_image(np.ascontiguousarray(planes)) and output.close()):
         raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
+    _check_space(path)
+
+
+def _check_space(path: Path) -> None:
+    """Raise OSError where a file cannot grow: then its last bytes may be missing.
+
+    Libraries for EXR and JPEG XL write their last buffer when they close a file, and report no error then.
+    """
+    size = path.stat().st_size
+    with path.open("r+b") as file:
+        file.seek(size)
+        file.write(bytes(_LAST_BUFFER))
+        file.flush()
+        file.truncate(size)
 
 
 def write_json(path: Path, data: object, indent: int | None = 2) -> Path:

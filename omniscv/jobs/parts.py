@@ -10,6 +10,7 @@ import numpy as np
 from omniscv.arguments import whole_number
 from omniscv.geometry import Pose
 from omniscv.jobs.job import Job
+from omniscv.sources.recording import part_file
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,7 @@ class Part:
         """
         if job.record is None or self.count == 1:
             return job
-        name = f"{job.record.stem}.{self.index}-of-{self.count}{job.record.suffix}"
-        return replace(job, record=job.record.with_name(name))
+        return replace(job, record=part_file(job.record, self.index, self.count))
 
     def _first(self, poses: Sequence[Pose], index: int) -> int:
         """The first pose of a part, where all are shared evenly, or of the run of one position around it."""

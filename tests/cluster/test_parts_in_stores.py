@@ -1,0 +1,119 @@
+"""Parts of a dataset that is a URL: S3, a store that fails one request in ten, full ones, a full disk."""
+
+import json
+import resource
+from contextlib import contextmanager
+from dataclasses import replace
+
+import fsspec
+import pytest
+from support.datasets import job_file, tree
+from support.stores import BUCKET, failing_store, s3_server
+
+from omniscv import cli, jobs
+from omniscv.errors import OmniscvError
+from omniscv.jobs import Part
+from omniscv.sources.recording.inspection import info
+
+EXPORT = "export: [webdataset]\n"
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory):
+    """The folder of a job, its dataset, and a recording of all that it captures."""
+    folder = tmp_path_factory.mktemp("single")
+    job = jobs.load(job_file(folder, more=EXPORT))
+    jobs.make(replace(job, record=folder / "room.sqlite"))
+    return folder
+
+
+@pytest.fixture
+def job(single, tmp_path, monkeypatch):
+    """That job, from the recording: whatever is captured in vain is an error there."""
+    monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path / "cache"))
+    loaded = jobs.load(single / "dataset.yaml")
+    return replace(loaded, source=str(single / "room.sqlite"))
+
+
+def fetched(url, folder):
+    """All files below a URL, by another reader, hidden ones too."""
+    fs, root = fsspec.core.url_to_fs(url)
+    for path in fs.find(root):
+        place = folder / path.removeprefix(root).lstrip("/")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(fs.cat_file(path))
+    return tree(folder)
+
+
+def test_parts_on_s3_are_the_bytes_of_one_process(single, job, tmp_path):
+    with s3_server() as client:
+        url = f"s3://{BUCKET}/parted"
+        there = replace(job, out=url)
+        jobs.run_part(there, Part(1, 2))
+        listed = client.list_objects_v2(Bucket=BUCKET, Prefix="parted/")["Contents"]
+        latest = max(listed, key=lambda each: each["LastModified"])["LastModified"]
+        (marker,) = [each for each in listed if each["Key"] == "parted/parts/1-of-2.json"]
+        assert marker["LastModified"] == latest  # whose resolution is a second
+        made = jobs.make(there, shard=(0, 2))
+        assert (made.written, made.missing) == (2, 0)
+        assert fetched(url, tmp_path / "fetched") == tree(single / "dataset")
+        again = jobs.make(there, resume=True)
+        assert (again.written, again.kept) == (0, 6)
+        assert fetched(url, tmp_path / "again") == tree(single / "dataset")
+        with pytest.raises(OmniscvError, match="expected a new folder, got a dataset"):
+            jobs.make(there)
+
+
+def test_a_store_that_fails_one_request_in_ten(single, job, tmp_path):
+    with failing_store(every=10) as store:
+        for index in (1, 0, 2):
+            made = jobs.make(replace(job, out="failing://bucket/parted"), shard=(index, 3))
+        assert made.missing == 0
+        assert store.requests > 60
+        store.every = 0
+        assert fetched("failing://bucket/parted", tmp_path / "fetched") == tree(single / "dataset")
+
+
+def test_a_full_store_is_one_line_and_goes_on_when_there_is_space(single, job, tmp_path):
+    with failing_store(capacity=20_000) as store:
+        there = replace(job, out="failing://bucket/parted")
+        with pytest.raises(OmniscvError, match="No space left on device; free space there, and run again"):
+            jobs.make(there, shard=(0, 1))
+        kept = len([path for path in store.store if path.endswith(".json") and path.count(".") == 1]) - 1
+        store.capacity = None
+        made = jobs.make(there, shard=(0, 1))
+        assert (made.written, made.kept) == (6 - kept, kept)
+        assert 0 < kept < 6
+        assert fetched("failing://bucket/parted", tmp_path / "fetched") == tree(single / "dataset")
+
+
+@contextmanager
+def largest_file(size):
+    """No file of this process grows beyond a size: as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(single, job, tmp_path, capsys):
+    path = job_file(tmp_path, source=job.source, more=EXPORT)
+    out = tmp_path / "dataset"
+    sizes = sorted(each.stat().st_size for each in (single / "dataset").glob("*-*.*"))
+    for size in (4000, sizes[-1] - 1, sizes[-1] + 100):  # EXR's last buffer is written without a check
+        with largest_file(size):
+            assert cli.run(["dataset", "make", str(path), "--shard", "0/1"]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "File too large" in line
+        assert len(line) <= 310
+        for each in out.glob("[!.]*.json"):
+            json.loads(each.read_bytes())
+        assert not (out / "frames.jsonl").exists()
+    assert cli.run(["dataset", "make", str(path), "--shard", "0/1"]) == 0
+    assert tree(out) == tree(single / "dataset")
+
+
+def test_the_recording_of_the_job_was_enough(single):
+    assert info(single / "room.sqlite").captures["lit"] > 0
