@@ -40,7 +40,7 @@ def make(
     """
     from omniscv import jobs
 
-    wanted = jobs.load(job)
+    wanted = jobs.load(job if cluster is None else job.absolute())  # workers may be in another folder
     wanted = replace(wanted, source_options={**wanted.source_options, **options.frozen(freeze)})
     if cluster is not None and (shard is not None or workers != 1):
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")

@@ -78,14 +78,14 @@ def wait(part_s: float) -> None:
 def local() -> Iterator[Figure]:
     """Yield images a second of local workers, without their start."""
     with TemporaryDirectory() as folder:
-        whole = job(320)
+        whole = job(128)
         make(replace(whole, out=Path(folder) / "warm", poses=whole.poses[:16]))
         one = rate(partial(make, replace(whole, out=Path(folder) / "one")))
         for workers in (1, 2):
             there = replace(whole, out=Path(folder) / f"local-{workers}")
             ours = rate(partial(cluster.make, there, cluster.place(f"local:{workers}")), workers - 1)
             other = Reference("one process", one)
-            yield Figure("panoramas of 256 x 128, mock://", f"local:{workers}", "images/s", ours, peer=other)
+            yield Figure("panoramas of 128 x 64, mock://", f"local:{workers}", "images/s", ours, peer=other)
 
 
 def rate(make: Callable[..., object], skipped: int = 0) -> float:
@@ -99,5 +99,5 @@ def rate(make: Callable[..., object], skipped: int = 0) -> float:
 def job(count: int) -> Job:
     """Return a job of panoramas, each from a place of its own."""
     poses = tuple(Pose.from_angles((-1 + 2 * i / count, 0.2, 1.5)) for i in range(count))
-    camera = omniscv.cameras.create("equirectangular", width=256, height=128)
+    camera = omniscv.cameras.create("equirectangular", width=128, height=64)
     return Job("mock://four-wall", {"pano": camera}, poses, Path(), ("lit", "object_mask", "depth"))
