@@ -79,9 +79,7 @@ def import_(folder: Annotated[Path, Argument(help="See docs/capture-folders.md."
     console.line(f"{file}: {folders.import_folder(folder, file)} captures")
 
 
-@app.command(
-    epilog="Example: omniscv captures merge room.sqlite room.part-0-of-2.sqlite room.part-1-of-2.sqlite"
-)
+@app.command(epilog="Example: omniscv captures merge house.sqlite room.sqlite kitchen.sqlite")
 def merge(
     out: Annotated[str, Argument(metavar="OUT", help="What gets them, new or there: path or URL.")],
     files: Annotated[list[str], Argument(metavar="FILE...", help="Recordings of one scene, by path or URL.")],

@@ -11,7 +11,7 @@ from omniscv.dataset.manifest import FileEntry, FrameEntry
 from omniscv.storage import Folder
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FetchedFiles(Mapping[str, Path]):
     """Local copies of the files of a frame: each is fetched, and checked, when it is looked up.
 

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
-from typing import BinaryIO
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
@@ -80,35 +76,6 @@ class Folder(ABC):
     @abstractmethod
     def local(self) -> Path | None:
         """The folder as a path; None where it is not on this machine."""
-
-    @abstractmethod
-    def _open(self, name: str) -> BinaryIO: ...
-
-    def digest(self, name: str) -> tuple[int, str]:
-        """Return the size in bytes and the SHA-256, hexadecimal, of a file, which is read in pieces.
-
-        Raises:
-            MissingFileError: there is none.
-        """
-        with closing(self._open(name)) as file:
-            return digest_of(file)
-
-
-_PIECE = 1 << 20
-
-
-def digest_of(file: BinaryIO) -> tuple[int, str]:
-    """Return the size and the SHA-256 of what an open file holds."""
-    found, size = hashlib.sha256(), 0
-    for piece in _pieces(file):
-        found.update(piece)
-        size += len(piece)
-    return size, found.hexdigest()
-
-
-def _pieces(file: BinaryIO) -> Iterator[bytes]:
-    while piece := file.read(_PIECE):
-        yield piece
 
 
 def checked(name: str) -> str:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from omniscv.errors import MissingFileError, StorageError
-from omniscv.storage.base import digest_of
 from omniscv.storage.local import LocalFolder, in_one_line, written_beside
 
 Download = Callable[[Path], None]
@@ -69,7 +68,7 @@ def _digest(place: Path) -> str:
     """The SHA-256 of a copy; empty where there is none."""
     try:
         with place.open("rb") as file:
-            return digest_of(file)[1]
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:
         return ""
 

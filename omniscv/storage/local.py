@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 from omniscv.errors import MissingFileError, StorageError
 from omniscv.storage.base import Folder, checked
@@ -89,10 +88,6 @@ class LocalFolder(Folder):
     def below(self, name: str) -> LocalFolder:
         """Return an inner folder."""
         return LocalFolder(self.path / checked(name))
-
-    def _open(self, name: str) -> BinaryIO:
-        with in_one_line(path := self.path / checked(name)):
-            return path.open("rb")
 
 
 @contextmanager

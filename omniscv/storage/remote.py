@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, cast
+from typing import Any, TypeVar
 
 from omniscv.errors import ArgumentError, MissingFileError, OmniscvError, StorageError
 from omniscv.storage import cache
@@ -19,11 +19,14 @@ from omniscv.storage.urls import without_secrets
 T = TypeVar("T")
 
 _ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
+_PATIENCE_S = 20.0
+"""No attempt is begun later: the packages of some stores try again for a while themselves."""
 _FINAL = (
     FileExistsError, FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, TypeError,
     ValueError, NotImplementedError, ImportError,
 )  # fmt: skip
-"""Errors that another attempt does not mend."""
+_FINAL_NAMES = ("NoCredentialsError", "ParamValidationError", "PartialCredentialsError", "ProfileNotFound")
+"""Errors that another attempt does not mend, and those of packages that may be missing, by their names."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +37,15 @@ class RemoteFolder(Folder):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "url", self.url.rstrip("/") if "://" in self.url.rstrip("/") else self.url)
-        if "?" in self.url or "#" in self.url:
-            wanted = "expected a URL without a query; options and credentials are the store's own settings"
-            raise ArgumentError(f"{without_secrets(self.url.partition('#')[0])}: {wanted}, got one")
+        if without_secrets(self.url) != self.url or "?" in self.url or "#" in self.url:
+            wanted = (
+                "expected a URL without user and query; credentials and options are the store's own settings"
+            )
+            shown = without_secrets(self.url).partition("?")[0].partition("#")[0]
+            raise ArgumentError(f"{shown}: {wanted}, got one with them")
 
     def __str__(self) -> str:
-        return without_secrets(self.url)
-
-    def __repr__(self) -> str:
-        return f"RemoteFolder({str(self)!r})"
+        return self.url
 
     def __getstate__(self) -> dict[str, Any]:
         return {"url": self.url}
@@ -67,7 +70,11 @@ class RemoteFolder(Folder):
             fs.invalidate_cache()
             return [str(each) for each in fs.find(start)]
 
-        found = [each[len(root.rstrip("/")) :].lstrip("/") for each in self._tried(inner, find)]
+        try:
+            paths = self._tried(inner, find)
+        except MissingFileError:  # some stores have folders
+            return []
+        found = [path[len(root.rstrip("/")) :].lstrip("/") for path in paths]
         shown = (each for each in found if not any(part.startswith(".") for part in each.split("/")))
         return sorted(each for each in shown if each.startswith(prefix))
 
@@ -79,12 +86,16 @@ class RemoteFolder(Folder):
         """Write a file in one request, or in parts that the store joins at the end."""
         if first and self.exists(name):
             return False
+        options = {"mode": "create"} if first and self._writes_once() else {}
         attempts = 0
 
         def write() -> bool:
             nonlocal attempts
             attempts += 1
-            self._write(name, content, "create" if first else "overwrite")
+            if isinstance(content, bytes):
+                self._call(name, "pipe_file", content, **options)
+            else:
+                self._call(name, "put_file", str(content), **options)
             return True
 
         try:
@@ -94,7 +105,7 @@ class RemoteFolder(Folder):
         except FileExistsError:
             # The answer to an attempt that succeeded may have been lost: then the bytes are these.
             return attempts > 1 and self._holds(name, content)
-        return not first or self._writes_once() or self._holds(name, content)
+        return not first or bool(options) or self._holds(name, content)
 
     def remove(self, name: str) -> None:
         """Remove a file, where there is one."""
@@ -126,9 +137,6 @@ class RemoteFolder(Folder):
         """Return an inner folder."""
         return RemoteFolder(f"{self.url.rstrip('/')}/{checked(name)}")
 
-    def _open(self, name: str) -> BinaryIO:
-        return cast(BinaryIO, self._tried(name, lambda: self._call(name, "open", "rb")))
-
     def _opened(self, name: str) -> tuple[Any, str]:
         """The file system, and the path in it of a name."""
         fs, root, process = self.__dict__.get("_held", (None, "", 0))
@@ -144,7 +152,7 @@ class RemoteFolder(Folder):
             fs, root = url_to_fs(self.url)
         except ImportError as cause:
             wanted = f"expected the packages of this store ({without_secrets(cause)})"
-            raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud]") from cause
+            raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud], and gcsfs for gs://") from cause
         except ValueError as cause:
             raise ArgumentError(
                 f"{self}: expected the URL of a store, got: {without_secrets(cause)}"
@@ -155,12 +163,6 @@ class RemoteFolder(Folder):
         fs, path = self._opened(checked(name))
         order = (values[0], path) if operation == "put_file" else (path, *values)
         return getattr(fs, operation)(*order, **options)
-
-    def _write(self, name: str, content: bytes | Path, mode: str) -> None:
-        if isinstance(content, bytes):
-            self._call(name, "pipe_file", content, mode=mode)
-        else:
-            self._call(name, "put_file", str(content), mode=mode)
 
     def _info(self, name: str) -> dict[str, Any] | None:
         """What the store has of a file; None where there is none.
@@ -183,9 +185,9 @@ class RemoteFolder(Folder):
         return self.read(name) == (content if isinstance(content, bytes) else content.read_bytes())
 
     def _writes_once(self) -> bool:
-        """Whether the store refuses in one step to replace a file: S3 by ``If-None-Match``, and Google's."""
+        """Whether the store refuses in one step to replace a file, as S3 does by ``If-None-Match``."""
         protocol = self._opened("")[0].protocol
-        return not {"s3", "gs"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
+        return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
     def _tried(self, name: str, action: Callable[[], T]) -> T:
         """The result of an action, tried again with growing pauses while it fails in a way that may pass.
@@ -193,6 +195,7 @@ class RemoteFolder(Folder):
         FileExistsError passes unchanged.
         """
         place = f"{self}/{name}" if name else str(self)
+        patient_until = time.monotonic() + _PATIENCE_S
         for attempt in range(_ATTEMPTS):
             try:
                 return action()
@@ -202,7 +205,9 @@ class RemoteFolder(Folder):
                 raise MissingFileError(f"{place}: expected a file, it is missing") from cause
             except Exception as cause:  # of every store's own library
                 full = getattr(cause, "errno", None) in NO_SPACE
-                if isinstance(cause, _FINAL) or full or attempt == _ATTEMPTS - 1:
+                final = isinstance(cause, _FINAL) or type(cause).__name__ in _FINAL_NAMES
+                late = attempt == _ATTEMPTS - 1 or time.monotonic() > patient_until
+                if final or full or late:
                     raise _failed(place, cause, full) from cause
             time.sleep(_FIRST_WAIT_S * 2**attempt * random.uniform(0.5, 1.5))
         raise AssertionError("the last attempt returns or raises")

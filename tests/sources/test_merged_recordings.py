@@ -1,7 +1,11 @@
 """Recordings joined and divided: every capture stays as it was recorded, byte for byte."""
 
+import multiprocessing
+import os
 import shutil
+import signal
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,8 +119,10 @@ def _other_scene(path):
 
 
 def _other_dialect(path):
-    record(path, REQUESTS[:2], "mock://four-wall")
-    return "expected captures of dialect 'scene', as in those before, got '"
+    with omniscv.open_source("scene://four-wall") as scene, closing(Store(path, write=True)) as store:
+        capture = next(scene.capture(REQUESTS[:1]))
+        store.add(replace(capture, provenance={**capture.provenance, "dialect": "0.3.10"}))
+    return "expected captures of dialect 'scene', as in those before, got '0.3.10'"
 
 
 def _other_bytes(path):
@@ -168,6 +174,32 @@ def test_what_does_not_belong_is_refused_and_changes_nothing(make, whole, tmp_pa
         assert len(str(raised.value)) <= 300
     assert known(there) == known(whole)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["strange.sqlite", "there.sqlite"]
+
+
+def test_a_merge_that_is_killed_leaves_what_was_there(whole, tmp_path):
+    """Killed between two recordings, when one of them is written."""
+    other = record(tmp_path / "other.sqlite", face_requests(size=8, modes=("lit",)))
+    new, there = tmp_path / "new.sqlite", tmp_path / "there.sqlite"
+    shutil.copyfile(whole, there)
+    for out in (new, there):
+        process = multiprocessing.get_context("fork").Process(
+            target=_killed_merge, args=(out, [other, whole])
+        )
+        process.start()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    assert not new.exists()
+    assert known(there) == known(whole)
+    for out in (new, there):
+        merge(out, [other, whole])
+        assert info(out).captures["lit"] == 18
+        assert verify(out).ok
+    names = {"new.sqlite", "other.sqlite", "there.sqlite"}
+    assert {each.name for each in tmp_path.iterdir()} == names
+
+
+def _killed_merge(out, files):
+    merge(out, files, progress=lambda done, total: os.kill(os.getpid(), signal.SIGKILL))
 
 
 def test_lost_captures_are_refused(whole, tmp_path):

@@ -10,6 +10,7 @@ from support.stores import BUCKET, failing_store
 import omniscv
 from omniscv import cli, storage
 from omniscv.errors import ArgumentError, MissingFileError, NotARecordingError
+from omniscv.jobs import load, run
 from omniscv.sources.recording import merge, split
 from omniscv.sources.recording.inspection import info, verify
 
@@ -69,6 +70,28 @@ def test_what_is_wrong_is_one_line_with_the_url(url, room):
     storage.folder("memory://texts").put("a.sqlite", b"a text" * 1000)
     with pytest.raises(NotARecordingError):
         omniscv.open_source("memory://texts/a.sqlite")
+
+
+def test_jobs_name_recordings_by_url(room, tmp_path):
+    storage.folder("memory://jobs").put("room.sqlite", room)
+    job = tmp_path / "job.yaml"
+    text = """
+      source: memory://jobs/room.sqlite
+      cameras: {pano: {model: equirectangular, width: 16, height: 8}}
+      poses: [{position: [0, 0, 1.5]}]
+      face_size: 16
+      """
+    job.write_text(text)
+    run(load(job))
+    assert (tmp_path / "out" / "pano.lit.png").stat().st_size > 0
+    job.write_text(f"{text}record: s3://rooms/room.sqlite\n")
+    with pytest.raises(ArgumentError, match=r"record: expected a path on this machine, .* got s3://rooms"):
+        load(job)
+    with (
+        omniscv.open_source(room) as source,
+        pytest.raises(ArgumentError, match=r"recording: expected a path on this machine, got s3://rooms/a"),
+    ):
+        omniscv.record(source, "s3://rooms/a.sqlite")
 
 
 def test_recordings_are_joined_and_divided_in_a_store(room, tmp_path):
