@@ -45,6 +45,8 @@ def make(given: MakeOptions) -> None:
     """
     from omniscv import jobs
 
+    if given.cluster is not None:  # workers may be in another folder
+        given.job = given.job.absolute()
     wanted = given.to_job()
     if given.cluster is not None and (given.shard is not None or given.workers != 1):
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from omniscv.cluster.places import RESOURCE, Place
+from omniscv.cluster.places import Place
 from omniscv.errors import ClusterError
 from omniscv.jobs.dataset import Made
 from omniscv.jobs.finishing import finish
@@ -15,9 +15,6 @@ from omniscv.jobs.parts import parts_of
 
 if TYPE_CHECKING:
     from distributed import Client, Future
-
-_RETRIES = 5
-"""How often a part is tried again that failed, on whichever worker is free."""
 
 _AGAIN = "what is made is kept: run the same command again"
 
@@ -61,25 +58,22 @@ def _on(
 ) -> tuple[Job, Made]:
     """Make all parts; return the job with its poses, and what was done."""
     from omniscv.cluster.servers import SERVER, TOPIC, Server
-    from omniscv.cluster.tasks import WORK, Work, make_part, posed
+    from omniscv.cluster.tasks import HOW, WORK, Work, make_part, posed
 
     if warn:
         client.subscribe_topic(TOPIC, lambda event: warn(str(event[1])))
     try:
         client.register_plugin(Server(job.sources, job.live_options))
         if job.sampling is not None:
-            (job,) = _results(client, [client.submit(posed, job, **_HOW)])
+            (job,) = _results(client, [client.submit(posed, job, **HOW)])
         client.register_plugin(Work(job))
         wanted = parts_of(job)
-        futures = client.map(make_part, wanted, **_HOW)
+        futures = client.map(make_part, wanted, **HOW)
         return job, _gathered(client, futures, len(job), progress, warn)
     finally:
         for name in (SERVER, WORK) if client.status == "running" else ():
             with suppress(OSError, ValueError):  # the scheduler has just gone, or the plugin never came
                 client.unregister_worker_plugin(name)
-
-
-_HOW = {"resources": RESOURCE, "retries": _RETRIES, "pure": False}
 
 
 def _gathered(
@@ -111,13 +105,15 @@ def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:
     """
     from distributed import as_completed
 
+    from omniscv.cluster.tasks import RETRIES
+
     try:
         for future in as_completed(futures, loop=client.loop):
             if future.status == "cancelled":
                 raise ClusterError(f"expected the scheduler to stay, its connection is lost; {_AGAIN}")
             if future.status == "error":
                 fault = future.exception()
-                times = f"expected every part to be made, one failed {_RETRIES + 1} times"
+                times = f"expected every part to be made, one failed {RETRIES + 1} times"
                 raise ClusterError(f"{times}: {type(fault).__name__}: {fault}; {_AGAIN}") from fault
             yield future.result()
     finally:

@@ -6,12 +6,19 @@ from typing import Any, NamedTuple
 
 from distributed import WorkerPlugin, get_worker
 
+from omniscv.cluster.places import RESOURCE
 from omniscv.cluster.servers import SERVER
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.jobs import Job, Part, run_part
 from omniscv.sources.base import Source
 
 WORK = "omniscv-job"
+
+RETRIES = 5
+"""How often a part is tried again that failed, on whichever worker is free."""
+
+HOW = {"resources": RESOURCE, "retries": RETRIES, "pure": False}
+"""How tasks are submitted."""
 
 
 class Work(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types

@@ -50,8 +50,8 @@ def test_killed_workers_servers_and_schedulers(tmp_path):
         cluster.kill(workers[0])
         cluster.ready("worker", address, 0)
         frames_in(out, 8)
-        cluster.kill(games[0][0])
-        cluster.ready("server", addresses[0].rpartition(":")[2])
+        cluster.kill(games[1][0])  # whose worker is busy, with its own part or with that of the dead one
+        cluster.ready("server", addresses[1].rpartition(":")[2])
         frames_in(out, 14)
         cluster.kill(boss)
         lost = waited_for(said)
