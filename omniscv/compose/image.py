@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -157,9 +158,7 @@ class OmniImage:
         shown = self.to_pil(layer)
         notebook = sys.modules.get("IPython")
         if notebook is not None and notebook.get_ipython() is not None:
-            from IPython.display import display
-
-            display(shown)
+            import_module("IPython.display").display(shown)
         else:
             shown.show()
 

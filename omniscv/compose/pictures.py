@@ -20,11 +20,16 @@ _INK = (28, 35, 48)
 _TILE_PX, _MARGIN_PX, _CAPTION_PX = 480, 8, 20
 
 
-def picture(image: OmniImage, layer: str) -> Picture:
+def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
     """Return (H, W, 3) uint8 RGB of a layer.
 
     Labels have the colours of their masks; depth goes from red (near) to blue, white is no surface; normals
     are ``127.5 (1 + n)``; marks are white where they are set.
+
+    Args:
+        image: whose layer.
+        layer: its name.
+        most: metres at which the colours of depth end; :func:`farthest` of the layer if not given.
 
     Raises:
         ArgumentError: the image has no such layer.
@@ -36,10 +41,10 @@ def picture(image: OmniImage, layer: str) -> Picture:
     elif layer == "normals":
         found = np.round(127.5 * (1 + values)).astype(np.uint8)
     elif layer in ("depth", "depth_error"):
-        found = colored_depth(values, farthest(values[image.valid]))
+        found = colored_depth(values, most or farthest(values[image.valid]))
     else:
         found = _plain(values)
-    return np.where(image.valid[..., None], found, np.uint8(OUTSIDE))
+    return np.where(image.valid[..., None], found, np.array(OUTSIDE, np.uint8))
 
 
 def _plain(values: NDArray[Any]) -> Picture:

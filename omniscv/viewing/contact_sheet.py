@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from omniscv.compose.image import OmniImage
+from omniscv.compose.pictures import colored_depth, picture
 from omniscv.sources.base import Color, ObjectTable
 
 _Picture = NDArray[np.uint8]
 
-_INK, _FAINT, _PAPER, _OUTSIDE = (28, 35, 48), (91, 100, 114), (255, 255, 255), (230, 233, 238)
+_INK, _FAINT, _PAPER = (28, 35, 48), (91, 100, 114), (255, 255, 255)
 _LAYERS = ("lit", "labels", "depth", "normals")
 _LINE = 2
 """Between pictures of one image, px."""
@@ -48,7 +49,7 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
         sections.setdefault(_section(image), {})[name] = image
     for heading, mine in sorted(sections.items(), key=lambda item: list(_SECTIONS).index(item[0])):
         sheet.heading(heading, 1.3)
-        sheet.grid({name: tile(image, objects, farthest) for name, image in mine.items()}, _SECTIONS[heading])
+        sheet.grid({name: tile(image, farthest) for name, image in mine.items()}, _SECTIONS[heading])
     sheet.depth_bar(farthest)
     sheet.legend(objects, _seen(images.values()))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -71,9 +72,9 @@ def _section(image: OmniImage) -> str:
     return one if image.camera.central else many
 
 
-def tile(image: OmniImage, objects: ObjectTable, farthest: float) -> _Picture:
+def tile(image: OmniImage, farthest: float) -> _Picture:
     """Return (H, 4/3 W, 3) RGB: the colours, and a third as large labels, depth and normals beside them."""
-    return beside(on_paper(image, image["lit"]), truths(image, objects, farthest))
+    return beside(picture(image, "lit"), truths(image, farthest))
 
 
 def beside(large: _Picture, small: Sequence[_Picture]) -> _Picture:
@@ -81,32 +82,15 @@ def beside(large: _Picture, small: Sequence[_Picture]) -> _Picture:
     height, width = large.shape[:2]
     column = np.full((height, width // len(small) + _LINE, 3), _PAPER, np.uint8)
     edges = [round(k * (height + _LINE) / len(small)) for k in range(len(small) + 1)]
-    for picture, above, below in zip(small, edges, edges[1:], strict=False):
+    for each, above, below in zip(small, edges, edges[1:], strict=False):
         size = column.shape[1] - _LINE, below - above - _LINE
-        column[above : below - _LINE, _LINE:] = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        column[above : below - _LINE, _LINE:] = cv2.resize(each, size, interpolation=cv2.INTER_AREA)
     return np.hstack([large, column])
 
 
-def truths(image: OmniImage, objects: ObjectTable, farthest: float) -> tuple[_Picture, _Picture, _Picture]:
-    """Return (H, W, 3) RGB of an image's labels, depth and normals; colours of labels are those of masks."""
-    colors = np.array([(0, 0, 0), *(objects.colors[name] for name in objects.names())], np.uint8)
-    normals = np.round(127.5 * (1 + np.asarray(image["normals"]))).astype(np.uint8)
-    pictures = colors[image["labels"]], colored_depth(np.asarray(image["depth"]), farthest), normals
-    labels, depth, turned = (on_paper(image, picture) for picture in pictures)
-    return labels, depth, turned
-
-
-def on_paper(image: OmniImage, picture: NDArray[Any]) -> _Picture:
-    """Return (H, W, 3) RGB: a picture of an image's size, and a plain colour outside of the field of view."""
-    colors = picture if picture.dtype == np.uint8 else np.round(255 * np.clip(picture, 0, 1))
-    return np.where(image.valid[..., None], colors, _OUTSIDE).astype(np.uint8)
-
-
-def colored_depth(depth: NDArray[np.float32], farthest: float) -> _Picture:
-    """Return (H, W, 3) RGB of depth (H, W): red is near, blue is ``farthest`` metres, white no surface."""
-    near = 1 - np.clip(np.where(np.isfinite(depth), depth, farthest) / farthest, 0, 1)
-    colors = cv2.applyColorMap(np.round(255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
-    return np.where(np.isinf(depth)[..., None], np.uint8(255), colors)
+def truths(image: OmniImage, farthest: float) -> tuple[_Picture, _Picture, _Picture]:
+    """Return (H, W, 3) RGB of an image's labels, depth and normals."""
+    return picture(image, "labels"), picture(image, "depth", farthest), picture(image, "normals")
 
 
 def _farthest(images: Iterable[OmniImage]) -> float:
@@ -155,13 +139,13 @@ class _Sheet:
         cell = (self._inner - (columns - 1) * self._gap) // columns
         drawn = list(tiles.items())
         for start in range(0, len(drawn), columns):
-            row = [(name, _fitted(picture, cell)) for name, picture in drawn[start : start + columns]]
+            row = [(name, _fitted(each, cell)) for name, each in drawn[start : start + columns]]
             caption = 2 * self._em
-            block = self._block(caption + max(picture.height for _, picture in row) + self._gap // 2)
-            for k, (name, picture) in enumerate(row):
+            block = self._block(caption + max(fitted.height for _, fitted in row) + self._gap // 2)
+            for k, (name, fitted) in enumerate(row):
                 left = self._gap + k * (cell + self._gap)
                 block.text((left, self._em // 2), name, _INK, self._font())
-                self._blocks[-1].paste(picture, (left, caption))
+                self._blocks[-1].paste(fitted, (left, caption))
 
     def depth_bar(self, farthest: float) -> None:
         """Add the scale of depths."""

@@ -6,8 +6,9 @@ from PIL import Image
 
 import omniscv
 from omniscv import cameras
+from omniscv.compose.pictures import colored_depth
 from omniscv.demo import demo_cameras
-from omniscv.viewing.contact_sheet import colored_depth, contact_sheet, tile, truths
+from omniscv.viewing.contact_sheet import contact_sheet, tile, truths
 
 MODES = ("lit", "object_mask", "depth", "normals")
 POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
@@ -26,9 +27,9 @@ def room():
 
 
 def test_a_tile_shows_colours_at_full_size_and_three_truths_beside_them(room):
-    images, objects = room
+    images, _ = room
     image = images["fisheye-equidistant"]
-    shown = tile(image, objects, 5.0)
+    shown = tile(image, 5.0)
     assert shown.shape[0] == 48
     assert 4 / 3 * 48 <= shown.shape[1] <= 4 / 3 * 48 + 4
     np.testing.assert_array_equal(shown[:, :48][image.valid], image.lit[image.valid])
@@ -38,9 +39,9 @@ def test_a_tile_shows_colours_at_full_size_and_three_truths_beside_them(room):
 
 def test_labels_have_the_colours_of_masks(room):
     """Where the source gives each object a colour, the mask is that picture."""
-    images, objects = room
+    images, _ = room
     for image in images.values():
-        labels, _, normals = truths(image, objects, 5.0)
+        labels, _, normals = truths(image, 5.0)
         np.testing.assert_array_equal(labels[image.valid], image.object_mask[image.valid])
         turned = normals[image.valid].astype(float) / 127.5 - 1
         np.testing.assert_allclose(turned, image.normals[image.valid], atol=1 / 255)
