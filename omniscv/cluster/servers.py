@@ -67,7 +67,7 @@ class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported with
                 self._close()
             if not isinstance(fault, ArgumentError):
                 self._worker.log_event(TOPIC, f"worker {self._worker.name}: {fault}")
-                time.sleep(min(_LONGEST_WAIT_S, 0.25 * (2**self._failed - 1)))
+                time.sleep(min(_LONGEST_WAIT_S, 0.1 * (2**self._failed - 1)))
                 self._failed += 1
             raise
         self._failed = 0

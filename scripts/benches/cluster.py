@@ -7,26 +7,30 @@ cores with it, so that their number pays only as far as there are cores; the pee
 """
 
 import logging
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import dask
 from distributed import Client, LocalCluster, as_completed
 
-import omniscv
 from benches import Figure, Reference
-from omniscv import cluster
 from omniscv.cluster.places import RESOURCE, SETTINGS
 from omniscv.cluster.tasks import HOW
-from omniscv.geometry import Pose
-from omniscv.jobs import Job, make
 
 EACH = 8  # parts of a worker
+FEW, MANY = 32, 160  # images
+JOB = """
+source: mock://four-wall
+cameras: {{pano: {{model: equirectangular, width: 128, height: 64}}}}
+poses: {{path: {{waypoints: [[-1, 0.2, 1.5], [1, 0.2, 1.5]], speed: 1, rate: {rate}}}}}
+modes: [lit, object_mask, depth]
+out: {out}
+"""
 
 
 def measure(quick: bool) -> Iterator[Figure]:
@@ -78,26 +82,25 @@ def wait(part_s: float) -> None:
 def local() -> Iterator[Figure]:
     """Yield images a second of local workers, without their start."""
     with TemporaryDirectory() as folder:
-        whole = job(128)
-        make(replace(whole, out=Path(folder) / "warm", poses=whole.poses[:16]))
-        one = rate(partial(make, replace(whole, out=Path(folder) / "one")))
+        seconds(Path(folder), "warm", FEW)
+        one = rate(Path(folder), "one")
         for workers in (1, 2):
-            there = replace(whole, out=Path(folder) / f"local-{workers}")
-            ours = rate(partial(cluster.make, there, cluster.place(f"local:{workers}")), workers - 1)
+            ours = rate(Path(folder), f"workers-{workers}", "--cluster", f"local:{workers}")
             other = Reference("one process", one)
             yield Figure("panoramas of 128 x 64, mock://", f"local:{workers}", "images/s", ours, peer=other)
 
 
-def rate(make: Callable[..., object], skipped: int = 0) -> float:
-    """Return images a second, from when the first are done to when the last are; some reports are skipped."""
-    noted: list[tuple[float, float]] = []
-    make(progress=lambda done, _: noted.append((time.perf_counter(), done)))
-    (first, before), (last, after) = noted[skipped], noted[-1]
-    return (after - before) / (last - first)
+def rate(folder: Path, name: str, *how: str) -> float:
+    """Return images a second of what is made after the first few, whose time that of the start is in."""
+    few, many = (seconds(folder, f"{name}-{count}", count, *how) for count in (FEW, MANY))
+    return (MANY - FEW) / (many - few)
 
 
-def job(count: int) -> Job:
-    """Return a job of panoramas, each from a place of its own."""
-    poses = tuple(Pose.from_angles((-1 + 2 * i / count, 0.2, 1.5)) for i in range(count))
-    camera = omniscv.cameras.create("equirectangular", width=128, height=64)
-    return Job("mock://four-wall", {"pano": camera}, poses, Path(), ("lit", "object_mask", "depth"))
+def seconds(folder: Path, name: str, count: int, *how: str) -> float:
+    """Return how long a command takes that makes some images."""
+    path = folder / f"{name}.yaml"
+    path.write_text(JOB.format(out=name, rate=(count - 0.5) / 2))
+    command = [sys.executable, "-c", "from omniscv.cli import main; main()", "dataset", "make", path, *how]
+    started = time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - started

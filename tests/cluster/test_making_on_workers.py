@@ -1,0 +1,110 @@
+"""What workers make, in threads of this process: sampled poses, servers that fail, jobs that are refused."""
+
+import logging
+from collections import Counter
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from support.datasets import job_file, tree
+
+import omniscv
+from omniscv import cluster, jobs
+from omniscv.cluster.places import RESOURCE
+from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
+from omniscv.jobs.parts import parts_of
+from omniscv.sources.base import SourceWrapper
+from omniscv.sources.registry import open_source
+
+OPENED, CLOSED, FAULTS = Counter(), Counter(), Counter()
+
+
+class Failing(SourceWrapper):
+    """The room; an address that has faults left fails at its next captures."""
+
+    def __init__(self, address):
+        super().__init__(open_source("scene://four-wall"))
+        self._address = address
+        OPENED[address] += 1
+
+    def capture(self, requests):
+        if FAULTS[self._address] > 0:
+            FAULTS[self._address] -= 1
+            raise ServerConnectionError(f"{self._address}: the connection broke")
+        return super().capture(requests)
+
+    def close(self):
+        CLOSED[self._address] += 1
+
+
+class Threads:
+    """Two workers, named 0 and 1."""
+
+    @contextmanager
+    def client(self, sources):
+        from distributed import Client, LocalCluster
+
+        options = {"threads_per_worker": 1, "processes": False, "dashboard_address": None}
+        quiet = {"silence_logs": logging.CRITICAL, "resources": RESOURCE}
+        with (
+            LocalCluster(n_workers=2, **options, **quiet) as started,
+            Client(started, set_as_default=False) as client,
+        ):
+            yield client
+
+
+@pytest.fixture
+def job(tmp_path):
+    omniscv.sources.register("failing", Failing)
+    for counter in (OPENED, CLOSED, FAULTS):
+        counter.clear()
+    loaded = jobs.load(job_file(tmp_path, source="failing:0"))
+    return replace(loaded, modes=("lit", "object_mask"), poses=loaded.poses * 6, times=None, places=None)
+
+
+def test_servers_that_fail_are_opened_again(job, tmp_path):
+    """Each worker has the address of its number."""
+    jobs.make(replace(job, source="scene://four-wall", out=tmp_path / "single"))
+    FAULTS.update({"failing:0": 2, "failing:1": 1})
+    said, seen = [], []
+    there = replace(job, source=("failing:0", "failing:1"))
+    made = cluster.make(there, Threads(), warn=said.append, progress=lambda *step: seen.append(step))
+    assert (made.written, made.missing) == (len(job), 0)
+    assert seen[-1] == (len(job), len(job))
+    assert {each for each in said if "connection broke" in each} == {
+        f"worker {i}: failing:{i}: the connection broke" for i in range(2)
+    }
+    assert OPENED == {"failing:0": 3, "failing:1": 2}
+    assert OPENED == CLOSED
+    assert tree(job.out) == tree(tmp_path / "single")
+
+
+def test_what_fails_again_and_again_ends_the_run(job):
+    FAULTS["failing:0"] = 10**6
+    with pytest.raises(ClusterError) as failed:
+        cluster.make(replace(job, poses=job.poses[:1]), Threads())
+    said = str(failed.value)
+    assert "one failed 6 times: ServerConnectionError: failing:0: the connection broke" in said
+    assert said.endswith("what is made is kept: run the same command again")
+    assert OPENED["failing:0"] == CLOSED["failing:0"] == 6
+
+
+def test_a_job_that_cannot_be_made_is_refused_at_once(job):
+    (job.out).mkdir()
+    (job.out / "objects.json").write_text("{}")
+    with pytest.raises(ArgumentError, match="images of 'render'; write elsewhere"):
+        cluster.make(job, Threads())
+    assert OPENED["failing:0"] <= len(parts_of(job))  # no attempt is repeated
+
+
+def test_sampled_poses_are_found_once(job, tmp_path):
+    path = tmp_path / "sampled.yaml"
+    start, _, rest = (tmp_path / "dataset.yaml").read_text().partition("poses:\n")
+    box = "low: [-1, -1, 1.2], high: [1, 1, 1.8], clearance: 0.3, start: [0, 0, 1.5]"
+    path.write_text(f"{start}poses: {{random: {{count: 20, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
+    camera, plain = {"pano": job.cameras["pano"]}, replace(job.recipe, classes=None)
+    sampled = replace(jobs.load(path), modes=("lit",), cameras=camera, recipe=plain)
+    made = cluster.make(replace(sampled, out=tmp_path / "clustered"), Threads())
+    assert made.written == 20
+    jobs.make(replace(sampled, source="scene://four-wall", out=tmp_path / "single"))
+    assert tree(tmp_path / "clustered") == tree(tmp_path / "single")
