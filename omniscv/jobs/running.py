@@ -26,7 +26,7 @@ from omniscv.planning.cost import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.sources.base import Request, Source, View
 from omniscv.sources.registry import known_capabilities
-from omniscv.storage import is_url
+from omniscv.storage import is_url, was_url
 
 _TICK_S = 1 / 60
 """What a request takes of a live engine, at least; counted where nothing is opened to measure it."""
@@ -52,9 +52,9 @@ def run(
         ArgumentError: the job's ``out`` is a URL, which only datasets have.
         OmniscvError: as :func:`omniscv.render`; the images before are on disk, whole.
     """
-    if is_url(job.out):
+    if is_url(job.out) or was_url(job.out):
         wanted = "expected a folder for images; 'omniscv dataset make' writes to a URL"
-        raise ArgumentError(f"out: {wanted}, got {shown(job.out)}")
+        raise ArgumentError(f"out: {wanted}, got {shown(str(job.out))}")
     written: list[Path] = []
     with job.opened() as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
         saving = None

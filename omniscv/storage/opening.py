@@ -9,7 +9,7 @@ from omniscv.errors import ArgumentError
 from omniscv.storage.base import Folder
 from omniscv.storage.local import LocalFolder
 from omniscv.storage.remote import RemoteFolder
-from omniscv.storage.urls import is_url, scheme_of
+from omniscv.storage.urls import is_url, scheme_of, was_url
 
 
 class Place(NamedTuple):
@@ -29,6 +29,8 @@ def folder(where: str | Path | Folder) -> Folder:
         return where
     if not isinstance(where, str | Path) or not str(where) or "\0" in str(where):
         raise ArgumentError(f"folder: expected a path or a URL, got {shown(where)}")
+    if was_url(where):
+        raise ArgumentError(f"folder: expected the text of a URL, or a path; got a Path of one, {where}")
     if not isinstance(where, str) or not is_url(where):
         return LocalFolder(Path(where))
     if scheme_of(where) == "file":

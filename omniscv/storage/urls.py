@@ -1,6 +1,7 @@
 """URLs of object stores, and texts that name them without credentials."""
 
 import re
+from pathlib import Path
 
 SCHEMES = ("file", "s3", "gs", "memory")
 """Stores that are tested; any other scheme that fsspec knows is opened too."""
@@ -13,6 +14,11 @@ _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
 def is_url(text: object) -> bool:
     """Return whether a text is a URL, ``scheme://...``; a Path is none."""
     return isinstance(text, str) and _URL.match(text) is not None
+
+
+def was_url(path: object) -> bool:
+    """Return whether a Path was made of a URL, and so lost a slash: ``s3:/bucket/rooms``."""
+    return isinstance(path, Path) and path.parts[:1] in {(f"{scheme}:",) for scheme in SCHEMES}
 
 
 def scheme_of(url: str) -> str:

@@ -1,6 +1,7 @@
 """Recordings in an object store: read by URL, joined there, divided there."""
 
 import pickle
+from pathlib import Path
 
 import pytest
 from support.faces import face_requests
@@ -8,7 +9,7 @@ from support.recordings import contents
 from support.stores import BUCKET, failing_store
 
 import omniscv
-from omniscv import cli, storage
+from omniscv import cli, dataset, storage
 from omniscv.errors import ArgumentError, MissingFileError, NotARecordingError
 from omniscv.jobs import load, run
 from omniscv.sources.recording import merge, split
@@ -92,6 +93,17 @@ def test_jobs_name_recordings_by_url(room, tmp_path):
         pytest.raises(ArgumentError, match=r"recording: expected a path on this machine, got s3://rooms/a"),
     ):
         omniscv.record(source, "s3://rooms/a.sqlite")
+
+
+@pytest.mark.parametrize("command", ["record", "render"])
+def test_what_is_written_here_is_no_url(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    options = ["--source", "scene://four-wall", "--face-size", "16", "--out", "s3://rooms/a.sqlite"]
+    assert cli.run([command, *options]) == 2
+    assert "s3:/rooms/a.sqlite" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ArgumentError, match="got a Path of one"):
+        dataset.open(Path("s3://rooms/first"))
 
 
 def test_recordings_are_joined_and_divided_in_a_store(room, tmp_path):

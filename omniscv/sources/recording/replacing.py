@@ -39,7 +39,7 @@ def place_of(path: Path | str) -> Path:
 
 def followed(path: Path | str) -> Path:
     """Return a path with links followed; ArgumentError for a text that is no path on this machine."""
-    if storage.is_url(path):
+    if storage.is_url(path) or storage.was_url(path):
         wanted = "expected a path on this machine"
         advice = "record there, and put it into the store by 'omniscv captures merge'"
         raise ArgumentError(f"recording: {wanted}, got {storage.without_secrets(path)}; {advice}")
