@@ -146,6 +146,7 @@ TURNED = {
     "cylinder": cameras.create("cylindrical", width=256, height=128),
     "cube": cameras.create("cube-map", width=96, height=64),
     "ball": looked.CAMERAS["mirror"],
+    "rolling": cameras.model("rolling-shutter").example(48),
 }
 
 
