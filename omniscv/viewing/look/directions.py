@@ -111,7 +111,8 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     between = np.mean(corners, axis=0)
     known = np.asarray(np.isfinite(between).all(axis=-1))
     off = _turned(camera, between, known, directions) * density
-    kinds = np.where(off <= _SMOOTH_PX, 1, 0)
+    # Nearest pixels are no values to interpolate between, even where they fit by chance.
+    kinds = np.where((off <= _SMOOTH_PX) & (camera.name not in _SLOW), 1, 0)
     finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     fine = (np.arange(finer) + 0.5) / finer * (2 / count)
     face, i, j = np.nonzero(kinds == 0)
