@@ -23,6 +23,7 @@ def look(
         "look.html"
     ),
     size: Annotated[str, Option(help="Of the panoramas of a recording, px.")] = "1024x512",
+    rerun: Annotated[Path | None, Option(help="Also write NAME.rrd, for the Rerun viewer.")] = None,
     open: Annotated[bool, Option("--open", help="Show the page in the browser.")] = False,
     progress: StyleOption = None,
 ) -> None:
@@ -33,8 +34,12 @@ def look(
     from omniscv.viewing.look import look
 
     with display("frames", progress) as shown:
-        page, *_ = look(what, out, size=options.size(size), progress=shown.steps, warn=console.error)
+        page, *rest = look(
+            what, out, size=options.size(size), rerun=rerun, progress=shown.steps, warn=console.error
+        )
     console.line(page)
+    if rerun is not None:
+        console.line(rest[-1])
     if open:
         import webbrowser
 

@@ -112,7 +112,7 @@ def places(path: Path | str) -> list[Place]:
     Raises:
         RecordingError: it cannot be read.
     """
-    with closing(Store(path)) as store:
+    with closing(Store(storage.fetch_file(path))) as store:
         found: dict[tuple[object, ...], list[tuple[View, Row]]] = {}
         for row in store.listing():
             view = view_from_json(row.captured)

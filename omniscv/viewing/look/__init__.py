@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from omniscv.viewing.look.gathering import Gathered
 
 DEFAULT_SIZE = 1024, 512
 MOST_PIXELS = 1 << 23
@@ -19,6 +24,7 @@ def look(
     *,
     size: tuple[int, int] = DEFAULT_SIZE,
     most_pixels: int = MOST_PIXELS,
+    rerun: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
@@ -30,26 +36,43 @@ def look(
         out: the HTML file.
         size: of the panoramas that are composed at the places of a recording, px.
         most_pixels: the frames of more than that in all lie beside the page, in ``NAME.frames/``.
+        rerun: a file NAME.rrd to write, too: the same frames for the Rerun viewer (extra ``rerun``).
         progress: called with (frames done, frames in all).
         warn: called with a line where places of a recording are left out.
 
     Returns:
-        The files, the page first.
+        The files, the page first, and last the one for Rerun.
 
     Raises:
-        ArgumentError: nothing that can be shown, or a name that does not end in ``.html``.
+        ArgumentError: nothing that can be shown, a name that does not end in ``.html``, or no Rerun.
         DatasetError, RecordingError: it is damaged.
     """
-    from omniscv.viewing.look import gathering, page, recordings
+    from omniscv.viewing import rerun_file
+    from omniscv.viewing.look import page
 
     given, target = Path(what), Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ArgumentError(f"out: expected a file NAME.html, got {target.name!r}")
-    title = given.resolve().name
+    with _gathered(given, size, progress, warn) as found:
+        written = page.write(found, target, given.resolve().name, most_pixels, progress)
+        return written if rerun is None else [*written, rerun_file.write(found.frames, Path(rerun))]
+
+
+@contextmanager
+def _gathered(
+    given: Path,
+    size: tuple[int, int],
+    progress: Callable[[int, int], None] | None,
+    warn: Callable[[str], None] | None,
+) -> Iterator[Gathered]:
+    """The frames of what is looked at; those of a recording lie in a folder that is removed at the end."""
+    from omniscv.viewing.look import gathering, recordings
+
     if not recordings.is_recording(given):
-        return page.write(gathering.gather(given), target, title, most_pixels, progress)
+        yield gathering.gather(given)
+        return
     with TemporaryDirectory() as folder:
         left_out = recordings.compose(given, Path(folder), size, progress)
         if left_out and warn:
             warn(left_out)
-        return page.write(gathering.gather(Path(folder)), target, title, most_pixels)
+        yield gathering.gather(Path(folder))
