@@ -57,7 +57,7 @@ def waiting(count: int) -> Iterator[Client]:
             n_workers=count,
             threads_per_worker=1,
             processes=False,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
             resources=RESOURCE,
         ) as started,

@@ -44,7 +44,7 @@ class Threads:
     def client(self, sources):
         from distributed import Client, LocalCluster
 
-        options = {"threads_per_worker": 1, "processes": False, "dashboard_address": None}
+        options = {"threads_per_worker": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
         quiet = {"silence_logs": logging.CRITICAL, "resources": RESOURCE}
         with (
             LocalCluster(n_workers=2, **options, **quiet) as started,
