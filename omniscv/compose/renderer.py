@@ -14,7 +14,7 @@ from omniscv.compose.composition import Composition
 from omniscv.compose.image import OmniImage
 from omniscv.compose.ray_bundle import ImageRays, RayBundle
 from omniscv.compose.samplers import CpuSampler, Sampler
-from omniscv.compose.shared_captures import SharedCaptures
+from omniscv.compose.shared_captures import PlaceCaptures, SharedCaptures
 from omniscv.compose.tiles import TiledSampler, Tiles, image_rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
@@ -34,6 +34,8 @@ from omniscv.sources.base import Source, View
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28
+_FOR_CAPTURES = 8
+"""The part of what is kept that captures of a recording may take: one in so many bytes."""
 
 
 class Renderer:
@@ -63,25 +65,30 @@ class Renderer:
     ) -> None:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
-        self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes)
-        self._tile_bytes = tile_bytes
+        for_captures = cache_bytes // _FOR_CAPTURES
+        self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - for_captures)
+        recording = source.recorded_views() is not None
+        self._here = PlaceCaptures(source, for_captures) if recording else source
+        self._cache_bytes, self._tile_bytes = cache_bytes, tile_bytes
         self._recorded: RecordedViews | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        kept: dict[str, Any] = {"cache_bytes": self._cache.limit, "tile_bytes": self._tile_bytes}
+        kept: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
         return partial(Renderer, self.source, **kept, sampler=self._sampler), ()
 
     def of(self, source: Source) -> "Renderer":
         """Return a renderer of another source, for example of one in which objects are hidden; both share
         what is kept between images."""
-        other = Renderer(source, tile_bytes=self._tile_bytes, sampler=self._sampler)
+        kept: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
+        other = Renderer(source, **kept, sampler=self._sampler)
         other._cache = self._cache
         return other
 
     @property
     def nbytes(self) -> int:
         """What is kept between images, bytes."""
-        return self._cache.nbytes
+        here = self._here.nbytes if isinstance(self._here, PlaceCaptures) else 0
+        return self._cache.nbytes + here
 
     def task(
         self,
@@ -156,7 +163,7 @@ class Renderer:
         """
         chosen = modalities.chosen(modes)
         if not self.source.capabilities.moves:
-            yield from self._together(self.source, shots, chosen, options, only, progress)
+            yield from self._together(self._here, shots, chosen, options, only, progress)
             return
 
         def make(source: Source) -> list[OmniImage]:

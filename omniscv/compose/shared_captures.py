@@ -1,12 +1,43 @@
-"""Captures that several images need, held from the first of them to the last."""
+"""Captures that several images need, held from one to the next."""
 
+from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
 
 
-class SharedCaptures(SourceWrapper):
+class HeldCaptures(SourceWrapper):
+    """A source of which some captures are held, and given again in place of new ones."""
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        coming, waiting = iter(requests), deque[Capture | None]()
+        for fresh in self._source.capture(self._missing(coming, waiting)):
+            while held := waiting.popleft():
+                yield held
+            self._hold(fresh)
+            yield fresh
+        while waiting and (held := waiting.popleft()):
+            yield held
+
+    @abstractmethod
+    def _find(self, request: Request) -> Capture | None:
+        """Return the capture that is held for a request; None if there is none."""
+
+    @abstractmethod
+    def _hold(self, capture: Capture) -> None:
+        """Take a new capture."""
+
+    def _missing(self, coming: Iterator[Request], waiting: deque[Capture | None]) -> Iterator[Request]:
+        """The requests that are captured now; to ``waiting`` go the captures held, and None for these."""
+        for request in coming:
+            held = self._find(request)
+            waiting.append(held)
+            if held is None:
+                yield request
+
+
+class SharedCaptures(HeldCaptures):
     """A source that captures once what is requested several times, and holds it as long as that is needed.
 
     It belongs to the images of one moment, and to one thread; the source is not closed with it.
@@ -21,27 +52,50 @@ class SharedCaptures(SourceWrapper):
         self._needed = Counter(needed)
         self._held: dict[Request, Capture] = {}
 
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        coming, waiting = iter(requests), deque[Capture | None]()
-        for fresh in self._source.capture(self._missing(coming, waiting)):
-            while held := waiting.popleft():
-                yield held
-            if self._needed[fresh.request] > 0:
-                self._held[fresh.request] = fresh
-            yield fresh
-        while waiting and (held := waiting.popleft()):
-            yield held
-
     def close(self) -> None:
         self._held.clear()
 
-    def _missing(self, coming: Iterator[Request], waiting: deque[Capture | None]) -> Iterator[Request]:
-        """The requests that are captured now; to ``waiting`` go the captures held, and None for these."""
-        for request in coming:
-            self._needed[request] -= 1
-            held = self._held.get(request)
-            waiting.append(held)
-            if self._needed[request] <= 0:
-                self._held.pop(request, None)
-            if held is None:
-                yield request
+    def _find(self, request: Request) -> Capture | None:
+        self._needed[request] -= 1
+        return self._held.get(request) if self._needed[request] > 0 else self._held.pop(request, None)
+
+    def _hold(self, capture: Capture) -> None:
+        if self._needed[capture.request] > 0:
+            self._held[capture.request] = capture
+
+
+class PlaceCaptures(HeldCaptures):
+    """A recording that is read and decoded once for all images at an optical centre.
+
+    The captures of the centre that was used last are held. Safe to use from several threads.
+
+    Args:
+        recording: where captures come from; not closed with it.
+        most_bytes: that are held; what does not fit is read again.
+    """
+
+    def __init__(self, recording: Source, most_bytes: int) -> None:
+        super().__init__(recording)
+        self._most_bytes, self._held = most_bytes, dict[Request, Capture]()
+
+    @property
+    def nbytes(self) -> int:
+        """What is held in memory."""
+        return sum(map(_nbytes, list(self._held.values())))
+
+    def close(self) -> None:
+        self._held = {}
+
+    def _find(self, request: Request) -> Capture | None:
+        return self._held.get(request)
+
+    def _hold(self, capture: Capture) -> None:
+        held = next(iter(list(self._held)), capture.request)
+        if (held.view.pose.t_w_c != capture.request.view.pose.t_w_c).any():
+            self._held = {}
+        if self.nbytes + _nbytes(capture) <= self._most_bytes:
+            self._held[capture.request] = capture
+
+
+def _nbytes(capture: Capture) -> int:
+    return capture.pixels.nbytes + len(capture.payload or b"")

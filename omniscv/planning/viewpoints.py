@@ -105,6 +105,8 @@ class CameraRays:
     @cached_property
     def own(self) -> Viewpoints:
         """The pixels' own optical centres: as many as the camera has."""
+        if self.origins is None:
+            return Viewpoints(np.zeros((1, 3)), np.where(self.valid, 0, -1).astype(np.int32))
         return self.camera.viewpoints()
 
     @cached_property
@@ -156,8 +158,16 @@ def ray_group(center_c: Array, pixels: NDArray[np.int64], directions: Array) -> 
 
 
 def unproject(camera: Camera, pixels: Array) -> Rays:
-    """The rays of (H, W, 2) pixels, computed in blocks of rows on all cores."""
-    parts = blocks(lambda rows: camera.unproject(pixels[rows]), len(pixels), pixels[..., 0].size)
-    whole = (np.concatenate([getattr(p, f) for p in parts]) for f in ("origins", "directions", "valid"))
-    # Row-major, whatever the parts were: they are looked up by flat indices again and again.
-    return Rays(*map(np.ascontiguousarray, whole))
+    """The rays of (H, W, 2) pixels, computed in blocks of rows on all cores; row-major, because they are
+    looked up by flat indices again and again. A central camera's origins are 0 where not valid, too."""
+    shape = pixels.shape[:-1]
+    whole = Rays(np.zeros((*shape, 3)), np.empty((*shape, 3)), np.empty(shape, np.bool_))
+
+    def fill(rows: slice) -> None:
+        part = camera.unproject(pixels[rows])
+        whole.directions[rows], whole.valid[rows] = part.directions, part.valid
+        if not camera.central:  # memory of zeros that nobody writes takes no time
+            whole.origins[rows] = part.origins
+
+    blocks(fill, len(pixels), pixels[..., 0].size)
+    return whole

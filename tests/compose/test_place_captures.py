@@ -1,0 +1,76 @@
+"""A recording is read and decoded once for all images at a place, within the renderer's bound; a live source
+is captured anew for each."""
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.geometry import Pose
+from omniscv.sources import SourceWrapper
+
+CAMERA = omniscv.cameras.create("equirectangular", width=16, height=8)
+HERE, THERE = (0, 0, 1.5), (0.2, 0.1, 1.4)
+MODES = ("lit", "object_mask", "depth")
+OPTIONS = omniscv.RenderOptions(strategy="cube", face_size=16)
+ALL = 6 * len(MODES)
+
+
+class Counted(SourceWrapper):
+    """Counts the captures of another source."""
+
+    count = 0
+
+    def capture(self, requests):
+        for capture in super().capture(requests):
+            self.count += 1
+            yield capture
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("places") / "room.sqlite"
+    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+        for place in (HERE, THERE):
+            omniscv.render(CAMERA, Pose.from_angles(place), source, MODES, strategy="cube", face_size=16)
+    return path
+
+
+def reads(renderer, place, yaw_deg):
+    """Return how many captures an image takes, and the image."""
+    before = renderer.source.count
+    image = renderer.render(CAMERA, Pose.from_angles(place, yaw_deg=yaw_deg), MODES, OPTIONS)
+    return renderer.source.count - before, image
+
+
+def test_a_place_is_decoded_once_until_another_one_comes(recording):
+    with Counted(omniscv.open_source(recording)) as source:
+        renderer = omniscv.Renderer(source)
+        counts = [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0], reads(renderer, THERE, 30)[0]]
+        counts += [reads(renderer, THERE, 60)[0], reads(renderer, HERE, 60)[0]]
+    assert counts == [ALL, 0, ALL, 0, ALL]
+
+
+def test_images_of_held_captures_are_those_of_new_ones(recording):
+    with Counted(omniscv.open_source(recording)) as source:
+        renderer = omniscv.Renderer(source)
+        for place, yaw_deg in ((HERE, 0), (HERE, 40), (THERE, 40), (THERE, 80), (HERE, 80)):
+            _, image = reads(renderer, place, yaw_deg)
+            pose = Pose.from_angles(place, yaw_deg=yaw_deg)
+            fresh = omniscv.Renderer(omniscv.open_source("scene://four-wall"))
+            other = fresh.render(CAMERA, pose, MODES, OPTIONS)
+            assert all(np.array_equal(image[name], other[name]) for name in other.layers)
+
+
+@pytest.mark.parametrize("limit", [0, 1 << 15])
+def test_what_does_not_fit_is_read_again(recording, limit):
+    with Counted(omniscv.open_source(recording)) as source:
+        renderer = omniscv.Renderer(source, cache_bytes=limit)
+        counts = [reads(renderer, HERE, yaw_deg)[0] for yaw_deg in (0, 30)]
+        assert renderer.nbytes <= limit
+    assert counts == [ALL, ALL] if limit == 0 else counts[0] == ALL and 0 < counts[1] < ALL
+
+
+def test_a_live_source_is_captured_anew():
+    with Counted(omniscv.open_source("scene://four-wall")) as source:
+        renderer = omniscv.Renderer(source)
+        assert [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0]] == [ALL, ALL]
