@@ -43,4 +43,5 @@ def look(
     if open:
         import webbrowser
 
-        webbrowser.open(page.resolve().as_uri())
+        if not webbrowser.open(page.resolve().as_uri()):
+            console.error(f"expected a browser to show {page}, found none; open it yourself")

@@ -221,6 +221,29 @@ def test_places_that_are_not_recorded_all_around_are_left_out(tmp_path):
     assert "not recorded in lit all around" in warned[0]
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "wanted"),
+    [
+        ("panorama.truth.json", '{"boxes": [{"id": 1}]}', "expected truth records"),
+        ("panorama.layout.json", '{"edges": 3}', "expected layout records"),
+        ("objects.json", '{"1": "Table"}', "expected labels and their objects"),
+        ("panorama.json", '{"camera": 1, "pose": 2}', "camera: expected"),
+    ],
+)
+def test_damaged_files_are_named(truth, tmp_path, name, text, wanted):
+    folder = shutil.copytree(truth.folder, tmp_path / "images")
+    (folder / name).write_text(text)
+    with pytest.raises(ArgumentError, match=f"{name}: {wanted}"):
+        look(folder / "panorama.json", tmp_path / "page.html")
+
+
+def test_a_layer_of_another_size_is_refused(truth, tmp_path):
+    folder = shutil.copytree(truth.folder, tmp_path / "images")
+    shutil.copy(folder / "fisheye.labels.png", folder / "panorama.labels.png")
+    with pytest.raises(ArgumentError, match="expected 256x128 px, as its camera has, got 128x128"):
+        look(folder / "panorama.json", tmp_path / "page.html")
+
+
 def test_another_database_is_refused(tmp_path):
     (tmp_path / "other.sqlite").write_bytes(b"SQLite format 3\x00" + bytes(100))
     with pytest.raises(RecordingError):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import dataset, modalities
+from omniscv.arguments import within
 from omniscv.cameras import create, from_dict
 from omniscv.compose.files import OBJECTS
 from omniscv.dataset import Frame
@@ -85,7 +86,8 @@ def _image(path: Path, names: Mapping[str, int]) -> Frame:
     if not isinstance(data, dict) or not {"camera", "pose"} <= data.keys() or not files:
         raise ArgumentError(f"{path}: expected the STEM.json of an image with its layers, got another file")
     try:
-        camera, pose = from_dict(data["camera"]), Pose.from_dict(data["pose"])
+        with within(path):
+            camera, pose = from_dict(data["camera"]), Pose.from_dict(data["pose"])
         told = data.get("frame") or {}
         name, time = told.get("camera", camera.name), told.get("time")
     except (TypeError, KeyError, AttributeError) as cause:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from omniscv import modalities
 from omniscv.dataset import Frame
+from omniscv.errors import ArgumentError
 from omniscv.parallel import side_by_side
 from omniscv.viewing.look.arrays import pack, rounded, text
 
@@ -60,6 +61,10 @@ def _packed(frame: Frame, name: str) -> dict[str, Any]:
             return {"form": kind, "type": _TYPES[path.suffix.lower()], "data": text(path.read_bytes())}
         return {"form": kind, "type": "image/png", "data": text(_png(frame.layer(name)))}
     values = frame.layer(name)
+    size = frame.camera.height, frame.camera.width
+    if values.shape[:2] != size:
+        wanted = f"expected {size[1]}x{size[0]} px, as its camera has"
+        raise ArgumentError(f"{path}: {wanted}, got {values.shape[1]}x{values.shape[0]}")
     if kind == "vectors":
         return {"form": kind, **pack(np.rint(127 * np.nan_to_num(values)).astype(np.int8))}
     if kind == "scalar":

@@ -5,12 +5,14 @@ A line is a flat list ``[u0, v0, u1, v1, ...]``, px.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from omniscv.dataset import Frame
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.viewing.draw_boxes import Drawn, outline
 
@@ -19,7 +21,16 @@ _KINDS: tuple[Drawn, ...] = ("boxes", "boxes3d")
 
 
 def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
-    """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``."""
+    """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``.
+
+    Raises:
+        ArgumentError: records of another form.
+    """
+    with _records(frame, "truth"):
+        return _boxes(frame)
+
+
+def _boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
     return {
         kind: [
             {
@@ -42,10 +53,15 @@ def layout(frame: Frame) -> dict[str, Any] | None:
 
     ``edges`` have a kind, a line, and whether it is seen, in the empty room too; so have ``corners``, with a
     pixel. ``floor`` is (N, 2), the room from above, world frame, metres.
+
+    Raises:
+        ArgumentError: a record of another form.
     """
-    record = frame.layout
-    if not record:
-        return None
+    with _records(frame, "layout"):
+        return _layout(frame.layout) if frame.layout else None
+
+
+def _layout(record: Mapping[str, Any]) -> dict[str, Any]:
     edges = [
         {
             "kind": edge["kind"],
@@ -65,6 +81,15 @@ def layout(frame: Frame) -> dict[str, Any] | None:
     ]  # fmt: skip
     floor = [each["world"][:2] for each in record["corners"] if each["kind"] == "floor"]
     return {"edges": edges, "corners": corners, "floor": floor}
+
+
+@contextmanager
+def _records(frame: Frame, kind: str) -> Iterator[None]:
+    """Raise what is wrong with a file of records as an ArgumentError that names it."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
+        raise ArgumentError(f"{frame.files[kind]}: expected {kind} records, got: {cause!r}") from cause
 
 
 def _thinned(pixels: Array) -> Array:

@@ -23,6 +23,7 @@ from omniscv.viewing.look.palette import color, ramps
 
 _ASSETS = files("omniscv.viewing.look") / "assets"
 _PROGRAMS = (
+    "titles",
     "codec",
     "geometry",
     "camera",
@@ -37,6 +38,7 @@ _PROGRAMS = (
     "controls",
     "bar",
     "main",
+    "start",
 )
 _PLACEHOLDER = re.compile(r"\{\{(\w+)\}\}")
 

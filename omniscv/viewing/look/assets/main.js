@@ -1,11 +1,5 @@
 // The page: what is shown, and what changes it.
 
-const TITLES = {
-  lit: "Colour", labels: "Objects", classes: "Classes", object_mask: "Mask", depth: "Depth", normals: "Normals",
-  depth_error: "Depth error", label_edge: "Label edges", unsure: "Unsure", occluded: "Hidden",
-};
-const ORDER = Object.keys(TITLES);
-const titleOf = (name) => TITLES[name] ?? name.replaceAll("_", " ");
 const COMPARE = ["off", "slider", "beside"];
 const PLAY_MS = 250;
 
@@ -345,15 +339,3 @@ class Page {
     this.changed();
   }
 }
-
-async function begin() {
-  try {
-    const page = new Page(JSON.parse(element("data").textContent));
-    await page.fromHash(location.hash);
-    document.documentElement.dataset.ready = "1";
-  } catch (error) {
-    element("message").textContent = error.message;
-  }
-}
-
-begin();
