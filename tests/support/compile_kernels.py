@@ -1,4 +1,4 @@
-"""Compiles most kernels into the cache on disk, once: the workers of pytest would each compile all of them."""
+"""Compiles most kernels into the cache on disk, once: else each worker of pytest compiles all of them."""
 
 import omniscv
 
