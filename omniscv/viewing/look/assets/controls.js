@@ -1,7 +1,7 @@
 // Mouse, touch and keyboard.
 
 const KEYS = [
-  ["drag, arrows", "look around, or move the image"], ["wheel, pinch, + \u2212", "zoom"], ["tap", "read that place; tap outside to read the middle"],
+  ["drag, arrows", "look around, or move the image"], ["wheel, pinch, + \u2212", "zoom"], ["tap", "read that place; tap the middle to read there again"],
   ["1 to 9", "layer; with shift: the second one"], ["C", "compare: slider, side by side, off"], ["F", "sphere or flat"],
   ["P", "little planet"], [", and .", "frame before, after"], ["space", "play"], ["N", "next camera"], ["L", "room layout"],
   ["B", "boxes: in the image, in space, none"], ["U", "hatch what is not verified or hidden"], ["T", "colours: turbo, cividis"],
