@@ -1,10 +1,9 @@
 """What many workers make of their number: parts a second by 1 to 64 of them, and what Dask itself takes.
 
-A waiting task stands for a part whose server answers once a tick, on a machine of its own: it takes
-three seconds and no processor. All waiting workers, the scheduler and the client share one process, whose processor
-time is all that scheduling takes. Local workers are processes with a mock server each: they share this
-machine's cores with it, so that their number pays only as far as there are cores; the peer is one process
-without Dask.
+A waiting task stands for a part whose server answers once a tick, on a machine of its own: it takes three
+seconds and no processor. All waiting workers, the scheduler and the client share one process, whose time is
+all that scheduling takes. Local workers are processes with a mock server each: they share this machine's
+cores with it, so that their number pays only as far as there are cores; the peer is one process without Dask.
 """
 
 import logging
