@@ -47,7 +47,7 @@ Mask = NDArray[np.bool_]
 Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """What a constructor argument of a model may be."""
 
-_FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
+FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
 _NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
 _ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
 _LARGEST_PX = 10**6  # of larger images, rounding at the border would be more than 1e-6 px
@@ -161,7 +161,7 @@ class Camera(ABC):
         with np.errstate(all="ignore"):
             x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
             largest = np.maximum(np.maximum(x, y), z)
-            placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= _FARTHEST))
+            placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= FARTHEST))
             pixels, valid = self._project(replaced(placed, xyz, 1.0))
             pixels, inside = self._within_image(pixels)
             valid = np.asarray(valid & placed & inside)

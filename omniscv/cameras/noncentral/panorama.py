@@ -5,7 +5,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from omniscv.arguments import number, one_of
-from omniscv.cameras.base import Array, Mask, Viewpoints
+from omniscv.cameras.base import FARTHEST, Array, Mask, Viewpoints
 from omniscv.cameras.noncentral.lines import viewpoints_by_line
 from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
@@ -87,7 +87,7 @@ class NoncentralPanorama(CirclePanorama):
 
     def __init__(self, width: int, height: int, radius: float) -> None:
         super().__init__(width, height)
-        self.radius = self._radial = number("radius", radius, least=0)
+        self.radius = self._radial = number("radius", radius, least=0, most=FARTHEST)
 
 
 @register
@@ -107,7 +107,7 @@ class OmnidirectionalStereo(CirclePanorama):
 
     def __init__(self, width: int, height: int, interpupillary: float, eye: Eye = "left") -> None:
         super().__init__(width, height)
-        self.interpupillary = number("interpupillary", interpupillary, least=0)
+        self.interpupillary = number("interpupillary", interpupillary, least=0, most=FARTHEST)
         self.eye: Eye = one_of("eye", eye, get_args(Eye))
         self._tangential = side(self.eye) * self.interpupillary / 2
 

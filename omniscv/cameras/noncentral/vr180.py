@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from omniscv.arguments import number, one_of
-from omniscv.cameras.base import Array, Mask, Viewpoints
+from omniscv.cameras.base import FARTHEST, Array, Mask, Viewpoints
 from omniscv.cameras.noncentral.panorama import Eye, side
 from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
@@ -29,7 +29,7 @@ class Vr180(AngularGrid):
 
     def __init__(self, width: int, height: int, interpupillary: float, eye: Eye = "left") -> None:
         super().__init__(width, height)
-        self.interpupillary = number("interpupillary", interpupillary, least=0)
+        self.interpupillary = number("interpupillary", interpupillary, least=0, most=FARTHEST)
         self.eye: Eye = one_of("eye", eye, ("left", "right"))
         self._center_c = np.array([side(self.eye) * self.interpupillary / 2, 0.0, 0.0])
 
