@@ -27,3 +27,4 @@ if [ "$(cat .venv/omniscv-package-stamp 2>/dev/null)" != "$package" ]; then
   echo "$package" > .venv/omniscv-package-stamp
 fi
 export PATH="$PWD/.venv/bin:$PATH"
+unset PYTHONDONTWRITEBYTECODE # where it is set, every process compiles every module anew

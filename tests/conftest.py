@@ -1,7 +1,11 @@
 """Options and settings that all tests share."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import settings
+
+_HERE = Path(__file__).parent
 
 # Machines are shared: a slow example is no failure. Draws are the same every run, so that a red
 # suite is red for everybody; the soak runs draw anew.
@@ -17,9 +21,19 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("soak" if config.getoption("--soak") else "suite")
 
 
+_FIRST = ("cluster", "extension", "docs", "sources", "evaluate", "attack", "compose", "planning")
+"""Folders whose files take long, in their order: workers that have no file left wait for the last one."""
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    items.sort(key=_turn)
     if config.getoption("--soak"):
         return
     for item in items:
         if item.get_closest_marker("soak"):
             item.add_marker(pytest.mark.skip(reason="a long soak: asked for with --soak"))
+
+
+def _turn(item: pytest.Item) -> int:
+    folder = item.path.relative_to(_HERE).parts[0]
+    return _FIRST.index(folder) if folder in _FIRST else len(_FIRST)

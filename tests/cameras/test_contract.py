@@ -62,7 +62,7 @@ def test_classes_are_exported(name):
         assert cls.__name__ in cameras.__all__
 
 
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 50), (50, 1), (2, 2), (7, 5), (1001, 2), (2, 499)])
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 50), (7, 5), (1001, 2), (2, 499)])
 @every_example
 def test_sizes(camera, width, height):
     """The image's middle is on the lens axis in images of any size, and the rest of the contract holds."""

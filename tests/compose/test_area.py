@@ -74,7 +74,7 @@ def kept(values, scene, camera):
 
 
 @pytest.mark.parametrize("face_size", [160, 512])
-@pytest.mark.parametrize("period_px", [2.5, 3.0, 4.0])
+@pytest.mark.parametrize("period_px", [2.5, pytest.param(3.0, marks=pytest.mark.soak), 4.0])
 @pytest.mark.parametrize("name", CAMERAS)
 def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
     """.77, .84 and .91 of their height in a panorama."""

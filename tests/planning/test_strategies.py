@@ -26,6 +26,7 @@ ANY = Capabilities()
 
 EXACT = ("auto", "cube", "faces", "strips")
 SCATTERED = ("orthographic",)  # every pixel has an optical centre of its own
+NONCENTRAL = ("noncentral-panorama", "noncentral-spherical-mirror", "noncentral-conical-mirror")
 LINED_UP = [name for name in CAMERAS if name not in SCATTERED]
 
 
@@ -126,9 +127,7 @@ def test_strips_of_the_papers_panorama():
     assert 200 * pixels[1] <= pixels[0]
 
 
-@pytest.mark.parametrize(
-    "name", ["noncentral-panorama", "noncentral-spherical-mirror", "noncentral-conical-mirror"]
-)
+@pytest.mark.parametrize("name", by_rays(NONCENTRAL, dear=NONCENTRAL[:2]))
 def test_strips_show_what_cubes_show(name):
     """Within the filter's error: both against exact tracing of the pixels' own rays."""
     camera = CAMERAS[name]
