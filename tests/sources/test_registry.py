@@ -16,7 +16,7 @@ WRONG = {
     "localhost:9000": r"expected an address or a recording, got 'localhost:9000'; write unreal://localhost:9000",
     "192.168.0.7:9000": "write unreal://192.168.0.7:9000",
     "[::1]:9000": r"write unreal://\[::1\]:9000",
-    "http://localhost": r"expected blender://, .*launch:, mock://, .*scene://, unreal://, unreal\+unix://.*got 'http://localhost'",
+    "http://localhost": r"expected blender://, .*launch:, mock://, .*scene://.*, unreal\+unix://.*got 'http://localhost'",
     "": "expected an address or the path of a recording, got ''",
     "unreal://": "expected unreal://host:port",
     "unreal://host:nine": "expected unreal://host:port",
