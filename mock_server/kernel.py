@@ -114,17 +114,30 @@ def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
 def nearest_hits(
     origins: Floats, directions: Floats, solids: Floats, distance: Floats, index: Ints, normal: Floats
 ) -> None:
-    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit."""
+    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit.
+
+    ``directions`` of any length become unit vectors.
+    """
     # Arrays are read by element below, because views of rows take longer to make than a solid to test.
     kept = np.empty(solids.shape[0], dtype=np.int64)
     for start in range(0, origins.shape[0], _BUNDLE):
         stop = min(start + _BUNDLE, origins.shape[0])
+        _normalise(directions, start, stop)
         number = _cull(origins, directions, start, stop, solids, kept)
         for i in range(start, stop):
             o = (origins[i, 0], origins[i, 1], origins[i, 2])
             d = (directions[i, 0], directions[i, 1], directions[i, 2])
             distance[i], index[i], n = _first(o, d, solids, kept, number)
             normal[i, 0], normal[i, 1], normal[i, 2] = n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _normalise(directions: Floats, start: int, stop: int) -> None:
+    """Make vectors unit vectors; NaN where they are zero."""
+    for i in range(start, stop):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        directions[i, 0], directions[i, 1], directions[i, 2] = x / length, y / length, z / length
 
 
 @njit(cache=True, nogil=True)
