@@ -37,7 +37,7 @@ Masks = Literal["colors", "ids"]
 
 _START = Instant()
 _BLOCK_PX = 1 << 13
-"""Pixels that are traced together: their arrays stay in a core's cache, and scenes trace no more in a thread."""
+"""Pixels traced together: their arrays stay in a core's cache, and scenes trace no more in one thread."""
 _NEAR = 1e-3
 """Metres in front of a camera from which on boxes are projected."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
