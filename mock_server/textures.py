@@ -76,7 +76,7 @@ def _second(texture: Texture, p: Array, normals: Array) -> NDArray[np.intp]:
         return np.asarray(np.floor(across / scale) % 2, dtype=np.intp)
     joint = np.abs((p / scale) % 1.0 - 0.5) > 0.5 - _LINE
     along = np.abs(normals) < 0.5  # the two axes along the surface
-    return (joint & along).any(axis=-1).astype(np.intp)
+    return np.asarray((joint & along).any(axis=-1), dtype=np.intp)
 
 
 def direction_pattern(directions: Array) -> Array:
