@@ -1,7 +1,8 @@
 """The tracing kernel: every ray against every solid, in float64.
 
 A solid is a row of numbers; the columns are named below. It runs without the GIL and without numba's thread
-pool, which must not be entered from two Python threads: callers distribute rays over threads.
+pool, which must not be entered from two Python threads: callers distribute rays over threads. What is called
+for each ray with an array is inlined: its references would be counted, which takes as long as a few solids.
 """
 
 import math
@@ -175,7 +176,7 @@ def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Fl
     return number
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tuple[float, int, Vector]:
     """Return distance, row and normal of one ray's first hit among the first ``number`` solids kept."""
     best, which, normal = math.inf, -1, (0.0, 0.0, 0.0)
@@ -193,7 +194,7 @@ def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tup
     return best, which, normal
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
     """First hit of a ray in the frame of a solid."""
     kind = int(solids[s, 0])
@@ -209,7 +210,7 @@ def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
     return hit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _local(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector in the frame of a solid."""
     x, y, z = v
@@ -220,7 +221,7 @@ def _local(solids: Floats, s: int, v: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _world(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector of the frame of a solid in the world's."""
     x, y, z = v
