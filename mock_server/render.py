@@ -59,9 +59,11 @@ def pinhole_rays(
         some = x[across, None] * R_w_c[:, 0] + y[down, None] * R_w_c[:, 1] + R_w_c[:, 2]
         lengths = length[where[rows]]
         return some / lengths[:, None], lengths
-    rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1]
-    rays += R_w_c[:, 2]
-    rays /= length[..., None]
+    rays = np.empty((*length.shape, 3))
+    for k, (right, down, forward) in enumerate(R_w_c):  # rows are longer than vectors: fewer, longer loops
+        component = x * right + (y * down)[:, None]
+        component += forward
+        np.divide(component, length, out=rays[..., k])
     return rays, length
 
 

@@ -308,7 +308,7 @@ class Scene:
         texture_of = self._texture_of[row]
         order = np.argsort(texture_of, kind="stable")  # -1 first: rays that hit nothing
         ends = np.cumsum(np.bincount(texture_of + 1, minlength=1))
-        missed, color = order[: ends[0]], np.empty_like(d)
+        missed, color, o = order[: ends[0]], np.empty_like(d), np.ascontiguousarray(o)
         color[: ends[0]] = self._sky if self._pattern is None else self._pattern(d[missed])
         for index, (start, stop) in enumerate(pairwise(ends)):
             if start < stop:
