@@ -54,6 +54,20 @@ def test_without_a_folder_for_it_a_kernel_is_compiled_each_time(tmp_path):
     assert ran.stderr.count("set NUMBA_CACHE_DIR to a folder that can be written to") == 1
 
 
+def test_kernels_take_that_decorator():
+    """numba's own would load slowly, and raise an error where there is no folder."""
+    package = Path(omniscv.__file__).parent
+    importing = [
+        path
+        for path in package.rglob("*.py")
+        if "import numba" in (text := path.read_text()) or "from numba" in text
+    ]
+    assert {str(path.relative_to(package)) for path in importing} == {
+        "compiled.py",
+        "diagnostics/compiled.py",
+    }
+
+
 def test_the_mock_server_shares_no_code_and_so_has_a_copy():
     files = [Path(each.__file__).with_name("compiled.py") for each in (omniscv, mock_server)]
     assert files[0].read_bytes() == files[1].read_bytes()

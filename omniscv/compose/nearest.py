@@ -1,8 +1,8 @@
 """Values of the pixels that rays lie in: what is never blended, and whether a neighbour has another one."""
 
 import numpy as np
-from numba import njit
 
+from omniscv.compiled import njit
 from omniscv.compose import kernels
 from omniscv.compose.kernels import Faces, Floats, Ints, Mask, Pixels
 from omniscv.compose.ray_lookup import RayLookup
