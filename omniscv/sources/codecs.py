@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import modalities
+from omniscv import modalities, png
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry.surfaces import Precision
@@ -87,10 +87,7 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
 def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
     """Bytes and encoding of pixels: PNG for three channels of uint8, NPY for all else; lossless."""
     if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
-        import cv2
-
-        bgr = np.ascontiguousarray(pixels[..., ::-1])
-        return cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1].tobytes(), "png"
+        return png.encode(pixels), "png"
     buffer = io.BytesIO()
     np.save(buffer, np.ascontiguousarray(pixels), allow_pickle=False)
     return buffer.getvalue(), "npy"
