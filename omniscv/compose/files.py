@@ -29,9 +29,10 @@ from numpy.typing import NDArray
 
 from omniscv import modalities, plugins
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
+from omniscv.storage.local import NO_SPACE
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
@@ -42,7 +43,8 @@ _NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenev
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries hold back
 # By measurement: interpolated floats have as many random bits as ZIP takes time over, to save a sixth of the
 # bytes. Run lengths take a third of its time, and shrink what is alike: the sky, and what no ray sees.
-_COMPRESSION = {".exr": "rle", ".jxl": "lossless", ".jpg": "jpeg:95"}
+_COMPRESSION = {".exr": "rle", ".jxl": "lossless"}
+_JPEG_QUALITY = 95
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
@@ -191,11 +193,20 @@ def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A file to write beside the place, moved there when it is complete: no half file is ever seen."""
+    """A file to write beside the place, moved there when it is complete: no half file is ever seen.
+
+    Raises:
+        StorageError: there is no space for it.
+    """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
         os.replace(part, path)
+    except OSError as cause:
+        if cause.errno not in NO_SPACE:
+            raise
+        got = f"{cause.strerror}; free space there, and run again"
+        raise StorageError(f"{path}: expected to write it, got: {got}") from cause
     finally:
         part.unlink(missing_ok=True)
 
@@ -212,12 +223,35 @@ def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
 
     if pixels.dtype == np.bool_:
         pixels = pixels.astype(np.uint8) * 255
-    swapped = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.shape[2:] == (3,) else pixels
     # By measurement: a third of the time that libpng's own choice takes. Masks and labels take half the
     # bytes, colours as many.
     options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
     options += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
-    path.write_bytes(cv2.imencode(".png", swapped, options)[1].tobytes())
+    path.write_bytes(_encoded(path, pixels, options))
+
+
+def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    import cv2
+
+    # Not by OpenImageIO: where the disk is full, the library for JPEG that it has ends the process.
+    if pixels.dtype != np.uint8:
+        raise OmniscvError(f"{path.name}: expected uint8 pixels for JPEG, got {pixels.dtype}; choose png")
+    path.write_bytes(_encoded(path, pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]))
+
+
+def _encoded(path: Path, pixels: NDArray[Any], options: list[int]) -> bytes:
+    """The bytes of a picture in the form of the path's suffix."""
+    import cv2
+
+    try:
+        swapped = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.shape[2:] == (3,) else pixels
+        done, encoded = cv2.imencode(path.suffix, swapped, options)
+    except cv2.error:
+        done = False
+    if not done:
+        got = f"{pixels.dtype} pixels of shape {pixels.shape}"
+        raise OmniscvError(f"{path.name}: expected what a {path.suffix} file can hold, got {got}")
+    return encoded.tobytes()
 
 
 def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
@@ -239,11 +273,13 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.attribute("jpegxl:effort", 1)
         spec.attribute("jpegxl:distance", 0.0)
     output = OpenImageIO.ImageOutput.create(str(path))
-    if output is None or not output.open(str(path), spec):
+    if output is None:
         raise OmniscvError(f"{path.name}: expected to write it, got: {OpenImageIO.geterror()}")
-    if not (output.write_image(np.ascontiguousarray(planes)) and output.close()):
-        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
+    written = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(planes))
+    closed = output.close()
     _check_space(path)
+    if not (written and closed):
+        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
 
 
 def _check_space(path: Path) -> None:
@@ -251,9 +287,8 @@ def _check_space(path: Path) -> None:
 
     Libraries for EXR and JPEG XL write their last buffer when they close a file, and report no error then.
     """
-    size = path.stat().st_size
-    with path.open("r+b") as file:
-        file.seek(size)
+    with path.open("ab") as file:
+        size = file.tell()
         file.write(bytes(_LAST_BUFFER))
         file.flush()
         file.truncate(size)
@@ -283,4 +318,4 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-_writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _openimageio, "exr": _openimageio}
+_writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _jpeg, "exr": _openimageio}
