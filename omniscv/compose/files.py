@@ -32,7 +32,7 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
-from omniscv.storage.local import NO_SPACE
+from omniscv.storage.local import NO_SPACE, refusal
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
@@ -205,8 +205,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as cause:
         if cause.errno not in NO_SPACE:
             raise
-        got = f"{cause.strerror}; free space there, and run again"
-        raise StorageError(f"{path}: expected to write it, got: {got}") from cause
+        raise StorageError(refusal(cause, path)) from cause
     finally:
         part.unlink(missing_ok=True)
 
