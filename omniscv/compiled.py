@@ -4,7 +4,9 @@ numba prepares itself to compile before it looks into its cache: 0.5 s of proces
 for SciPy's linear algebra among others. A kernel that is cached needs none of that.
 """
 
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numba
@@ -20,6 +22,14 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         rtsys.initialize(target_context)  # what allocates arrays
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a kernel for later processes; where the disk is full, it serves this one alone."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:  # the index, written first, would name a file that is not there, or an older one
+            with suppress(OSError):
+                os.unlink(self._cache_file._index_path)
 
 
 def njit(*, cache: bool, **options: Any) -> Callable[[Any], Any]:

@@ -9,18 +9,27 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.errors import ArgumentError
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP = 2
-_COLOR_TYPE = {1: 0, 3: 2, 4: 6}
+_COLOR_TYPE = {(): 0, (1,): 0, (3,): 2, (4,): 6}
 _LEVEL = 2  # by measurement: colours and masks in a third of the time, or less, and fewer bytes than zlib's 1
 
 
 def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """Return the PNG of grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4) pixels."""
+    """Return the PNG of grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4) pixels.
+
+    Raises:
+        ArgumentError: other pixels.
+    """
     from zlib_ng import zlib_ng
 
-    height, width = pixels.shape[:2]
-    depth, kind = 8 * pixels.itemsize, _COLOR_TYPE[1 if pixels.ndim == 2 else pixels.shape[2]]
+    kind = _COLOR_TYPE.get(pixels.shape[2:])
+    if kind is None or pixels.dtype not in (np.uint8, np.uint16) or not pixels.size:
+        wanted = "expected uint8 or uint16 pixels, grey, RGB or RGBA, for PNG"
+        raise ArgumentError(f"{wanted}; got {pixels.dtype} of shape {pixels.shape}")
+    height, width, depth = *pixels.shape[:2], 8 * pixels.itemsize
     stored = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
     rows = np.empty((height, 1 + stored.shape[1]), np.uint8)
     rows[:, 0], rows[0, 1:] = _UP, stored[0]

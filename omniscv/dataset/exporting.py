@@ -16,6 +16,7 @@ from omniscv.cameras import Camera
 from omniscv.dataset import registry
 from omniscv.dataset.fetched_files import FetchedFiles
 from omniscv.dataset.frames import Frame
+from omniscv.dataset.manifest import DATASET
 from omniscv.dataset.reading import open
 from omniscv.errors import ArgumentError
 from omniscv.storage import Folder
@@ -116,7 +117,8 @@ def export(
         The files: paths, or URLs.
 
     Raises:
-        ArgumentError: no dataset, no such format, a camera that it cannot carry, or an unknown option.
+        ArgumentError: no dataset, no such format, a camera that it cannot carry, an unknown option, or a
+            dataset in ``out``.
         DatasetError: the dataset is not complete, or damaged.
     """
     wanted = Export(to, options, cameras=tuple(cameras))
@@ -129,6 +131,8 @@ def export(
     if out is None:
         return write(wanted, frames, source)
     target = storage.folder(out)
+    if target.exists(DATASET):  # whose files would be taken for frames, or replaced
+        raise ArgumentError(f"{target}: expected a folder that holds no dataset; write beside it")
     if target.local is not None:
         return [*_written(wanted, frames, target.local, _merge)]
     with tempfile.TemporaryDirectory(prefix="omniscv-") as part:

@@ -107,9 +107,7 @@ def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, p
 
 
 @njit(nogil=True, error_model="numpy", cache=True, forceinline=True)
-def interpolated(
-    cell: Cell, a: float, b: float, length: float, size: int, precision: Precision
-) -> Point:
+def interpolated(cell: Cell, a: float, b: float, length: float, size: int, precision: Precision) -> Point:
     """Return the surface between the 2 x 2 pixels of a cell; ``inverse`` is 0 if they are not one surface.
 
     There is no branch in it, so that it compiles to vector instructions.

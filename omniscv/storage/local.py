@@ -112,9 +112,18 @@ def in_one_line(path: Path | str) -> Iterator[None]:
     except FileNotFoundError as cause:
         raise MissingFileError(f"{path}: expected a file, it is missing") from cause
     except OSError as cause:
-        got = cause.strerror or str(cause)
-        advice = "; free space there, and run again" if cause.errno in NO_SPACE else ""
-        raise StorageError(f"{path}: expected to read or write it, got: {got}{advice}") from cause
+        raise StorageError(refusal(cause, path)) from cause
+
+
+def refusal(cause: OSError, path: Path | str | None = None) -> str:
+    """Return what the system refused, in one line that names the file, where it is known, and what helps."""
+    path = path or cause.filename
+    got = cause.strerror or str(cause)
+    if isinstance(cause, FileExistsError):  # of mkdir
+        got = "a file" if os.path.isfile(path or "") else got
+        return f"{path}: expected a folder or a free name, got {got}"
+    advice = "; free space there, and run again" if cause.errno in NO_SPACE else ""
+    return f"{path}: expected to read or write it, got: {got}{advice}" if path else f"{got}{advice}"
 
 
 def _linked(part: Path, place: Path) -> bool:
