@@ -1,7 +1,7 @@
 """PNG files, written for speed; reading is left to OpenCV.
 
-A PNG is a signature and three blocks: what it holds, its rows as one zlib stream, and the end. Each row starts
-with the number of its filter, here 2: what follows is the difference to the row above, which is mostly 0.
+A PNG is a signature and three blocks: what it holds, its rows as one zlib stream, and the end. Each row
+starts with the number of its filter, here 2: what follows is the difference to the row above, mostly 0.
 """
 
 import struct

@@ -41,9 +41,8 @@ OBJECTS = "objects.json"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries hold back
-# By measurement: chunks of single rows take twice the time of larger ones, which only tiles can be.
-_TILE_ROWS = 64
-_ALIKE = 0.1
+_LOOKED_AT, _ALIKE = 64, 0.1
+"""Rows in which neighbours are compared, and the part of them from which on run lengths pay."""
 _JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
@@ -229,7 +228,7 @@ def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     import cv2
 
     # Not by OpenImageIO: where the disk is full, the library for JPEG that it has ends the process.
-    fits = pixels.shape[2:] == (3,) and 0 < pixels.size and max(pixels.shape) <= _JPEG_LARGEST_PX
+    fits = pixels.shape[2:] == (3,) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
     if pixels.dtype != np.uint8 or not fits:
         wanted = f"expected uint8 RGB pixels for JPEG, {_JPEG_LARGEST_PX} a side at most"
         raise OmniscvError(f"{path.name}: {wanted}; got {pixels.dtype} of shape {pixels.shape}; choose png")
@@ -253,7 +252,8 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.attribute("ImageDescription", row.doc)
     if path.suffix == ".exr":
         spec.attribute("compression", _exr_compression(planes))
-        spec.tile_width, spec.tile_height, spec.tile_depth = width, min(_TILE_ROWS, height), 1
+        # By measurement: to hand each row to a pool of threads takes longer than to write it.
+        OpenImageIO.attribute("exr_threads", -1)
     if path.suffix == ".jxl":
         spec.attribute("compression", "lossless")
         spec.attribute("jpegxl:effort", 1)
@@ -269,12 +269,12 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
 
 
 def _exr_compression(planes: NDArray[Any]) -> str:
-    """Return run lengths for planes (H, W, C) where a tenth of neighbours are alike, as in the sky; else none.
+    """Return run lengths for planes (H, W, C) whose neighbours are often alike, as in the sky; else none.
 
-    By measurement: interpolated floats have random bits, of which run lengths save nothing and ZIP a sixth, in
-    twice and in eight times the time of writing them as they are.
+    By measurement: interpolated floats have random bits, of which run lengths save nothing and ZIP a sixth,
+    in twice and in five times the time of writing them as they are.
     """
-    some = planes[:: max(1, len(planes) // _TILE_ROWS)]
+    some = planes[:: max(1, len(planes) // _LOOKED_AT)]
     return "rle" if np.count_nonzero(some[:, 1:] == some[:, :-1]) > _ALIKE * some.size else "none"
 
 

@@ -58,8 +58,8 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
 def _sure_px(axes: Array, focal: Array, half_width: float, half_height: float) -> Array:
     """Return (V,) px: rays so near to the centre of a view lie in it, and more centrally than in any other.
 
-    A ray at an angle t from the axis of a view, and at phi - t or more from another's that is phi away, lies at
-    most ``f tan(t) / short`` off the centre of the one, as a part of its sides, and at least
+    A ray at an angle t from the axis of a view is phi - t or more from another's that is phi away. As a part
+    of their sides it lies ``f tan(t) / short`` off the centre of the one at most, and at least
     ``f' tan(phi - t) / (sqrt(2) long)`` off the other's. With c for the ratio of what stands before the
     tangents, the first is less while ``sin(phi - 2 t) > sin(phi) (c - 1) / (c + 1)``.
     """

@@ -183,7 +183,7 @@ def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precisio
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def rounding(z: float, length: float, precision: Precision) -> float:
-    """Return the largest error, metres, that a stored planar depth has; the length as :func:`stored_length`."""
+    """Return the largest error, metres, that a stored planar depth has; ``length`` is its stored length."""
     # Slightly more: 128 cm is stored with the step above it, and comes as 1.28 m rounded down.
     stored = z * length / precision.unit_m * (1.0 + 8 * _FLOAT32)
     power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)  # of two, not above it

@@ -1,4 +1,4 @@
-"""Every ray is served by the view that sees it most centrally, wherever views look and however wide they are."""
+"""Every ray is served by the view that sees it most centrally, wherever views look, however wide they are."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -19,7 +19,10 @@ def view_sets(draw):
     turns = [Rotation.random(random_state=draw(st.integers(0, 999))) for _ in range(draw(st.integers(1, 6)))]
     turns += [turns[0] * Rotation.from_rotvec(draw(st.sampled_from(([0, 0, 0], [1e-7, 0, 0], [0, 0.3, 0]))))]
     fovs = [draw(st.sampled_from((30.0, 90.0, 120.0))) for _ in turns]
-    return [View(Pose((0, 0, 0), turn.as_matrix()), fov, width, height) for turn, fov in zip(turns, fovs)]
+    return [
+        View(Pose((0, 0, 0), turn.as_matrix()), fov, width, height)
+        for turn, fov in zip(turns, fovs, strict=True)
+    ]
 
 
 @given(view_sets(), st.integers(0, 999))
