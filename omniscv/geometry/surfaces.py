@@ -204,17 +204,12 @@ def _continued(
     face: NDArray[np.float32], r: int, c: int, dx: float, dy: float, focal: float, precision: Precision
 ) -> Point:
     """The surface of pixel (r, c), continued to (dx, dy) from its centre by the slope that it has there."""
-    height, width = face.shape
     z = max(float(face[r, c]), _LEAST_M)
     jump = _jump(face, r, c)
     if not z < np.inf:
         return Point(0.0, 0.0, 0.0, 0.0, jump)
-    row, column = np.full(5, np.inf), np.full(5, np.inf)
-    for k in range(5):
-        if 0 <= c + k - 2 < width:
-            row[k] = face[r, c + k - 2]
-        if 0 <= r + k - 2 < height:
-            column[k] = face[r + k - 2, c]
+    row = _at(face, r, c - 2), _at(face, r, c - 1), z, _at(face, r, c + 1), _at(face, r, c + 2)
+    column = _at(face, r - 2, c), _at(face, r - 1, c), z, _at(face, r + 1, c), _at(face, r + 2, c)
     across, known_across = _slope(row, dx)
     down, known_down = _slope(column, dy)
     inverse = 1.0 / z + across * dx + down * dy
@@ -225,6 +220,12 @@ def _continued(
     if not (known_across and known_down):
         error += most / (z * z)
     return Point(limited, across, down, error, jump)
+
+
+@njit(cache=True, nogil=True)
+def _at(face: NDArray[np.float32], r: int, c: int) -> float:
+    """Planar depth at a pixel; +inf beyond the picture."""
+    return float(face[r, c]) if 0 <= r < face.shape[0] and 0 <= c < face.shape[1] else np.inf
 
 
 @njit(cache=True, nogil=True)
@@ -239,7 +240,7 @@ def _jump(face: NDArray[np.float32], r: int, c: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _slope(line: NDArray[np.float64], toward: float) -> tuple[float, bool]:
+def _slope(line: tuple[float, float, float, float, float], toward: float) -> tuple[float, bool]:
     """The slope of 1/z at the middle of five pixels, from a side where the surface goes on; else 0, False."""
     here = line[2]
     allowed = allowed_step(here)
