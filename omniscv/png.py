@@ -1,20 +1,138 @@
-"""PNG files, written for speed; reading is left to OpenCV.
+"""PNG: what comes from servers and files is read strictly, within a bound, in silence; writing is fast.
 
-A PNG is a signature and three blocks: what it holds, its rows as one zlib stream, and the end. Each row
-starts with the number of its filter, here 2: what follows is the difference to the row above, mostly 0.
+libpng prints its complaints on the standard error, and inflates what lies behind the picture to its end: a
+megabyte can stand for a gigabyte. Here nothing is inflated beyond the size in the header. zlib-ng deflates in
+a third of zlib's time, and inflates in a quarter of it.
+
+A PNG is a signature and chunks: a header, the rows as one zlib stream, and the end. Each row starts with the
+number of its filter, which says what was subtracted from its bytes.
 """
 
 import struct
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from zlib_ng import zlib_ng
 
-from omniscv.errors import ArgumentError
+from omniscv.compiled import njit
+from omniscv.errors import ArgumentError, BadReplyError
+
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""By colour type: grey, RGB, palette, grey with alpha, RGBA."""
+
+_PALETTE, _UP = 3, 2
+_SPARE = 1 << 20  # bytes that a small PNG may have beyond twice its pixels: profiles, texts
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_UP = 2
 _COLOR_TYPE = {(): 0, (1,): 0, (3,): 2, (4,): 6}
-_LEVEL = 2  # by measurement: colours and masks in a third of the time, or less, and fewer bytes than zlib's 1
+_LEVEL = 2
+"""By measurement: colours and masks in half of zlib's fastest time, or less, and fewer bytes."""
+
+Pixels = NDArray[np.uint8]
+
+
+def decode(payload: bytes) -> Pixels:
+    """Return (H, W, C) pixels: grey, grey with alpha, RGB or RGBA; a palette gives RGB.
+
+    Memory is taken for the size in the header, which the caller has checked, with the signature.
+
+    Raises:
+        BadReplyError: another kind of PNG, a wrong checksum, or data for less or more than the picture.
+    """
+    width, height, bits, kind, *methods = struct.unpack_from(">IIBBBBB", payload, 16)
+    if bits != 8 or kind not in _CHANNELS or any(methods):
+        got = f"{bits}-bit {width} x {height} of colour type {kind}, methods {methods}"
+        raise BadReplyError(f"expected an 8-bit PNG, not interlaced, got {got}")
+    step = _CHANNELS[kind]
+    row = 1 + width * step
+    if len(payload) > 2 * height * row + _SPARE:
+        raise BadReplyError(f"expected a PNG of {width} x {height}, got {len(payload)} bytes")
+    data, palette = _content(payload)
+    rows = np.frombuffer(_inflated(data, height * row), dtype=np.uint8).reshape(height, row)
+    padded = np.zeros((height + 1, step + width * step), dtype=np.uint8)
+    if not _unfilter(rows, step, padded):
+        raise BadReplyError("expected a PNG, got one with an unknown filter")
+    pixels = padded[1:, step:].reshape(height, width, step)
+    return _colored(pixels, palette) if kind == _PALETTE else pixels
+
+
+def _content(payload: bytes) -> tuple[bytes, bytes]:
+    """Return the data of the pixels, deflated, and the palette; empty if there is none."""
+    chunks = [(name, data) for name, data in _chunks(payload) if name[:1].isupper()]
+    data = [data for name, data in chunks if name == b"IDAT"]
+    palette = [data for name, data in chunks if name == b"PLTE"]
+    names = [name for name, _ in chunks]
+    if names != [b"IHDR", *[b"PLTE"] * bool(palette), *[b"IDAT"] * len(data), b"IEND"]:
+        raise BadReplyError(f"expected the chunks of a PNG, got {b' '.join(names[:8])!r}")
+    return b"".join(data), b"".join(palette)
+
+
+def _chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
+    """Yield names and data of the chunks, which must end where the payload does."""
+    view, at, name = memoryview(payload), 8, b""  # behind the signature
+    while name != b"IEND" and at + 12 <= len(payload):
+        length, name = struct.unpack_from(">I4s", payload, at)
+        end = at + 8 + length
+        if end + 4 <= len(payload):
+            if struct.unpack_from(">I", payload, end) != (zlib_ng.crc32(view[at + 4 : end]),):
+                raise BadReplyError(f"expected a PNG, got one with a wrong checksum of its chunk {name!r}")
+            yield name, view[at + 8 : end]
+        at = end + 4
+    if at != len(payload) or name != b"IEND":
+        raise BadReplyError(f"expected a PNG, got one whose chunks do not add up to its {len(payload)} bytes")
+
+
+def _inflated(data: bytes, size: int) -> bytes:
+    stream = zlib_ng.decompressobj()
+    try:
+        inflated = stream.decompress(data, size + 1)
+    except zlib_ng.error as cause:
+        raise BadReplyError(f"expected a PNG, got one that does not decode: {cause}") from cause
+    if len(inflated) != size or not stream.eof or stream.unused_data:
+        got = "more" if len(inflated) > size or stream.unused_data else "less"
+        raise BadReplyError(f"expected {size} bytes of pixels in a PNG, got {got}")
+    return inflated
+
+
+def _colored(indices: Pixels, palette: bytes) -> Pixels:
+    colors = np.frombuffer(palette[: len(palette) // 3 * 3], dtype=np.uint8).reshape(-1, 3)
+    if indices.max() >= len(colors):
+        raise BadReplyError(f"expected colours among the {len(colors)} of the palette, got {indices.max()}")
+    return np.asarray(colors[indices[..., 0]])
+
+
+@njit(cache=True, nogil=True)
+def _unfilter(rows: Any, step: int, padded: Any) -> bool:
+    """Undo the filters of rows, whose first byte is the filter; return whether all are known.
+
+    ``padded`` has a row of zeros above the pixels, and ``step`` columns of zeros, a pixel's, to their left.
+    """
+    for y in range(rows.shape[0]):
+        kind, row, above, out = rows[y, 0], rows[y, 1:], padded[y], padded[y + 1]
+        if kind == 0:
+            out[step:] = row
+        elif kind == 1:
+            for x in range(row.size):
+                out[x + step] = row[x] + out[x]
+        elif kind == 2:
+            for x in range(row.size):
+                out[x + step] = row[x] + above[x + step]
+        elif kind == 3:
+            for x in range(row.size):
+                out[x + step] = row[x] + (int(out[x]) + int(above[x + step])) // 2
+        elif kind == 4:
+            for x in range(row.size):
+                left, up, corner = np.int32(out[x]), np.int32(above[x + step]), np.int32(above[x])
+                to_left, to_up, to_corner = abs(up - corner), abs(left - corner), abs(left + up - 2 * corner)
+                nearest = up if to_up <= to_corner else corner
+                if to_left <= to_up and to_left <= to_corner:
+                    nearest = left
+                out[x + step] = row[x] + nearest
+        else:
+            return False
+    return True
 
 
 def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
@@ -23,8 +141,6 @@ def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     Raises:
         ArgumentError: other pixels.
     """
-    from zlib_ng import zlib_ng
-
     kind = _COLOR_TYPE.get(pixels.shape[2:])
     if kind is None or pixels.dtype not in (np.uint8, np.uint16) or not pixels.size:
         wanted = "expected uint8 or uint16 pixels, grey, RGB or RGBA, for PNG"
@@ -32,7 +148,7 @@ def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     height, width, depth = *pixels.shape[:2], 8 * pixels.itemsize
     stored = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
     rows = np.empty((height, 1 + stored.shape[1]), np.uint8)
-    rows[:, 0], rows[0, 1:] = _UP, stored[0]
+    rows[:, 0], rows[0, 1:] = _UP, stored[0]  # what lies above is mostly the same
     np.subtract(stored[1:], stored[:-1], out=rows[1:, 1:])
 
     def block(name: bytes, data: bytes) -> bytes:
