@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,6 +19,7 @@ from omniscv.dataset.manifest import DATASET
 from omniscv.dataset.reading import open
 from omniscv.errors import ArgumentError
 from omniscv.storage import Folder
+from omniscv.storage.local import folder_beside, replace_folder
 
 EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
@@ -148,7 +148,7 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
         ArgumentError: as the format.
     """
     if out.local is not None:
-        return [*_written(wanted, frames, out.local / EXPORTS / wanted.folder, _replace)]
+        return [*_written(wanted, frames, out.local / EXPORTS / wanted.folder, replace_folder)]
     with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
         part = Path(root) / EXPORTS / wanted.folder
         part.mkdir(parents=True)
@@ -187,14 +187,9 @@ def _written(
 ) -> list[Path]:
     """The files of an export, written beside a folder, and put there when they are complete."""
     target = Path(os.path.abspath(folder))
-    part = target.with_name(f".{target.name}.part")  # beside it: relative paths out of it stay true
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
-    try:
+    with folder_beside(target) as part:  # relative paths out of it stay true
         written = write_into(wanted, frames, part)
         place(part, target)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return [folder / path.relative_to(part) for path in written]
 
 
@@ -203,11 +198,6 @@ def write_into(wanted: Export, frames: Sequence[Frame], folder: Path) -> list[Pa
     shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
     with within(wanted.format):
         return registry.get(wanted.format).write(shown, folder, wanted.options)
-
-
-def _replace(part: Path, target: Path) -> None:
-    shutil.rmtree(target, ignore_errors=True)
-    os.replace(part, target)
 
 
 def _merge(part: Path, target: Path) -> None:

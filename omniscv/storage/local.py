@@ -105,6 +105,24 @@ def written_beside(place: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def folder_beside(target: Path) -> Iterator[Path]:
+    """Yield a new folder beside a place, to be moved there when it is complete; it is removed at the end."""
+    part = target.with_name(f".{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        yield part
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def replace_folder(part: Path, target: Path) -> None:
+    """Move a folder to its place; the one that is there is removed."""
+    shutil.rmtree(target, ignore_errors=True)
+    part.replace(target)
+
+
+@contextmanager
 def in_one_line(path: Path | str) -> Iterator[None]:
     """Raise what the system reports as one line that names a file and what helps."""
     try:
@@ -117,7 +135,7 @@ def in_one_line(path: Path | str) -> Iterator[None]:
 
 def refusal(cause: OSError, path: Path | str | None = None) -> str:
     """Return what the system refused, in one line that names the file, where it is known, and what helps."""
-    path = path or cause.filename
+    path = path or cause.filename2 or cause.filename  # of a copy or a move: where it goes
     got = cause.strerror or str(cause)
     if isinstance(cause, FileExistsError):  # of mkdir
         got = "a file" if os.path.isfile(path or "") else got

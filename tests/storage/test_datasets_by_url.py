@@ -61,7 +61,7 @@ def test_frames_are_those_of_the_folder(url, folder, cache):
         assert set(mine.files) == set(theirs.files)
         for layer in ("lit", "depth"):
             assert np.array_equal(mine.layer(layer), theirs.layer(layer))
-    held = {path.name for path in cache.rglob("*") if path.is_file()}
+    held = {path.name for path in cache.rglob("[!.]*.*")}
     assert held == {f"{each.key}.{kind}" for each in local for kind in ("lit.png", "depth.exr")}
 
 
