@@ -1,7 +1,8 @@
 """The tracing kernel: every ray against every solid, in float64.
 
 A solid is a row of numbers; the columns are named below. It runs without the GIL and without numba's thread
-pool, which must not be entered from two Python threads: callers distribute rays over threads.
+pool, which must not be entered from two Python threads: callers distribute rays over threads. What is called
+for each ray with an array is inlined: its references would be counted, which takes as long as a few solids.
 """
 
 import math
@@ -114,17 +115,30 @@ def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
 def nearest_hits(
     origins: Floats, directions: Floats, solids: Floats, distance: Floats, index: Ints, normal: Floats
 ) -> None:
-    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit."""
+    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit.
+
+    ``directions`` of any length become unit vectors.
+    """
     # Arrays are read by element below, because views of rows take longer to make than a solid to test.
     kept = np.empty(solids.shape[0], dtype=np.int64)
     for start in range(0, origins.shape[0], _BUNDLE):
         stop = min(start + _BUNDLE, origins.shape[0])
+        _normalise(directions, start, stop)
         number = _cull(origins, directions, start, stop, solids, kept)
         for i in range(start, stop):
             o = (origins[i, 0], origins[i, 1], origins[i, 2])
             d = (directions[i, 0], directions[i, 1], directions[i, 2])
             distance[i], index[i], n = _first(o, d, solids, kept, number)
             normal[i, 0], normal[i, 1], normal[i, 2] = n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _normalise(directions: Floats, start: int, stop: int) -> None:
+    """Make vectors unit vectors; NaN where they are zero."""
+    for i in range(start, stop):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        directions[i, 0], directions[i, 1], directions[i, 2] = x / length, y / length, z / length
 
 
 @njit(cache=True, nogil=True)
@@ -162,7 +176,7 @@ def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Fl
     return number
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tuple[float, int, Vector]:
     """Return distance, row and normal of one ray's first hit among the first ``number`` solids kept."""
     best, which, normal = math.inf, -1, (0.0, 0.0, 0.0)
@@ -180,7 +194,7 @@ def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tup
     return best, which, normal
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
     """First hit of a ray in the frame of a solid."""
     kind = int(solids[s, 0])
@@ -196,7 +210,7 @@ def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
     return hit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _local(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector in the frame of a solid."""
     x, y, z = v
@@ -207,7 +221,7 @@ def _local(solids: Floats, s: int, v: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _world(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector of the frame of a solid in the world's."""
     x, y, z = v

@@ -37,22 +37,32 @@ class ViewHits:
 
 
 def pinhole_rays(
-    R_w_c: Array, fov_deg: float, width: int, height: int, where: NDArray[np.bool_] | None = None
+    R_w_c: Array,
+    fov_deg: float,
+    size: tuple[int, int],
+    *,
+    rows: slice = slice(None),
+    where: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array]:
     """Return (H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of depth.
 
-    With ``where`` (H, W), only of its N pixels, row by row: (N, 3) and (N,).
+    Of a view of ``size`` (width, height), or of some ``rows`` of it. With ``where`` (height, width), only of
+    the N pixels that it names there, row by row: (N, 3) and (N,).
     """
+    width, height = size
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
     x = (np.arange(width) + 0.5 - width / 2) / focal
-    y = (np.arange(height) + 0.5 - height / 2) / focal
+    y = ((np.arange(height) + 0.5 - height / 2) / focal)[rows]
     length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     if where is not None:
-        rows, columns = np.nonzero(where)
-        some = x[columns, None] * R_w_c[:, 0] + y[rows, None] * R_w_c[:, 1] + R_w_c[:, 2]
-        return some / length[where][:, None], length[where]
-    rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1] + R_w_c[:, 2]
-    return rays / length[..., None], length
+        down, across = np.nonzero(where[rows])
+        some = x[across, None] * R_w_c[:, 0] + y[down, None] * R_w_c[:, 1] + R_w_c[:, 2]
+        lengths = length[where[rows]]
+        return some / lengths[:, None], lengths
+    rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1]
+    rays += R_w_c[:, 2]
+    rays /= length[..., None]
+    return rays, length
 
 
 def render_view(
@@ -74,6 +84,6 @@ def render_view(
         width, height: px.
         hidden: names of objects to leave out.
     """
-    directions, length = pinhole_rays(np.asarray(R_w_c, dtype=np.float64), fov_deg, width, height)
+    directions, length = pinhole_rays(np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height))
     hits = scene.trace(t_w_c, directions, hidden)
     return ViewHits(hits.label, hits.distance / length, hits.distance, hits.normal, hits.paint)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,7 +96,7 @@ class Scene:
         self._labels = np.array([0] + [labels[each] for each in names], dtype=np.uint16)
         textures_used = {each: index for index, each in enumerate(dict.fromkeys(each_texture))}
         self._textures = list(textures_used)
-        self._texture_of = np.array([textures_used[each] for each in each_texture] + [-1], dtype=np.int64)
+        self._texture_of = np.array([textures_used[each] for each in each_texture] + [-1], dtype=np.int16)
         self._owner = np.array(names, dtype=object)
         self._place({})
 
@@ -267,8 +268,6 @@ class Scene:
             Hits of shape (...). A ray that starts inside a solid hits its wall from inside.
         """
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            d = d / np.linalg.norm(d, axis=-1, keepdims=True)
         shape = np.broadcast_shapes(o.shape, d.shape)
         o, d = (np.array(np.broadcast_to(each, shape), order="C").reshape(-1, 3) for each in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
@@ -306,16 +305,23 @@ class Scene:
         return color.reshape(shape)
 
     def _color(self, o: Array, d: Array, distance: Array, row: NDArray[np.int64], normal: Array) -> Array:
-        color = np.empty_like(d)
-        missed = row < 0
-        color[missed] = self._sky if self._pattern is None else self._pattern(d[missed])
         texture_of = self._texture_of[row]
-        for index in np.flatnonzero(np.bincount(texture_of[~missed])):
-            mine = np.flatnonzero(texture_of == index)
-            points = o[mine] + distance[mine, None] * d[mine]
-            points, faced = self._carried_back(points, normal[mine], row[mine])
-            color[mine] = textures.paint(self._textures[index], points, faced, normal[mine])
-        return color
+        order = np.argsort(texture_of, kind="stable")  # -1 first: rays that hit nothing
+        ends = np.cumsum(np.bincount(texture_of + 1, minlength=1))
+        missed, color = order[: ends[0]], np.empty_like(d)
+        color[: ends[0]] = self._sky if self._pattern is None else self._pattern(d[missed])
+        for index, (start, stop) in enumerate(pairwise(ends)):
+            if start < stop:
+                mine = order[start:stop]
+                # take() copies rows in a fifth of the time of an index in brackets
+                facing, points = normal.take(mine, axis=0), d.take(mine, axis=0)
+                points *= distance[mine, None]
+                points += o.take(mine, axis=0)
+                points, faced = self._carried_back(points, facing, row[mine])
+                color[start:stop] = textures.paint(self._textures[index], points, faced, facing)
+        inverse = np.empty_like(order)
+        inverse[order] = np.arange(len(order))
+        return color.take(inverse, axis=0)
 
     def _carried_back(self, points: Array, normals: Array, row: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return points and normals (N, 3) as before their objects were moved: textures move with objects."""
@@ -332,8 +338,9 @@ class Scene:
 def _by_chunks(work: Callable[[slice], None], count: int) -> None:
     """Call a function with the parts of a range, on several cores."""
     parts = [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
-    if len(parts) == 1:
-        work(parts[0])
+    if len(parts) < 2:
+        for part in parts:
+            work(part)
         return
     # Threads of this call alone: a pool kept between calls would hang in a forked process.
     with ThreadPoolExecutor(_THREADS) as pool:

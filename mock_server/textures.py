@@ -44,25 +44,39 @@ def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Arr
         points, normals: (N, 3) there.
         facing: (N, 3) the normals in the world, which shade the colours by 0.7..1.
     """
+    shade = (0.85 + 0.15 * (facing @ _LIGHT))[:, None]
+    if texture.kind == "plain":
+        return np.asarray(texture.first * shade)
     p, scale = points - _NUDGE * normals, texture.scale
-    weight = np.zeros(len(points))  # the share of the second colour
-    if texture.kind == "checker":
-        weight = np.floor(p / scale).sum(axis=-1) % 2
-    elif texture.kind == "stripes":
-        across = p[:, 0] * np.cos(texture.angle) + p[:, 1] * np.sin(texture.angle) + 0.31 * p[:, 2]
-        weight = np.floor(across / scale) % 2
-    elif texture.kind == "tiles":
-        joint = np.abs((p / scale) % 1.0 - 0.5) > 0.5 - _LINE
-        weight = (
-            (joint & (np.abs(normals) < 0.5)).any(axis=-1).astype(float)
-        )  # the two axes along the surface
-    elif texture.kind == "wood":
+    colors = np.array([texture.first, texture.second])
+    if texture.kind == "wood":
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
-        weight = 0.5 + 0.5 * np.sin(2 * np.pi * ring)
+        color = _between(colors, 0.5 + 0.5 * np.sin(2 * np.pi * ring))
     elif texture.kind == "gradient":
-        weight = np.clip(p[:, 2] / scale, 0.0, 1.0)
-    color = (1 - weight[:, None]) * texture.first + weight[:, None] * texture.second
-    return np.asarray(color * (0.85 + 0.15 * (facing @ _LIGHT))[:, None])
+        color = _between(colors, np.clip(p[:, 2] / scale, 0.0, 1.0))
+    else:
+        color = colors.take(_second(texture, p, normals), axis=0)
+    color *= shade
+    return color
+
+
+def _between(colors: Array, weight: Array) -> Array:
+    """Return (N, 3) mixtures of two colours, by the share of the second."""
+    return np.asarray((1 - weight[:, None]) * colors[0] + weight[:, None] * colors[1])
+
+
+def _second(texture: Texture, p: Array, normals: Array) -> NDArray[np.intp]:
+    """Return (N,) where a surface shows the second of two colours (1), and where the first (0)."""
+    scale = texture.scale
+    if texture.kind == "checker":
+        cell = np.floor(p[:, 0] / scale) + np.floor(p[:, 1] / scale) + np.floor(p[:, 2] / scale)
+        return np.asarray(cell % 2, dtype=np.intp)
+    if texture.kind == "stripes":
+        across = p[:, 0] * np.cos(texture.angle) + p[:, 1] * np.sin(texture.angle) + 0.31 * p[:, 2]
+        return np.asarray(np.floor(across / scale) % 2, dtype=np.intp)
+    joint = np.abs((p / scale) % 1.0 - 0.5) > 0.5 - _LINE
+    along = np.abs(normals) < 0.5  # the two axes along the surface
+    return np.asarray((joint & along).any(axis=-1), dtype=np.intp)
 
 
 def direction_pattern(directions: Array) -> Array:

@@ -291,7 +291,7 @@ class World:
 
 def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
     """Return the view with a sphere around the camera behind everything."""
-    rays, length = pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), *camera.size)
+    rays, length = pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size)
     sky = view.distance > radius_m
     return dataclasses.replace(
         view,

@@ -14,7 +14,7 @@ from omniscv.errors import OmniscvError
 from omniscv.geometry import Pose
 from omniscv.planning import RenderOptions
 from omniscv.progress import Meter, Report
-from omniscv.sources.base import ObjectTable, Source
+from omniscv.sources.base import Source
 from omniscv.sources.recording import record
 from omniscv.sources.recording.inspection import info
 from omniscv.sources.registry import open_source
@@ -74,9 +74,9 @@ class DemoReport:
 class _Room:
     """What was made of one room."""
 
-    images: dict[str, OmniImage]
-    objects: ObjectTable
+    sheet: Path
     captures: int
+    images: int
     compared: int
 
 
@@ -96,12 +96,11 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
     meter = Meter(2 * len(ROOMS) * len(demo_cameras()), progress)
     with ThreadPoolExecutor(len(ROOMS), thread_name_prefix="room") as pool:
         rooms = list(pool.map(lambda name: _room(name, out, meter, scale), ROOMS))
-    for name, room in zip(ROOMS, rooms, strict=True):
+    for room in rooms:
         report.captures += room.captures
-        report.images += len(room.images)
+        report.images += room.images
         report.compared += room.compared
-        title = f"omniscv: every camera in the room '{name}'"
-        report.sheets.append(contact_sheet(room.images, room.objects, out / f"{name}.png", title))
+        report.sheets.append(room.sheet)
     report.seconds = time.monotonic() - started
     return report
 
@@ -118,7 +117,9 @@ def _room(name: str, out: Path, meter: Meter, scale: int) -> _Room:
     with open_source(str(recording)) as replay:
         for stem, image in _composed(replay, meter, scale):
             compared += _compare(images[stem], image, stem)
-    return _Room(images, objects, sum(info(recording).captures.values()), compared)
+    title = f"omniscv: every camera in the room '{name}'"
+    sheet = contact_sheet(images, objects, out / f"{name}.png", title)
+    return _Room(sheet, sum(info(recording).captures.values()), len(images), compared)
 
 
 def _composed(source: Source, meter: Meter, scale: int) -> Iterator[tuple[str, OmniImage]]:

@@ -112,13 +112,12 @@ def chosen(modes: Iterable[str]) -> tuple[str, ...]:
         ArgumentError: no mode, an unknown or derived one, one twice, or a text in place of a sequence.
     """
     given = modes if isinstance(modes, str) else list(modes)
-    wanted = f"modes: expected a sequence of some of {', '.join(names())}, each once"
-    if isinstance(given, str):
-        raise ArgumentError(f"{wanted}; got the text {given!r}, write ({given!r},)")
-    found = [get(mode).name if isinstance(mode, str) else "" for mode in given]
-    if not found or len(set(found)) != len(found) or not set(found) <= set(names()):
-        raise ArgumentError(f"{wanted}; got {given!r}")
-    return tuple(found)
+    rows = [get(mode) for mode in given if isinstance(mode, str)] if isinstance(given, list) else []
+    found = tuple(row.name for row in rows if row.captured)
+    if found and len(set(found)) == len(given):
+        return found
+    got = f"{given!r}" if isinstance(given, list) else f"the text {given!r}, write ({given!r},)"
+    raise ArgumentError(f"modes: expected a sequence of some of {', '.join(names())}, each once; got {got}")
 
 
 _CAMERA_FRAME = "camera: x right, y down, z forward"

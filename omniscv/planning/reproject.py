@@ -121,7 +121,8 @@ class MarchedRays:
         self._shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
         centers_w = np.array([shell.center_w for shell in self._shells])
         open_ = np.flatnonzero(~self.met.sure)
-        away = ((self.origins_w[open_, None] - centers_w) ** 2).sum(axis=-1)
+        x, y, z = (self.origins_w[open_].T[:, :, None] - centers_w.T[:, None]) ** 2
+        away = x + y + z  # a sum over an axis of three takes twice as long
         nearest = np.argsort(away, axis=1, kind="stable")[:, :_TRIES]
         for rank in range(nearest.shape[1]):
             for number in range(first, len(self._shells)):

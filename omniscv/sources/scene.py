@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -15,6 +15,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
+from omniscv.parallel import side_by_side
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -35,6 +36,8 @@ Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
 
 _START = Instant()
+_BLOCK_PX = 1 << 13
+"""Pixels traced together: their arrays stay in a core's cache, and scenes trace no more in one thread."""
 _NEAR = 1e-3
 """Metres in front of a camera from which on boxes are projected."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
@@ -42,11 +45,10 @@ _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals"
 
 @dataclass
 class _Traced:
-    """A view: its pixels by mode, which of all (H, W) they are (None: all), and what colours come from."""
+    """A view: which of all its pixels (H, W) are kept (None: all), and these by mode."""
 
-    pixels: dict[str, NDArray[Any]]
     where: NDArray[np.bool_] | None
-    hits: Hits | None
+    pixels: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 class SceneSource(Source):
@@ -94,7 +96,7 @@ class SceneSource(Source):
         self._objects = ObjectTable(colors, ids=ids if masks == "ids" else {})
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._shown = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
-        self._traced = lru_cache(cached_views)(self._trace)
+        self._traced = lru_cache(cached_views)(self._untraced)
         self._like = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
@@ -166,38 +168,45 @@ class SceneSource(Source):
 
     def _pixels(self, request: Request) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
         """A mode's pixels (H, W, ...); where objects are hidden, only those (N, ...) that may show another,
-        and which these are. Colours cost as much as all else: they are computed where they are wanted.
+        and which these are. Colours cost as much as all else: they are computed where they are wanted first,
+        or in another pass.
         """
         traced = self._traced(request.view)
-        hits, traced.hits = traced.hits, None  # five times the pixels' bytes: not kept beyond the first use
         if request.mode not in traced.pixels:
-            traced.pixels["lit"] = _frozen(self._lit_of(hits or self._hits(request.view)[0]))
+            self.made += not traced.pixels
+            found = self._trace(request.view, traced.where, colored=request.mode == "lit")
+            traced.pixels = found | traced.pixels
         return traced.pixels[request.mode], traced.where
 
-    def _trace(self, view: View) -> _Traced:
-        """A view in all modes but colour."""
-        hits, lengths, where = self._hits(view)
-        self.made += 1
-        pixels = {
-            "object_mask": _frozen(self._shown[hits.label]),
-            "depth": _frozen((hits.distance / lengths).astype(np.float32)),
-            "normals": _frozen(hits.normal.astype(np.float32)),
-        }
-        return _Traced(pixels, where, hits)
-
-    def _hits(self, view: View) -> tuple[Hits, NDArray[np.float64], NDArray[np.bool_] | None]:
-        """What the pixels' rays hit, the rays' lengths per metre of depth, and (H, W) which pixels these are;
-        None: all."""
+    def _trace(
+        self, view: View, where: NDArray[np.bool_] | None, *, colored: bool
+    ) -> dict[str, NDArray[Any]]:
+        """All modes, colours only if they are wanted, (H, W, ...), or (N, ...) of the pixels ``where``."""
         from mock_server.render import pinhole_rays
 
-        where = None if not self._hidden or self.scene.sky is None else self._reached(view)
-        rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, view.width, view.height, where)
-        return self.scene.trace(view.pose.position, rays, self._hidden), lengths, where
+        def block(rows: slice) -> dict[str, NDArray[Any]]:
+            rays, lengths = pinhole_rays(
+                view.pose.R_w_c, view.fov_deg, (view.width, view.height), rows=rows, where=where
+            )
+            hits = self.scene.trace(view.pose.position, rays, self._hidden)
+            found: dict[str, NDArray[Any]] = {
+                "object_mask": self._shown.take(hits.label, axis=0),
+                "depth": (hits.distance / lengths).astype(np.float32),
+                "normals": hits.normal.astype(np.float32),
+            }
+            return found | {"lit": self._lit_of(hits)} if colored else found
+
+        step = max(1, _BLOCK_PX // view.width)
+        blocks = side_by_side(block, [slice(start, start + step) for start in range(0, view.height, step)])
+        return {mode: _frozen(np.concatenate([each[mode] for each in blocks])) for mode in blocks[0]}
 
     def _lit_of(self, hits: Hits) -> NDArray[Any]:
         """Colours as captures have them."""
-        lit = hits.color if self._lit == "float32" else np.round(255 * np.clip(hits.color, 0, 1))
-        return lit.astype(self._lit)
+        if self._lit == "float32":
+            return hits.color.astype(np.float32)
+        lit = np.clip(hits.color, 0, 1)
+        lit *= 255
+        return np.round(lit, out=lit).astype(np.uint8)
 
     @cached_property
     def _beyond(self) -> dict[str, Any]:
@@ -205,6 +214,9 @@ class SceneSource(Source):
         sky = np.zeros(3) if self.scene.sky is None else self.scene.sky
         lit = sky if self._lit == "float32" else np.round(255 * sky)
         return {"lit": lit, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
+
+    def _untraced(self, view: View) -> _Traced:
+        return _Traced(None if not self._hidden or self.scene.sky is None else self._reached(view))
 
     def _reached(self, view: View) -> NDArray[np.bool_]:
         """(H, W) the pixels whose rays may meet an object that is not hidden: around the boxes' corners."""

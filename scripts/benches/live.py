@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from itertools import islice
 
 from benches import Figure, Reference
-from benches._engines import bare
+from benches._bare import bare
 from benches._replaying import Replies, learned, servers
 from benches._views import MODES, requests
 from omniscv.sources.registry import open_sources

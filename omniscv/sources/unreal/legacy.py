@@ -20,9 +20,9 @@ from omniscv.sources.unreal.stale_frames import StaleFrames
 
 _POSE = "vget /camera/0/pose"
 _FOV = f"vget /camera/0/{LEGACY.fov}"
-_SETTLED = 4
+_SETTLED = 3
 """Consecutive replies behind which a new pose is visible: each is at least a frame later than the one before,
-and rotations take two (protocol reference, section 7.2)."""
+and rotations take two (protocol reference, section 7.2). The last two show whether the camera rests."""
 _MAX_POLLS = 20  # replies after which a pose that still changes counts as moving
 _VERTICAL = float(np.sin(np.radians(89.9)))  # the plugin limits pitch to 89.9 degrees
 _PRINTED = 6e-4  # poses and fields of view are printed with three decimals

@@ -1,10 +1,7 @@
-"""Servers that answer once a tick, and the fewest exchanges that their protocol allows for a view."""
+"""A client that needs the fewest exchanges for a view that the protocol allows."""
 
 import contextlib
-import subprocess
-import sys
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
 from itertools import groupby
 
 from omniscv.sources import Request
@@ -16,24 +13,6 @@ from omniscv.sources.unreal.stale_frames import StaleFrames
 
 POSE = "vget /camera/0/pose"
 SETTLES = 3  # sequential exchanges that a move of plugin 0.3.10 needs (protocol reference, section 7.2)
-
-
-@contextmanager
-def engines(count: int, dialect: str, latency_ms: float, size: int, reply_s: float) -> Iterator[list[str]]:
-    """Run mock servers of 60 ticks a second, each in a process of its own, and yield their addresses.
-
-    A reply keeps the engine for ``reply_s`` without its processor.
-    """
-    words = ["--port", "0", "--paced", "--dialect", dialect, "--latency-ms", str(latency_ms)]
-    words += ["--size", f"{size}x{size}", *(["--fault", f"delay={reply_s}"] if reply_s else [])]
-    with ExitStack() as running:
-        found = []
-        for _ in range(count):
-            command = [sys.executable, "-m", "mock_server", *words]
-            process = running.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-            running.callback(process.terminate)
-            found.append(process)
-        yield [process.stdout.readline().split()[0] for process in found]
 
 
 def bare(address: str, dialect: str, stream: Iterable[Request]) -> Iterator[None]:
