@@ -51,8 +51,10 @@ def pinhole_rays(
         rows, columns = np.nonzero(where)
         some = x[columns, None] * R_w_c[:, 0] + y[rows, None] * R_w_c[:, 1] + R_w_c[:, 2]
         return some / length[where][:, None], length[where]
-    rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1] + R_w_c[:, 2]
-    return rays / length[..., None], length
+    rays = np.empty((*length.shape, 3))
+    for axis, (right, down, ahead) in enumerate(R_w_c):  # one by one: NumPy is slow where the last axis is short
+        rays[..., axis] = (x * right + (y * down)[:, None] + ahead) / length
+    return rays, length
 
 
 def render_view(
