@@ -52,7 +52,7 @@ def pinhole_rays(
         some = x[columns, None] * R_w_c[:, 0] + y[rows, None] * R_w_c[:, 1] + R_w_c[:, 2]
         return some / length[where][:, None], length[where]
     rays = np.empty((*length.shape, 3))
-    for axis, (right, down, ahead) in enumerate(R_w_c):  # one by one: NumPy is slow where the last axis is short
+    for axis, (right, down, ahead) in enumerate(R_w_c):  # a short last axis is slow in NumPy
         rays[..., axis] = (x * right + (y * down)[:, None] + ahead) / length
     return rays, length
 
