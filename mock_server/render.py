@@ -59,9 +59,9 @@ def pinhole_rays(
         some = x[across, None] * R_w_c[:, 0] + y[down, None] * R_w_c[:, 1] + R_w_c[:, 2]
         lengths = length[where[rows]]
         return some / lengths[:, None], lengths
-    rays = x[None, :, None] * R_w_c[:, 0] + y[:, None, None] * R_w_c[:, 1]
-    rays += R_w_c[:, 2]
-    rays /= length[..., None]
+    rays = np.empty((*length.shape, 3))
+    for axis, (right, below, ahead) in enumerate(R_w_c):  # a short last axis is slow in NumPy
+        rays[..., axis] = (x * right + (y * below)[:, None] + ahead) / length
     return rays, length
 
 
