@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from omniscv.cluster.places import RESOURCE, SETTINGS
+from omniscv.cluster.places import RESOURCE, settings
 from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Local:
             wanted = f"expected at most {len(sources)} workers, one for each address of the source"
             raise ArgumentError(f"--cluster: {wanted}, got {workers}")
         with (
-            dask.config.set(SETTINGS),
+            dask.config.set(settings()),
             LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
