@@ -74,13 +74,15 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
     assert tree(out) == tree(tmp_path / "single")
 
 
+LINES = {"worker": r".* --multiprocessing-fork", "game": r"\S+ \S+/Binaries/Linux/Game"}  # not its watcher
+
+
 def kill(process, what, draw):
     """Kill -9 one process of some kind; return whether there was one."""
-    names = {"worker": "--multiprocessing-fork", "game": "Binaries/Linux/Game"}
     if what == "scheduler":
         found = [process] if process.poll() is None else []
     else:
-        found = [each for each, line in below(process).items() if names[what] in line]
+        found = [each for each, line in below(process).items() if re.fullmatch(LINES[what], line)]
     if found:
         draw.choice(found).kill()
     return bool(found)
@@ -140,6 +142,6 @@ def test_kills_at_ten_moments(what, workers, store, tmp_path, monkeypatch):
             again = jobs.make(jobs.load(job_of(tmp_path, out, rate=rate)), resume=True)
             assert (again.written, again.kept) == (0, len(wanted) // 8)
             assert dataset.check(out, deep=number == 0) == []
-            print(f"{what} killed at {there} frames of {again.kept}: {said!r}", flush=True)
+            print(f"{what} killed ({killed}) at {there} frames of {again.kept}: {said!r}", flush=True)
             assert waited_for(lambda mark=mark: not running(mark)), running(mark)
     assert killed > kills / 2  # late ones may find that all is done
