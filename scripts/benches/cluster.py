@@ -26,10 +26,7 @@ from omniscv.cluster.places import RESOURCE, settings
 from omniscv.cluster.tasks import HOW
 
 EACH = 8  # parts of a worker
-ELSEWHERE = {  # what each does on cores of its own, else
-    "distributed.admin.system-monitor.interval": "60s",
-    "distributed.worker.memory.monitor-interval": "60s",
-}
+ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own
 FEW, MANY = 32, 160  # images
 JOB = """
 source: mock://four-wall
@@ -84,9 +81,10 @@ def work(address: str, count: int) -> None:
     async def serve() -> None:
         async with AsyncExitStack() as held:
             for name in range(count):
-                await held.enter_async_context(
-                    Worker(address, nthreads=1, name=name, resources=RESOURCE, host="127.0.0.1")
+                worker = Worker(
+                    address, nthreads=1, name=name, resources=RESOURCE, host="127.0.0.1", memory_limit=0
                 )
+                await held.enter_async_context(worker)
             await asyncio.Event().wait()
 
     logging.disable(logging.CRITICAL)
