@@ -45,7 +45,7 @@ class Local:
                 threads_per_worker=1,
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",
-                memory_limit=0,  # near a limit workers pause, to spill results; there are none
+                memory_limit=0,  # an equal share may be less than one of them needs
                 silence_logs=logging.CRITICAL,
                 resources=RESOURCE,
                 preload=["omniscv.cluster.unstopped"],

@@ -22,6 +22,8 @@ SETTINGS: dict[str, Any] = {
     # A worker that dies makes all tasks that wait for it suspects, not only the one that it worked on.
     "distributed.scheduler.allowed-failures": 20,
     "distributed.scheduler.worker-saturation": 1.0,
+    # Near its limit a worker waits until it has spilled results: there are none.
+    "distributed.worker.memory.pause": False,
     # A hundred samples a second of each worker, for a page of the dashboard.
     "distributed.worker.profile.enabled": False,
 }
