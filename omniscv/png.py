@@ -88,7 +88,7 @@ def _inflated(data: bytes, size: int) -> bytes:
     stream = zlib_ng.decompressobj()
     try:
         inflated = stream.decompress(data, size + 1)
-    except zlib_ng.error as cause:
+    except zlib_ng.error as cause:  # type: ignore[misc]  # its stub says an instance
         raise BadReplyError(f"expected a PNG, got one that does not decode: {cause}") from cause
     if len(inflated) != size or not stream.eof or stream.unused_data:
         got = "more" if len(inflated) > size or stream.unused_data else "less"

@@ -31,7 +31,7 @@ def beside_another(faces: Faces, lookup: RayLookup) -> Mask:
 
 def boundaries(faces: Faces) -> Sequence[Mask]:
     """Return (h, w) of each (h, w, ...) face: whether one of a pixel's four neighbours has another value."""
-    return side_by_side(_boundaries, faces)
+    return side_by_side(_boundaries, list(faces))
 
 
 def _boundaries(face: Pixels) -> Mask:
