@@ -60,10 +60,8 @@ def pinhole_rays(
         lengths = length[where[rows]]
         return some / lengths[:, None], lengths
     rays = np.empty((*length.shape, 3))
-    for k, (right, down, forward) in enumerate(R_w_c):  # rows are longer than vectors: fewer, longer loops
-        component = x * right + (y * down)[:, None]
-        component += forward
-        np.divide(component, length, out=rays[..., k])
+    for axis, (right, below, ahead) in enumerate(R_w_c):  # a short last axis is slow in NumPy
+        rays[..., axis] = (x * right + (y * below)[:, None] + ahead) / length
     return rays, length
 
 

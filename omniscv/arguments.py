@@ -70,6 +70,10 @@ def optional_number(name: str, value: object, **limits: float) -> float | None:
 def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
     """Return a read-only float64 copy of finite numbers of a shape, in which None stands for any size >= 1;
     raise ArgumentError for all else."""
+    if _plain(value, shape):  # what is an array already is not looked at number by number
+        array = np.ascontiguousarray(value) + 0.0
+        array.flags.writeable = False
+        return array
     leaves = _leaves(value, tuple(shape))
     if not all(map(math.isfinite, leaves)):
         count = "" if shape == (None,) else f"{shape[0]} " if len(shape) == 1 else f"{tuple(shape)} "
@@ -153,6 +157,17 @@ def _as_float(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
+
+
+def _plain(value: object, shape: Sequence[int | None]) -> bool:
+    """Whether a value is an array of finite float64 numbers of a shape."""
+    if type(value) is not np.ndarray or value.dtype != np.float64 or value.ndim != len(shape):
+        return False
+    sizes = all(
+        size >= 1 if wanted is None else size == wanted
+        for size, wanted in zip(value.shape, shape, strict=True)
+    )
+    return sizes and bool(np.isfinite(value).all())
 
 
 def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:

@@ -4,8 +4,10 @@ numba prepares itself to compile before it looks into its cache: 0.5 s of proces
 for SciPy's linear algebra among others. A kernel that is cached needs none of that.
 """
 
+import os
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, cached_property
 from typing import Any
 
@@ -23,6 +25,14 @@ class _Files(FunctionCache):  # type: ignore[misc]
         _name_allocators()
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a kernel for later processes; where the disk is full, it serves this one alone."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:  # the index, written first, would name a file that is not there, or an older one
+            with suppress(OSError):
+                os.unlink(self._cache_file._index_path)
 
 
 class _Cache(NullCache):  # type: ignore[misc]

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from support.full_disk import largest_file
+
 import mock_server
 import omniscv
 
@@ -31,10 +33,10 @@ assert quadrupled(np.arange(3.0)).tolist() == [0, 4, 8]
 """
 
 
-def run(tmp_path, **environment):
+def run(tmp_path, source=KERNEL, **environment):
     """Run the kernel in a process of its own; return it."""
     path = tmp_path / "kernels.py"
-    path.write_text(KERNEL)
+    path.write_text(source)
     return subprocess.run(
         [sys.executable, path], env={**os.environ, **environment}, capture_output=True, text=True, check=True
     )
@@ -44,6 +46,22 @@ def test_a_kernel_of_the_cache_runs_without_what_compiles(tmp_path):
     """That costs half a second, most of it SciPy's linear algebra. What is compiled later works as well."""
     printed = [run(tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache")).stdout for _ in "12"]
     assert printed == ["0 True\n", "1 False\n"]
+
+
+def test_a_kernel_that_the_disk_has_no_space_for_runs_and_is_compiled_again(tmp_path):
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    with largest_file(2000):  # enough for the index, not for the kernel
+        assert run(tmp_path, **cache).stdout == "0 True\n"
+    assert [run(tmp_path, **cache).stdout for _ in "12"] == ["0 True\n", "1 False\n"]
+
+
+def test_a_kernel_that_could_not_be_kept_leaves_no_older_one(tmp_path):
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    triple = KERNEL.replace("2 *", "3 *").replace("2, 4", "3, 6").replace("4, 8", "9, 18")
+    assert run(tmp_path, triple, **cache).stdout == "0 True\n"
+    with largest_file(2000):
+        assert run(tmp_path, **cache).stdout == "0 True\n"
+    assert run(tmp_path, **cache).stdout == "0 True\n"
 
 
 def test_without_a_folder_for_it_a_kernel_is_compiled_each_time(tmp_path):

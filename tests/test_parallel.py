@@ -98,9 +98,12 @@ def test_several_threads_may_use_it():
     assert found == dict.fromkeys(range(6), True)
 
 
-@pytest.mark.parametrize("method", ["fork", "spawn"])
-def test_it_works_in_child_processes_after_use_in_the_parent(method):
-    """As PyTorch's DataLoader forks its workers; also while another thread of the parent is at work."""
+@pytest.mark.parametrize(("method", "children"), [("fork", 4), ("spawn", 1)])
+def test_it_works_in_child_processes_after_use_in_the_parent(method, children):
+    """As PyTorch's DataLoader forks its workers; also while another thread of the parent is at work.
+
+    What is spawned shares nothing with its parent: one child shows as much as many.
+    """
     assert all_well()
     stop = threading.Event()
 
@@ -111,7 +114,7 @@ def test_it_works_in_child_processes_after_use_in_the_parent(method):
     busy = threading.Thread(target=work)
     busy.start()
     try:
-        assert run_in_children(method, _send_all_well, 4) == [True] * 4
+        assert run_in_children(method, _send_all_well, children) == [True] * children
     finally:
         stop.set()
         busy.join()

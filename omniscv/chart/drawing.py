@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from omniscv.compose.files import finite, write_json
+from omniscv.compose.files import finite, whole_file, write_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,11 +93,12 @@ def save(made: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
     """Write a figure as ``NAME.svg`` and ``NAME.png``."""
     import matplotlib as mpl
 
-    paths = [out / f"{name}.svg", out / f"{name}.png"]
-    with mpl.rc_context({"svg.hashsalt": name}):  # the same bytes every time
-        made.savefig(paths[0], metadata={"Date": None})
-    made.savefig(paths[1], dpi=dpi)
-    return paths
+    lines, pixels = out / f"{name}.svg", out / f"{name}.png"
+    with whole_file(lines) as part, mpl.rc_context({"svg.hashsalt": name}):  # the same bytes every time
+        made.savefig(part, metadata={"Date": None})
+    with whole_file(pixels) as part:
+        made.savefig(part, dpi=dpi)
+    return [lines, pixels]
 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.chart.truth import traced
+from omniscv.compose.files import whole_file
 from omniscv.compose.image import OmniImage
 
 if TYPE_CHECKING:
@@ -159,7 +160,8 @@ def draw(found: Sequence[Errors], path: Path) -> None:
         ax.set_title(title, loc="left", fontsize=11)
     for ax in grid.flat:
         ax.set_axis_off()
-    figure.savefig(path, dpi=100)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=100)
 
 
 def _marks(found: Errors) -> NDArray[np.uint8]:

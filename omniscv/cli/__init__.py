@@ -96,8 +96,12 @@ def run(arguments: list[str]) -> int:
     except TyperException as usage:
         code, text = usage.exit_code, usage.format_message()
         message = text and f"{text} (see omniscv --help)"  # no text where the help was printed
-    except (OmniscvError, OSError) as error:
+    except OmniscvError as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
+    except OSError as error:
+        from omniscv.storage.local import refusal
+
+        code, message = 1, refusal(error)
     except ImportError as error:  # of what is missing, or of the system libraries that it needs
         code, message = 1, f"{error}; 'omniscv doctor --self' checks this installation"
     except MemoryError as error:

@@ -1,7 +1,6 @@
 """``omniscv cameras``: the camera models, and the nearest camera of one of them to another."""
 
 import inspect
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,7 +26,7 @@ app = Typer(cls=_Models, name="cameras", invoke_without_command=True, add_comple
 
 
 @app.callback(epilog="Example: omniscv cameras fisheye-equisolid")
-def cameras(context: typer.Context) -> None:
+def cameras(context: typer.Context, as_json: options.AsJson = False) -> None:
     """List the camera models; describe one: its formula, parameters and domain; fit one to another."""
     from omniscv.cameras import model, names
 
@@ -36,7 +35,11 @@ def cameras(context: typer.Context) -> None:
     models = {each: model(each) for each in names()}
     summaries = [(inspect.getdoc(each) or "").partition("\n")[0] for each in models.values()]
     kinds = ["central" if each.central else "non-central" for each in models.values()]
-    console.table(("model", "kind", "summary"), list(zip(models, kinds, summaries, strict=True)))
+    columns, rows = ("model", "kind", "summary"), list(zip(models, kinds, summaries, strict=True))
+    if as_json:
+        console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
+        return
+    console.table(columns, rows)
 
 
 @app.command(epilog="Example: omniscv cameras show fisheye-equisolid")
@@ -58,7 +61,7 @@ class FitOptions(options.Options):
     param: list[str] = Option([], help="A parameter of a model such as alpha=0.6; repeatable.")
     out: Path | None = Option(None, help="A file for the camera that is found.")
     format: Any = Option("json", help="Of --out: opencv, kalibr, colmap, ...; see docs/calibration.md.")
-    as_json: bool = Option(False, "--json", help="As JSON, for programs.")
+    as_json: options.AsJson = False
 
 
 @app.command(
@@ -78,7 +81,7 @@ def fit(given: FitOptions) -> None:
         name = "1" if given.format == "colmap" else given.name or "cam0"
         save(given.out, {name: found.camera}, given.format)
     if given.as_json:
-        console.document(json.dumps(_as_json(found), indent=2))
+        console.as_json(_as_json(found))
         return
     console.line(found.camera)
     console.line(

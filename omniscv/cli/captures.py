@@ -27,7 +27,7 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
 
     summary = inspection.info(file).to_dict()
     if as_json:
-        console.document(json.dumps(summary, indent=2))
+        console.as_json(summary)
         return
     states = summary.pop("states")
     texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
@@ -118,7 +118,7 @@ def places(file: Recording, as_json: options.AsJson = False) -> None:
 
     found = inspection.places(file)
     if as_json:
-        console.document(json.dumps([asdict(each) for each in found], indent=2))
+        console.as_json([asdict(each) for each in found])
         return
     rows = []
     for each in found:

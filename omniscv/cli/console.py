@@ -1,5 +1,6 @@
 """What commands print: lines and tables."""
 
+import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -15,6 +16,11 @@ def document(text: str) -> None:
     """Print text of several lines on standard output, each as :func:`line` does."""
     for each in text.splitlines():
         line(each)
+
+
+def as_json(value: object) -> None:
+    """Print plain values as JSON on standard output."""
+    document(json.dumps(value, indent=2))
 
 
 def error(text: object) -> None:

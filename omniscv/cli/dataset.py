@@ -113,7 +113,7 @@ def info(folder: Dataset, as_json: options.AsJson = False) -> None:
 
     found = info(folder)
     if as_json:
-        console.document(json.dumps(found, indent=2))
+        console.as_json(found)
         return
     texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in found.items()}
     console.table(("", ""), list(texts.items()))

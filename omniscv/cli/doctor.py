@@ -1,6 +1,5 @@
 """``omniscv doctor``: measure what would spoil captures."""
 
-import json
 from dataclasses import asdict
 from typing import Annotated
 
@@ -45,7 +44,7 @@ def doctor(
         where = None if position is None else np.array(options.numbers("--position", position))
         findings = examine_address(uri, where, **options.deadlines(timeout, patience))
     if as_json:
-        console.document(json.dumps([asdict(finding) for finding in findings], indent=2))
+        console.as_json([asdict(finding) for finding in findings])
     elif self:
         for each in findings:
             remedy = f": {each.remedy}" if each.remedy else ""

@@ -14,9 +14,10 @@ app = Typer(add_completion=False)
 @app.command(epilog="Example: omniscv look images/ --out look.html")
 def look(
     what: Annotated[
-        Path,
+        str,  # as a path, a URL would lose a slash
         Argument(
-            metavar="DIR|FILE|RECORDING", help="Images, a dataset, a STEM.json, a picture, a recording."
+            metavar="DIR|FILE|RECORDING",
+            help="Images, a STEM.json, a picture; or a dataset or recording, by path or URL.",
         ),
     ],
     out: Annotated[Path, Option(help="The page; many frames lie beside it, in NAME.frames/.")] = Path(

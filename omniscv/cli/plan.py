@@ -1,8 +1,10 @@
 """``omniscv plan``: what each strategy would capture."""
 
+from dataclasses import asdict
+
 from typer import Option, Typer
 
-from omniscv.cli import console
+from omniscv.cli import console, options
 from omniscv.cli.job_options import JobOptions
 
 app = Typer(add_completion=False)
@@ -13,6 +15,7 @@ _COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes
 class PlanOptions(JobOptions):
     """What to plan."""
 
+    as_json: options.AsJson = False
     measure: bool = Option(False, "--measure", help="Open the source, and measure how long a request takes.")
 
 
@@ -26,8 +29,12 @@ def plan(given: PlanOptions) -> None:
     """
     from omniscv.jobs import costs
 
+    found = costs(given.to_job(), measure=given.measure)
+    if given.as_json:
+        console.as_json([asdict(cost) for cost in found])
+        return
     rows = []
-    for cost in costs(given.to_job(), measure=given.measure):
+    for cost in found:
         counts = (cost.views, cost.requests, cost.most_requests)
         sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
         rows.append((cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}"))

@@ -173,7 +173,7 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
         what: is counted, such as "images".
         style: how; a bar where standard error is a terminal, else nothing, if not given.
     """
-    style = style or ("bar" if sys.stderr.isatty() else "none")
+    style = style or ("bar" if sys.stderr and sys.stderr.isatty() else "none")  # None: it is closed
     kinds: dict[Style, type[Display]] = {"bar": _Bars, "plain": Lines, "none": Display}
     with kinds[style](what) as shown:
         yield shown

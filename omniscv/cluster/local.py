@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from omniscv.cluster.places import RESOURCE, SETTINGS
+from omniscv.cluster.places import RESOURCE, settings
 from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -39,12 +39,13 @@ class Local:
             wanted = f"expected at most {len(sources)} workers, one for each address of the source"
             raise ArgumentError(f"--cluster: {wanted}, got {workers}")
         with (
-            dask.config.set(SETTINGS),
+            dask.config.set(settings()),
             LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",
+                memory_limit=0,  # an equal share may be less than one of them needs
                 silence_logs=logging.CRITICAL,
                 resources=RESOURCE,
                 preload=["omniscv.cluster.unstopped"],

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, ClusterError
@@ -18,14 +18,26 @@ if TYPE_CHECKING:
 RESOURCE = {"server": 1}
 """What a worker has one of, and a task takes: so no worker makes two parts at a time."""
 
-SETTINGS = {
+SETTINGS: dict[str, Any] = {
     # A worker that dies makes all tasks that wait for it suspects, not only the one that it worked on.
     "distributed.scheduler.allowed-failures": 20,
     "distributed.scheduler.worker-saturation": 1.0,
+    # Near its limit a worker waits until it has spilled results: there are none.
+    "distributed.worker.memory.pause": False,
+    # A hundred samples a second of each worker, for a page of the dashboard.
+    "distributed.worker.profile.enabled": False,
 }
-"""Of a scheduler that is started here; docs/scale.md has them for others."""
+"""Of schedulers and workers that are started here; docs/scale.md has them for others."""
 
 MOST_WORKERS = 10_000
+
+
+def settings() -> dict[str, Any]:
+    """Return those of ``SETTINGS`` that the user's files and environment for Dask leave open."""
+    from dask import config
+
+    given = config.collect()
+    return {key: value for key, value in SETTINGS.items() if config.get(key, None, config=given) is None}
 
 
 class Place(Protocol):

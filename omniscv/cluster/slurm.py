@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 from omniscv import yaml_text
 from omniscv.arguments import Reader, fields, shown, text, texts, whole_number, within
-from omniscv.cluster.places import MOST_WORKERS, SETTINGS
+from omniscv.cluster.places import MOST_WORKERS, settings
 from omniscv.errors import ArgumentError, ClusterError
 
 if TYPE_CHECKING:
@@ -69,11 +69,14 @@ class Slurm:
             raise ArgumentError(f"--cluster slurm: {wanted}; got: {cause}") from cause
         seconds = 60 * self.walltime_min
         life = ["--lifetime", f"{17 * seconds // 20}s", "--lifetime-stagger", f"{seconds // 20}s"]
+        given = {key: value for key, value in settings().items() if key.startswith("distributed.worker.")}
+        exports = [f"export DASK_{key.upper().replace('.', '__')}={value}" for key, value in given.items()]
+        prologue = [*exports, *self.options.get("job_script_prologue", ())]
         return SLURMCluster(
             processes=1,
             worker_extra_args=["--resources", "server=1", *life],
             scheduler_options={"dashboard_address": ":0"},
-            **self.options,
+            **(self.options | {"job_script_prologue": prologue}),
         )
 
     @contextmanager
@@ -91,7 +94,7 @@ class Slurm:
             wanted = "expected one address, which every worker opens on its own node"
             raise ArgumentError(f"--cluster slurm: {wanted}, got a list of {len(sources)}")
         with (
-            dask.config.set(SETTINGS),
+            dask.config.set(settings()),
             self.cluster() as cluster,
             Client(cluster, set_as_default=False) as client,
         ):

@@ -16,7 +16,15 @@ from omniscv.compose import kernels
 from omniscv.compose.kernels import Faces, Floats, Ints, Mask
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
-from omniscv.geometry.surfaces import Precision, discontinuities, surface_point
+from omniscv.geometry.surfaces import (
+    Cell,
+    Precision,
+    discontinuities,
+    interpolated,
+    inverse_depth,
+    stored_length,
+    surface_point,
+)
 from omniscv.sources.base import View
 
 NEAR_PLANE_M = 0.1
@@ -27,6 +35,10 @@ _SLOPE_ERRORS = 2.0
 """The slope between two pixels is off by both their errors."""
 _MARGIN = 1.3
 """A neighbouring surface goes on between the pixels that show it."""
+_BLOCK = 256
+"""Rays that are gathered at a time: their buffers stay in the fastest cache."""
+_CELL_PX = 4
+"""Smaller pictures have no pixels around 2 x 2 of theirs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,35 +104,94 @@ def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
     return (far if edges.all() else cv2.distanceTransform(edges, cv2.DIST_C, 3)), least, most
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
     view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats,
     stack: Floats, focal: Array, nearest: bool, precision: Precision,
 ) -> None:  # fmt: skip
+    """Sample block by block: what all rays read is gathered, so that what is computed of it is vectorized."""
     height, width = stack.shape[1], stack.shape[2]
-    face, last = stack[0], 0
-    for i in range(view.shape[0]):
-        k = view[i]
-        if k < 0:
-            distance[i] = error[i] = 0.0
-            continue
-        if k != last:  # a slice counts its references, which takes longer than what it is sliced for
-            face, last = stack[k], k
-        u, v = (x[i] - width / 2) / focal[k], (y[i] - height / 2) / focal[k]
-        length = np.sqrt(1.0 + u * u + v * v)
-        point = surface_point(face, x[i], y[i], focal[k], precision)
-        if point.inverse == 0.0:
-            distance[i] = np.inf
-            error[i] = np.inf if point.jump > 0.0 or precision.largest_m < np.inf else 0.0
-            continue
-        z = 1.0 / point.inverse
-        off = z * z * point.error + _MARGIN * point.jump
-        if nearest:
-            c = min(max(int(np.floor(x[i])), 0), width - 1)
-            r = min(max(int(np.floor(y[i])), 0), height - 1)
-            off += abs(face[r, c] - z)
-            z = face[r, c]
-        distance[i], error[i] = z * length, off * length
+    around, at = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK))
+    whole = not nearest and min(height, width) >= _CELL_PX
+    for first in range(0, view.shape[0], _BLOCK):
+        last = min(first + _BLOCK, view.shape[0])
+        if whole:
+            _gather(view[first:last], x[first:last], y[first:last], stack, focal, precision, around, at)
+            _interpolate(around, at, max(height, width), precision, distance[first:last], error[first:last])
+        for i in range(first, last):
+            if view[i] < 0:
+                distance[i] = error[i] = 0.0
+            elif not whole or not distance[i] > 0.0:
+                k = view[i]
+                distance[i], error[i] = _sample_one(stack[k], x[i], y[i], focal[k], nearest, precision)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(
+    view: Ints, x: Floats, y: Floats, stack: Floats, focal: Array, precision: Precision,
+    around: Floats, at: Array,
+) -> None:  # fmt: skip
+    """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length."""
+    height, width, flat = stack.shape[1], stack.shape[2], stack.reshape(-1)
+    row, one, two = np.uint64(width), np.uint64(1), np.uint64(2)  # unsigned: others cost a test each
+    for j in range(view.shape[0]):
+        k = max(view[j], 0)
+        across, down = int(np.floor(x[j] - 0.5)), int(np.floor(y[j] - 0.5))
+        c, r = min(max(across, 1), width - 3), min(max(down, 1), height - 3)
+        o = np.uint64((k * height + r - 1) * width + c)
+        around[0, j], around[1, j] = flat[o], flat[o + one]
+        o += row
+        around[2, j], around[3, j] = flat[o - one], flat[o]
+        around[4, j], around[5, j] = flat[o + one], flat[o + two]
+        o += row
+        around[6, j], around[7, j] = flat[o - one], flat[o]
+        around[8, j], around[9, j] = flat[o + one], flat[o + two]
+        o += row
+        around[10, j], around[11, j] = flat[o], flat[o + one]
+        if c != across or r != down:
+            around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
+        at[0, j], at[1, j] = x[j] - 0.5 - c, y[j] - 0.5 - r
+        at[2, j], at[3, j] = (x[j] - width / 2) / focal[k], (y[j] - height / 2) / focal[k]
+        at[4, j] = stored_length(r, c, (height, width), focal[k], precision)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _interpolate(
+    around: Floats, at: Array, size: int, precision: Precision, distance: Floats, error: Floats
+) -> None:
+    """Write depth along rays; 0 where no one surface lies around the point."""
+    for j in range(distance.shape[0]):
+        cell = Cell(
+            inverse_depth(around[0, j]), inverse_depth(around[1, j]), inverse_depth(around[2, j]),
+            inverse_depth(around[3, j]), inverse_depth(around[4, j]), inverse_depth(around[5, j]),
+            inverse_depth(around[6, j]), inverse_depth(around[7, j]), inverse_depth(around[8, j]),
+            inverse_depth(around[9, j]), inverse_depth(around[10, j]), inverse_depth(around[11, j]),
+        )  # fmt: skip
+        point = interpolated(cell, at[0, j], at[1, j], at[4, j], size, precision)
+        z, length = 1.0 / point.inverse, np.sqrt(1.0 + at[2, j] * at[2, j] + at[3, j] * at[3, j])
+        distance[j] = z * length if point.inverse > 0.0 else 0.0
+        error[j] = z * z * point.error * length
+
+
+@njit(cache=True, nogil=True)
+def _sample_one(
+    face: Floats, x: float, y: float, focal: float, nearest: bool, precision: Precision
+) -> tuple[float, float]:
+    """Return depth along one ray, and how far it may be off."""
+    height, width = face.shape
+    u, v = (x - width / 2) / focal, (y - height / 2) / focal
+    length = np.sqrt(1.0 + u * u + v * v)
+    point = surface_point(face, x, y, focal, precision)
+    if point.inverse == 0.0:
+        return np.inf, np.inf if point.jump > 0.0 or precision.largest_m < np.inf else 0.0
+    z = 1.0 / point.inverse
+    off = z * z * point.error + _MARGIN * point.jump
+    if nearest:
+        c = min(max(int(np.floor(x)), 0), width - 1)
+        r = min(max(int(np.floor(y)), 0), height - 1)
+        off += abs(face[r, c] - z)
+        z = face[r, c]
+    return z * length, off * length
 
 
 @njit(cache=True, nogil=True)

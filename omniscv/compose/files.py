@@ -27,11 +27,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import modalities, plugins
+from omniscv import modalities, plugins, png
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
+from omniscv.storage.local import NO_SPACE, refusal
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
@@ -40,9 +41,9 @@ OBJECTS = "objects.json"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries hold back
-# By measurement: interpolated floats have as many random bits as ZIP takes time over, to save a sixth of the
-# bytes. Run lengths take a third of its time, and shrink what is alike: the sky, and what no ray sees.
-_COMPRESSION = {".exr": "rle", ".jxl": "lossless", ".jpg": "jpeg:95"}
+_LOOKED_AT, _ALIKE = 64, 0.1
+"""Rows in which neighbours are compared, and the part of them from which on run lengths pay."""
+_JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
@@ -191,11 +192,19 @@ def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A file to write beside the place, moved there when it is complete: no half file is ever seen."""
+    """A file to write beside the place, moved there when it is complete: no half file is ever seen.
+
+    Raises:
+        StorageError: there is no space for it.
+    """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
         os.replace(part, path)
+    except OSError as cause:
+        if cause.errno not in NO_SPACE:
+            raise
+        raise StorageError(refusal(cause, path)) from cause
     finally:
         part.unlink(missing_ok=True)
 
@@ -208,16 +217,23 @@ def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) ->
 
 
 def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    try:
+        encoded = png.encode(pixels.astype(np.uint8) * 255 if pixels.dtype == np.bool_ else pixels)
+    except ArgumentError as cause:
+        raise OmniscvError(f"{path.name}: {cause}") from cause
+    path.write_bytes(encoded)
+
+
+def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     import cv2
 
-    if pixels.dtype == np.bool_:
-        pixels = pixels.astype(np.uint8) * 255
-    swapped = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.shape[2:] == (3,) else pixels
-    # By measurement: a third of the time that libpng's own choice takes. Masks and labels take half the
-    # bytes, colours as many.
-    options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-    options += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
-    path.write_bytes(cv2.imencode(".png", swapped, options)[1].tobytes())
+    # Not by OpenImageIO: where the disk is full, the library for JPEG that it has ends the process.
+    fits = pixels.shape[2:] == (3,) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
+    if pixels.dtype != np.uint8 or not fits:
+        wanted = f"expected uint8 RGB pixels for JPEG, {_JPEG_LARGEST_PX} a side at most"
+        raise OmniscvError(f"{path.name}: {wanted}; got {pixels.dtype} of shape {pixels.shape}; choose png")
+    quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+    path.write_bytes(cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)[1].tobytes())
 
 
 def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
@@ -229,21 +245,37 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
     spec = OpenImageIO.ImageSpec(width, height, channels, kind)
     if len(row.channel_names) == channels:
         spec.channelnames = row.channel_names
-    spec.attribute("compression", _COMPRESSION[path.suffix])
     spec.attribute("DateTime", _NO_CLOCK)
     for name, value in row.attributes.items():
         spec.attribute(name, value)
     if row.doc:
         spec.attribute("ImageDescription", row.doc)
+    if path.suffix == ".exr":
+        spec.attribute("compression", _exr_compression(planes))
+        # By measurement: to hand each row to a pool of threads takes longer than to write it.
+        OpenImageIO.attribute("exr_threads", -1)
     if path.suffix == ".jxl":
+        spec.attribute("compression", "lossless")
         spec.attribute("jpegxl:effort", 1)
         spec.attribute("jpegxl:distance", 0.0)
     output = OpenImageIO.ImageOutput.create(str(path))
-    if output is None or not output.open(str(path), spec):
+    if output is None:
         raise OmniscvError(f"{path.name}: expected to write it, got: {OpenImageIO.geterror()}")
-    if not (output.write_image(np.ascontiguousarray(planes)) and output.close()):
-        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
+    written = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(planes))
+    closed = output.close()
     _check_space(path)
+    if not (written and closed):
+        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
+
+
+def _exr_compression(planes: NDArray[Any]) -> str:
+    """Return run lengths for planes (H, W, C) whose neighbours are often alike, as in the sky; else none.
+
+    By measurement: interpolated floats have random bits, of which run lengths save nothing and ZIP a sixth,
+    in twice and in five times the time of writing them as they are.
+    """
+    some = planes[:: max(1, len(planes) // _LOOKED_AT)]
+    return "rle" if np.count_nonzero(some[:, 1:] == some[:, :-1]) > _ALIKE * some.size else "none"
 
 
 def _check_space(path: Path) -> None:
@@ -251,9 +283,8 @@ def _check_space(path: Path) -> None:
 
     Libraries for EXR and JPEG XL write their last buffer when they close a file, and report no error then.
     """
-    size = path.stat().st_size
-    with path.open("r+b") as file:
-        file.seek(size)
+    with path.open("ab") as file:
+        size = file.tell()
         file.write(bytes(_LAST_BUFFER))
         file.flush()
         file.truncate(size)
@@ -283,4 +314,4 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-_writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _openimageio, "exr": _openimageio}
+_writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _jpeg, "exr": _openimageio}

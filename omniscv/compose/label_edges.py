@@ -7,10 +7,11 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.compose import kernels
-from omniscv.compose.kernels import Faces, Floats, Ints, Mask, Pixels
-from omniscv.compose.nearest import beside_another
+from omniscv.compose.kernels import Faces, Floats, Ints, Mask
+from omniscv.compose.nearest import beside_another, boundaries
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
+from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
 
 
@@ -28,24 +29,17 @@ def label_edges(
     if parallax is None:
         return beside_another(faces, lookup)
     out = np.empty(len(lookup.x), np.bool_)
-    edge_px = np.stack([_px_to_boundary(face) for face in faces])
+    edge_px = np.stack(side_by_side(_px_to_boundary, boundaries(faces)))
     focal = np.array([view.focal_px for view in views])
     kernels.run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, focal)
     return out
 
 
-def _px_to_boundary(face: Pixels) -> Floats:
+def _px_to_boundary(boundary: Mask) -> Floats:
     """(h, w) px, along the farther axis, from each pixel to the next that has a neighbour of another kind."""
-    inside = np.full(face.shape[:2], 255, np.uint8)
-    for axis in (0, 1):
-        a, b = np.moveaxis(face, axis, 0)[:-1], np.moveaxis(face, axis, 0)[1:]
-        differ = (a != b).reshape(*a.shape[:2], -1).any(axis=-1)
-        lines = np.moveaxis(inside, axis, 0)
-        lines[:-1][differ] = 0
-        lines[1:][differ] = 0
-    if inside.all():
-        return np.full(inside.shape, np.inf, np.float32)
-    return np.asarray(cv2.distanceTransform(inside, cv2.DIST_C, 3))
+    if not boundary.any():
+        return np.full(boundary.shape, np.inf, np.float32)
+    return np.asarray(cv2.distanceTransform((~boundary).view(np.uint8), cv2.DIST_C, 3))
 
 
 @njit(cache=True, nogil=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +15,11 @@ from omniscv.cameras import Camera
 from omniscv.dataset import registry
 from omniscv.dataset.fetched_files import FetchedFiles
 from omniscv.dataset.frames import Frame
+from omniscv.dataset.manifest import DATASET
 from omniscv.dataset.reading import open
 from omniscv.errors import ArgumentError
 from omniscv.storage import Folder
+from omniscv.storage.local import folder_beside, replace_folder
 
 EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
@@ -116,7 +117,8 @@ def export(
         The files: paths, or URLs.
 
     Raises:
-        ArgumentError: no dataset, no such format, a camera that it cannot carry, or an unknown option.
+        ArgumentError: no dataset, no such format, a camera that it cannot carry, an unknown option, or a
+            dataset in ``out``.
         DatasetError: the dataset is not complete, or damaged.
     """
     wanted = Export(to, options, cameras=tuple(cameras))
@@ -129,6 +131,8 @@ def export(
     if out is None:
         return write(wanted, frames, source)
     target = storage.folder(out)
+    if target.exists(DATASET):  # whose files would be taken for frames, or replaced
+        raise ArgumentError(f"{target}: expected a folder that holds no dataset; write beside it")
     if target.local is not None:
         return [*_written(wanted, frames, target.local, _merge)]
     with tempfile.TemporaryDirectory(prefix="omniscv-") as part:
@@ -144,7 +148,7 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
         ArgumentError: as the format.
     """
     if out.local is not None:
-        return [*_written(wanted, frames, out.local / EXPORTS / wanted.folder, _replace)]
+        return [*_written(wanted, frames, out.local / EXPORTS / wanted.folder, replace_folder)]
     with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
         part = Path(root) / EXPORTS / wanted.folder
         part.mkdir(parents=True)
@@ -183,14 +187,9 @@ def _written(
 ) -> list[Path]:
     """The files of an export, written beside a folder, and put there when they are complete."""
     target = Path(os.path.abspath(folder))
-    part = target.with_name(f".{target.name}.part")  # beside it: relative paths out of it stay true
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
-    try:
+    with folder_beside(target) as part:  # relative paths out of it stay true
         written = write_into(wanted, frames, part)
         place(part, target)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return [folder / path.relative_to(part) for path in written]
 
 
@@ -199,11 +198,6 @@ def write_into(wanted: Export, frames: Sequence[Frame], folder: Path) -> list[Pa
     shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
     with within(wanted.format):
         return registry.get(wanted.format).write(shown, folder, wanted.options)
-
-
-def _replace(part: Path, target: Path) -> None:
-    shutil.rmtree(target, ignore_errors=True)
-    os.replace(part, target)
 
 
 def _merge(part: Path, target: Path) -> None:

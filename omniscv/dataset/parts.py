@@ -61,11 +61,9 @@ def remove(folder: Folder, index: int, count: int) -> None:
 
 
 def remove_all(folder: Folder) -> None:
-    """Remove all markers, and what killed writers of manifests have left on this machine."""
+    """Remove all markers."""
     for name in names(folder):
         folder.remove(name)
-    for path in folder.local.glob(".*.json*") if folder.local else ():
-        path.unlink(missing_ok=True)
     _tidy(folder)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -19,21 +20,35 @@ def alone(folder: Folder) -> AbstractContextManager[None]:
     return nullcontext() if folder.local is None else manifest.locked(folder.local)
 
 
+_SCRATCH = ".omniscv-"
+
+
 @contextmanager
 def workplace(folder: Folder) -> Iterator[Path]:
-    """Give where the files of a frame are written: the folder itself, or an empty one for a URL."""
-    if folder.local is not None:
-        yield folder.local
-        return
-    with TemporaryDirectory(prefix="omniscv-") as scratch:
+    """Give an empty folder where the files of a frame are written, inside a folder of this machine.
+
+    It is the writer's own: two may make one frame, as where a worker that was taken for dead goes on.
+    """
+    with TemporaryDirectory(prefix=_SCRATCH, dir=folder.local, ignore_cleanup_errors=True) as scratch:
         yield Path(scratch)
 
 
 def put(folder: Folder, paths: Iterable[Path]) -> None:
-    """Put files of its :func:`workplace` into a folder, in their order; one of this machine has them."""
-    if folder.local is None:
-        for path in paths:
+    """Move files of its :func:`workplace` into a folder, in their order."""
+    for path in paths:
+        if folder.local is None:
             folder.put(path.name, path)
+        else:
+            path.replace(folder.local / path.name)
+
+
+def tidy(folder: Folder) -> None:
+    """Remove what killed writers of frames and manifests have left in a folder of this machine."""
+    if folder.local is not None:
+        for path in folder.local.glob(f"{_SCRATCH}*"):
+            shutil.rmtree(path, ignore_errors=True)
+        for path in folder.local.glob(".*.json*"):
+            path.unlink(missing_ok=True)
 
 
 def frame_of(folder: Folder, key: str) -> FrameEntry | None:

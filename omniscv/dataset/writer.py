@@ -214,8 +214,8 @@ class Writer:
             entries = {kind: FileEntry.of(path) for kind, path in files.items()}
             said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
             path = write_json(place / f"{shot.key}.json", said)
-            stored.put(self._folder, (*files.values(), path))
             entry = manifest.read_entry(path)
+            stored.put(self._folder, (*files.values(), path))
         with self._lock:
             self._entries[shot.key] = entry
         return True
@@ -231,6 +231,7 @@ class Writer:
         entries = [self._entries[key] for key in sorted(self._entries)]
         with stored.alone(self._folder):
             manifest.write_frames(self._folder, entries)
+            stored.tidy(self._folder)
         return entries
 
     def __enter__(self) -> Self:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from omniscv.compose.files import whole_file
+
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7")
 """Okabe and Ito's, which the colour-blind tell apart."""
 _MARKERS = "osD^vX"
@@ -56,4 +58,5 @@ def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         else "Lines in rendered images do not give r_vl everywhere"
     )
     figure.suptitle(f"{finding}\n({images} image{'s' * (images > 1)} a value)", size=11)
-    figure.savefig(path)
+    with whole_file(path) as part:
+        figure.savefig(part)

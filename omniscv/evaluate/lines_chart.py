@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from omniscv.compose.files import whole_file
 from omniscv.compose.image import OmniImage
 from omniscv.geometry.pose import Array
 
@@ -66,7 +67,8 @@ def draw_errors(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     figure.suptitle(
         "Lines from one non-central image need baseline; gravity makes up for much of it", size=11
     )
-    figure.savefig(path)
+    with whole_file(path) as part:
+        figure.savefig(part)
 
 
 def _look(row: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -99,7 +101,8 @@ def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> Non
     figure.suptitle(
         f"{len(segments)} edges of a room, reconstructed from one image, among its true points", size=11
     )
-    figure.savefig(path)
+    with whole_file(path) as part:
+        figure.savefig(part)
 
 
 def _draw_view(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omniscv.compose.files import whole_file
 from omniscv.evaluate.trajectory_errors import TrajectoryErrors
 from omniscv.geometry import Array, Pose
 
@@ -55,7 +56,8 @@ def draw(
     above.set(xlabel="x (m)", ylabel="y (m)", title="trajectory from above", aspect="equal")
     above.legend(fontsize=9, loc="center")
     above.grid(lw=0.4, alpha=0.5)
-    figure.savefig(path)
+    with whole_file(path) as part:
+        figure.savefig(part)
     return path
 
 

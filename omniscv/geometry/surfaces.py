@@ -62,6 +62,23 @@ class Point(NamedTuple):
     jump: float
 
 
+class Cell(NamedTuple):
+    """1 / z, 1/m, at 2 x 2 pixels and at their neighbours above, left, right and below; 0: no surface."""
+
+    n0: float
+    n1: float
+    w0: float
+    i00: float
+    i01: float
+    e0: float
+    w1: float
+    i10: float
+    i11: float
+    e1: float
+    s0: float
+    s1: float
+
+
 @njit(cache=True, nogil=True)
 def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, precision: Precision) -> Point:
     """Return the surface at continuous pixel (x, y) of a picture of planar depth (h, w), metres.
@@ -72,37 +89,58 @@ def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, p
     px, py = x - 0.5, y - 0.5
     c, r = int(np.floor(px)), int(np.floor(py))
     if 1 <= c < width - 2 and 1 <= r < height - 2:
-        a, b = px - c, py - r
-        # The 2 x 2 pixels around, and their neighbours in each direction: above, left, right, below.
-        n0, n1 = inverse_depth(face[r - 1, c]), inverse_depth(face[r - 1, c + 1])
-        w0, i00 = inverse_depth(face[r, c - 1]), inverse_depth(face[r, c])
-        i01, e0 = inverse_depth(face[r, c + 1]), inverse_depth(face[r, c + 2])
-        w1, i10 = inverse_depth(face[r + 1, c - 1]), inverse_depth(face[r + 1, c])
-        i11, e1 = inverse_depth(face[r + 1, c + 1]), inverse_depth(face[r + 1, c + 2])
-        s0, s1 = inverse_depth(face[r + 2, c]), inverse_depth(face[r + 2, c + 1])
-        if (
-            _continues(w0, i00, i01, e0)
-            and _continues(w1, i10, i11, e1)
-            and _continues(n0, i00, i10, s0)
-            and _continues(n1, i01, i11, s1)
-        ):
-            inverse = (1 - b) * ((1 - a) * i00 + a * i01) + b * ((1 - a) * i10 + a * i11)
-            across, down = (1 - b) * (i01 - i00) + b * (i11 - i10), (1 - a) * (i10 - i00) + a * (i11 - i01)
-            near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
-            stored = _stored(near, far, r, c, face.shape, focal, precision)
-            noise = 2.0 * _ROUNDINGS * stored
-            bent_across = max(_bend(w0, i00, i01, e0), _bend(w1, i10, i11, e1))
-            bent_down = max(_bend(n0, i00, i10, s0), _bend(n1, i01, i11, s1))
-            bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
-            # Coordinates are float32: an error of a part in 2^24 of the width.
-            placed = (abs(across) + abs(down)) * _FLOAT32 * max(height, width)
-            return Point(inverse, across, down, stored + bend + placed, 0.0)
+        cell = Cell(
+            inverse_depth(face[r - 1, c]), inverse_depth(face[r - 1, c + 1]),
+            inverse_depth(face[r, c - 1]), inverse_depth(face[r, c]),
+            inverse_depth(face[r, c + 1]), inverse_depth(face[r, c + 2]),
+            inverse_depth(face[r + 1, c - 1]), inverse_depth(face[r + 1, c]),
+            inverse_depth(face[r + 1, c + 1]), inverse_depth(face[r + 1, c + 2]),
+            inverse_depth(face[r + 2, c]), inverse_depth(face[r + 2, c + 1]),
+        )  # fmt: skip
+        length = stored_length(r, c, face.shape, focal, precision)
+        point = interpolated(cell, px - c, py - r, length, max(height, width), precision)
+        if point.inverse > 0.0:
+            return point  # type: ignore[no-any-return]
     c = min(max(int(np.floor(x)), 0), width - 1)
     r = min(max(int(np.floor(y)), 0), height - 1)
     return _continued(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, error_model="numpy", cache=True, forceinline=True)
+def interpolated(cell: Cell, a: float, b: float, length: float, size: int, precision: Precision) -> Point:
+    """Return the surface between the 2 x 2 pixels of a cell; ``inverse`` is 0 if they are not one surface.
+
+    There is no branch in it, so that it compiles to vector instructions.
+
+    Args:
+        cell: what the pixels show.
+        a, b: from the first pixel to the point, across and down, px in 0 to 1.
+        length: of :func:`stored_length` there.
+        size: px of the longer side of the picture.
+        precision: of the picture.
+    """
+    n0, n1, w0, i00, i01, e0, w1, i10, i11, e1, s0, s1 = cell
+    one_surface = (
+        _continues(w0, i00, i01, e0)
+        & _continues(w1, i10, i11, e1)
+        & _continues(n0, i00, i10, s0)
+        & _continues(n1, i01, i11, s1)
+    )
+    inverse = (1 - b) * ((1 - a) * i00 + a * i01) + b * ((1 - a) * i10 + a * i11)
+    across, down = (1 - b) * (i01 - i00) + b * (i11 - i10), (1 - a) * (i10 - i00) + a * (i11 - i01)
+    near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
+    at_near, at_far = rounding(1.0 / near, length, precision), rounding(1.0 / far, length, precision)
+    stored = max(near * near * at_near, far * far * at_far)
+    noise = 2.0 * _ROUNDINGS * stored
+    bent_across = max(_bend(w0, i00, i01, e0), _bend(w1, i10, i11, e1))
+    bent_down = max(_bend(n0, i00, i10, s0), _bend(n1, i01, i11, s1))
+    bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
+    # Coordinates are float32: an error of a part in 2^24 of the width.
+    placed = (abs(across) + abs(down)) * _FLOAT32 * size
+    return Point(inverse if one_surface else 0.0, across, down, stored + bend + placed, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def inverse_depth(z: float) -> float:
     """Return 1 / z, 0 where there is no surface."""
     return float(1.0 / max(z, _LEAST_M))
@@ -135,12 +173,17 @@ def _same(before: float, a: float, b: float, after: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def rounding(z: float, r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision) -> float:
-    """Return the largest error, metres, that a stored planar depth has at pixel (r, c)."""
-    length = 1.0
-    if precision.along_ray:
-        u, v = (c + 0.5 - shape[1] / 2) / focal, (r + 0.5 - shape[0] / 2) / focal
-        length = np.sqrt(1.0 + u * u + v * v)
+def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision) -> float:
+    """Return what was stored of a planar depth of 1 at pixel (r, c)."""
+    if not precision.along_ray:
+        return 1.0
+    u, v = (c + 0.5 - shape[1] / 2) / focal, (r + 0.5 - shape[0] / 2) / focal
+    return float(np.sqrt(1.0 + u * u + v * v))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def rounding(z: float, length: float, precision: Precision) -> float:
+    """Return the largest error, metres, that a stored planar depth has; ``length`` is its stored length."""
     # Slightly more: 128 cm is stored with the step above it, and comes as 1.28 m rounded down.
     stored = z * length / precision.unit_m * (1.0 + 8 * _FLOAT32)
     power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)  # of two, not above it
@@ -148,17 +191,7 @@ def rounding(z: float, r: int, c: int, shape: tuple[int, int], focal: float, pre
     return float(step / length + _FLOAT32 * z)
 
 
-@njit(cache=True, nogil=True)
-def _stored(
-    near: float, far: float, r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision
-) -> float:
-    """The largest error of 1/z, 1/m, of values between two."""
-    at_near = near * near * rounding(1.0 / near, r, c, shape, focal, precision)
-    at_far = far * far * rounding(1.0 / far, r, c, shape, focal, precision)
-    return float(max(at_near, at_far))
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _bend(before: float, a: float, b: float, after: float) -> float:
     """What a curve or a crease may lie off the chord between a and b, at most 1/4 of it; all 1/z."""
     left = abs(2.0 * a - b - before) if before > 0.0 else 0.0
@@ -171,26 +204,28 @@ def _continued(
     face: NDArray[np.float32], r: int, c: int, dx: float, dy: float, focal: float, precision: Precision
 ) -> Point:
     """The surface of pixel (r, c), continued to (dx, dy) from its centre by the slope that it has there."""
-    height, width = face.shape
     z = max(float(face[r, c]), _LEAST_M)
     jump = _jump(face, r, c)
     if not z < np.inf:
         return Point(0.0, 0.0, 0.0, 0.0, jump)
-    row, column = np.full(5, np.inf), np.full(5, np.inf)
-    for k in range(5):
-        if 0 <= c + k - 2 < width:
-            row[k] = face[r, c + k - 2]
-        if 0 <= r + k - 2 < height:
-            column[k] = face[r + k - 2, c]
+    row = _at(face, r, c - 2), _at(face, r, c - 1), z, _at(face, r, c + 1), _at(face, r, c + 2)
+    column = _at(face, r - 2, c), _at(face, r - 1, c), z, _at(face, r + 1, c), _at(face, r + 2, c)
     across, known_across = _slope(row, dx)
     down, known_down = _slope(column, dy)
     inverse = 1.0 / z + across * dx + down * dy
     most = _CONTINUED_M + _CONTINUED_RELATIVE * z
     limited = min(max(inverse, 1.0 / (z + most)), 1.0 / max(z - most, 0.5 * z))
-    error = 3.0 * rounding(z, r, c, face.shape, focal, precision) / (z * z) + abs(inverse - limited)
+    length = stored_length(r, c, face.shape, focal, precision)
+    error = 3.0 * rounding(z, length, precision) / (z * z) + abs(inverse - limited)
     if not (known_across and known_down):
         error += most / (z * z)
     return Point(limited, across, down, error, jump)
+
+
+@njit(cache=True, nogil=True)
+def _at(face: NDArray[np.float32], r: int, c: int) -> float:
+    """Planar depth at a pixel; +inf beyond the picture."""
+    return float(face[r, c]) if 0 <= r < face.shape[0] and 0 <= c < face.shape[1] else np.inf
 
 
 @njit(cache=True, nogil=True)
@@ -205,7 +240,7 @@ def _jump(face: NDArray[np.float32], r: int, c: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _slope(line: NDArray[np.float64], toward: float) -> tuple[float, bool]:
+def _slope(line: tuple[float, float, float, float, float], toward: float) -> tuple[float, bool]:
     """The slope of 1/z at the middle of five pixels, from a side where the surface goes on; else 0, False."""
     here = line[2]
     allowed = allowed_step(here)
@@ -238,15 +273,11 @@ def allowed_step(near: float) -> float:
     return float((_STEP_M * inverse + _STEP_RELATIVE) * inverse)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _continues(before: float, a: float, b: float, after: float) -> bool:
     """Whether a and b lie on one line with a neighbour on either side, to a tolerance in metres; all 1/z."""
-    if not (a > 0.0 and b > 0.0):
-        return False
     near = max(a, b)
     step, allowed = b - a, _STEP_M * near * near + _STEP_RELATIVE * near
-    if abs(step) <= allowed:
-        return True
-    from_left = before > 0.0 and abs(step - (a - before)) <= allowed
-    from_right = after > 0.0 and abs(step - (after - b)) <= allowed
-    return from_left and from_right
+    from_left = (before > 0.0) & (abs(step - (a - before)) <= allowed)
+    from_right = (after > 0.0) & (abs(step - (after - b)) <= allowed)
+    return bool((a > 0.0) & (b > 0.0) & ((abs(step) <= allowed) | (from_left & from_right)))

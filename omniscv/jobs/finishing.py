@@ -9,7 +9,7 @@ from omniscv import storage
 from omniscv.dataset import exporting, manifest, reading
 from omniscv.dataset import parts as marked
 from omniscv.dataset.manifest import FrameEntry
-from omniscv.dataset.stored import alone
+from omniscv.dataset.stored import alone, tidy
 from omniscv.errors import DatasetError
 from omniscv.jobs.job import Job
 from omniscv.jobs.parts import parts
@@ -26,7 +26,8 @@ def missing_frames(job: Job, count: int) -> int:
 def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> None:
     """Join the markers of all parts, of so many, into ``frames.jsonl``; export; remove the markers.
 
-    The source is not opened. Where another process has just finished the dataset, nothing is left to do.
+    What killed processes have left is removed too. The source is not opened. Where another process has just
+    finished the dataset, nothing is left to do.
 
     Raises:
         DatasetError: the marker of a part is missing or damaged.
@@ -47,6 +48,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             _warn_of_splits(job, list(entries.values()), warn)
         _export(job, folder)
         marked.remove_all(folder)
+        tidy(folder)
 
 
 def listed(folder: Folder) -> list[FrameEntry]:

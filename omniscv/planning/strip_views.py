@@ -49,10 +49,13 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
     """
 
     sample = [np.array(_thinned(rays, _SAMPLED_RAYS)) for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS)]
+    circles = [(rays, *_circle(rays)) for rays in sample]
     best, least = (capabilities.min_size, capabilities.min_size), np.inf
     for count in range(1, _MOST_VIEWS + 1):
-        strips = [strip for rays in sample for strip in _strips(rays, count)]
-        half = np.max([half for _, half in strips], axis=0)
+        strips = [strip for circle in circles for strip in _shares(*circle, count)]
+        if len(strips) >= least:  # too many already, whatever their size
+            continue
+        half = np.max([_strip(*strip)[1] for strip in strips], axis=0)
         if half[0] > STEEPEST:
             continue
         size = holding_size(half, focal_px, border_px, capabilities)
@@ -74,8 +77,9 @@ def strip_views(
     """
     limit = (np.array(size) / 2 - border_px) / focal_px
     fov_deg = pinhole.fov_deg(size[0], focal_px)
+    circle = _circle(rays_w)
     for count in range(1, _MOST_VIEWS + 1):
-        strips = _strips(rays_w, count)
+        strips = [_strip(*strip) for strip in _shares(rays_w, *circle, count)]
         if all((half <= limit + _ROUNDING).all() for _, half in strips):
             return tuple(View(Pose(center_w, R_w_c), fov_deg, *size) for R_w_c, _ in strips)
     return None
@@ -95,14 +99,18 @@ def _thinned(items: Any, count: int) -> Any:
     return [*items[:: max(1, len(items) // count)], items[-1]]
 
 
-def _strips(rays: Array, count: int) -> list[tuple[Array, Array]]:
-    """Up to ``count`` views around the circle that rays lie on: each R_w_c, and the tangents of its rays."""
-    axis, azimuth = _circle(rays)
+def _shares(rays: Array, axis: Array, azimuth: Array, count: int) -> list[tuple[Array, Array]]:
+    """Up to ``count`` parts of the circle that rays lie on: the rays of each, and the circle's axis."""
     if count == 1:
-        return [looking(rays, rays.mean(axis=0), axis)]
+        return [(rays, axis)]
     span = azimuth.max() * (1 + 1e-12) + 1e-12
     share = np.minimum((azimuth / span * count).astype(int), count - 1)
-    return [looking(mine, mine.mean(axis=0), axis) for k in range(count) if len(mine := rays[share == k])]
+    return [(mine, axis) for k in range(count) if len(mine := rays[share == k])]
+
+
+def _strip(rays: Array, axis: Array) -> tuple[Array, Array]:
+    """The view of a part of a circle: its R_w_c, and the tangents of its rays."""
+    return looking(rays, rays.mean(axis=0), axis)
 
 
 def _circle(rays: Array) -> tuple[Array, Array]:

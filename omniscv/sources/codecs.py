@@ -87,10 +87,9 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
 def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
     """Bytes and encoding of pixels: PNG for three channels of uint8, NPY for all else; lossless."""
     if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
-        import cv2
+        from omniscv import png
 
-        bgr = np.ascontiguousarray(pixels[..., ::-1])
-        return cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1].tobytes(), "png"
+        return png.encode(pixels), "png"
     buffer = io.BytesIO()
     np.save(buffer, np.ascontiguousarray(pixels), allow_pickle=False)
     return buffer.getvalue(), "npy"
@@ -133,7 +132,7 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
     """(H, W, 3) RGB; the header is checked first, so that no picture larger than the view is decoded."""
     import cv2
 
-    from omniscv.sources import png
+    from omniscv import png
 
     if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
         raise BadReplyError(f"expected a PNG, got {_start(payload)}")

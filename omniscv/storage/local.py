@@ -105,6 +105,24 @@ def written_beside(place: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def folder_beside(target: Path) -> Iterator[Path]:
+    """Yield a new folder beside a place, to be moved there when it is complete; it is removed at the end."""
+    part = target.with_name(f".{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        yield part
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def replace_folder(part: Path, target: Path) -> None:
+    """Move a folder to its place; the one that is there is removed."""
+    shutil.rmtree(target, ignore_errors=True)
+    part.replace(target)
+
+
+@contextmanager
 def in_one_line(path: Path | str) -> Iterator[None]:
     """Raise what the system reports as one line that names a file and what helps."""
     try:
@@ -112,9 +130,18 @@ def in_one_line(path: Path | str) -> Iterator[None]:
     except FileNotFoundError as cause:
         raise MissingFileError(f"{path}: expected a file, it is missing") from cause
     except OSError as cause:
-        got = cause.strerror or str(cause)
-        advice = "; free space there, and run again" if cause.errno in NO_SPACE else ""
-        raise StorageError(f"{path}: expected to read or write it, got: {got}{advice}") from cause
+        raise StorageError(refusal(cause, path)) from cause
+
+
+def refusal(cause: OSError, path: Path | str | None = None) -> str:
+    """Return what the system refused, in one line that names the file, where it is known, and what helps."""
+    path = path or cause.filename2 or cause.filename  # of a copy or a move: where it goes
+    got = cause.strerror or str(cause)
+    if isinstance(cause, FileExistsError):  # of mkdir
+        got = "a file" if os.path.isfile(path or "") else got
+        return f"{path}: expected a folder or a free name, got {got}"
+    advice = "; free space there, and run again" if cause.errno in NO_SPACE else ""
+    return f"{path}: expected to read or write it, got: {got}{advice}" if path else f"{got}{advice}"
 
 
 def _linked(part: Path, place: Path) -> bool:

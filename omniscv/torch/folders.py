@@ -18,7 +18,7 @@ class FolderDataset(Dataset[Sample]):
     """The frames of a dataset on disk, in the order of their keys.
 
     Args:
-        folder: of a dataset that is complete.
+        folder: of a dataset that is complete, by path or URL.
         layers: what samples have; :data:`LAYERS` if not given.
         cameras: only frames of these; of all if empty. Batches need images of one size.
         split: only frames of this split; of all if empty.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from torch.utils.data import Dataset
 
-from omniscv import modalities
+from omniscv import modalities, storage
 from omniscv.arguments import shown, whole_number
 from omniscv.compose.cache import ByteCache
 from omniscv.dataset.classes import class_rules
@@ -33,7 +33,7 @@ class RecordingDataset(Epochs, Dataset[Sample]):
     the order. Each process opens the file for itself, and keeps the faces of the centres that it used last.
 
     Args:
-        path: the recording; centres are those at which it has six faces.
+        path: the recording, by path or URL; centres are those at which it has six faces.
         draw: gives the camera and the orientation of a sample, such as :class:`RandomTurns`.
         modes: modalities of :mod:`omniscv.modalities`.
         per_center: samples of each centre; those of one follow each other.
@@ -64,7 +64,8 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         super().__init__()
         if not callable(draw):
             raise ArgumentError(f"draw: expected a function of a generator, got {shown(draw)}")
-        self.path, self.draw, self.modes = Path(path).absolute(), draw, modalities.chosen(modes)
+        self.path = Path(storage.fetch_file(path)).absolute()
+        self.draw, self.modes = draw, modalities.chosen(modes)
         self.per_center = whole_number("per_center", per_center)
         self.seed = whole_number("seed", seed, least=0)
         self.truth_scale, self._cache_bytes = truth_scale, cache_bytes

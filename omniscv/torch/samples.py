@@ -73,8 +73,8 @@ def sample_of(record: Record, layers: Mapping[str, torch.Tensor], *, directions:
         "position": torch.tensor(record.pose.position, dtype=torch.float32),
         "R_w_c": torch.tensor(record.pose.R_w_c, dtype=torch.float32),
     }
-    wanted = {DIRECTIONS: rays} if directions else {}
-    return {**layers, **wanted, "valid": valid, **pose, "record": record}
+    wanted = {DIRECTIONS: rays.clone()} if directions else {}
+    return {**layers, **wanted, "valid": valid.clone(), **pose, "record": record}
 
 
 def sample_of_frame(frame: Frame, names: Sequence[str] | None) -> Sample:

@@ -14,6 +14,8 @@ import numpy as np
 from torch.utils.data import IterableDataset
 
 from omniscv.arguments import flag, one_of, texts, whole_number
+from omniscv.errors import ArgumentError
+from omniscv.storage import is_url, without_secrets
 from omniscv.torch.order import rank_share, shuffled, worker_share
 from omniscv.torch.packed import Packed, Shard
 from omniscv.torch.samples import LAYERS, Sample, sample_of_frame
@@ -58,6 +60,10 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         self.shuffle, self.seed = flag("shuffle", shuffle), whole_number("seed", seed, least=0)
         self.layers = None if layers is None else texts("layers", layers)
         self._rank = rank_share(rank, world_size)
+        if is_url(folder):
+            raise ArgumentError(
+                f"folder: expected one on this machine, got {without_secrets(folder)}; copy it"
+            )
         self._packed = Packed.read(Path(folder).absolute())
         split_of = {file: file.path.rpartition("-")[0] for file, _ in self._packed.shards}
         if split:

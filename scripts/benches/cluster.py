@@ -1,29 +1,32 @@
 """What many workers make of their number: parts a second by 1 to 64 of them, and what Dask itself takes.
 
 A waiting task stands for a part whose server answers once a tick, on a machine of its own: it takes three
-seconds and no processor. All waiting workers, the scheduler and the client share one process, whose time is
-all that scheduling takes. Local workers are processes with a mock server each: they share this machine's
-cores with it, so that their number pays only as far as there are cores; the peer is one process without Dask.
+seconds and no processor. The scheduler and the client share this process, as in a command; its time is all
+that scheduling takes. All waiting workers share another. Local workers are processes with a mock server each:
+they share this machine's cores with it, so that their number pays only as far as there are cores; the peer is
+one process without Dask.
 """
 
+import asyncio
 import logging
+import multiprocessing
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import dask
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, LocalCluster, Worker, as_completed
 
 from benches import Figure, Reference
-from omniscv.cluster.places import RESOURCE, SETTINGS
+from omniscv.cluster.places import RESOURCE, settings
 from omniscv.cluster.tasks import HOW
 
 EACH = 8  # parts of a worker
-ELSEWHERE = {"distributed.worker.profile.enabled": False}  # what real workers do on cores of their own
+ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own
 FEW, MANY = 32, 160  # images
 JOB = """
 source: mock://four-wall
@@ -49,20 +52,44 @@ def measure(quick: bool) -> Iterator[Figure]:
 
 @contextmanager
 def waiting(count: int) -> Iterator[Client]:
-    """Give a client of workers that are threads of this process."""
+    """Give a client of a scheduler in this process, and of workers that are threads of another."""
     with (
-        dask.config.set({**SETTINGS, **ELSEWHERE}),
+        dask.config.set(settings()),
         LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=False,
+            n_workers=0,
+            host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
-            resources=RESOURCE,
         ) as started,
         Client(started, set_as_default=False) as client,
     ):
-        yield client
+        workers = multiprocessing.get_context("spawn").Process(
+            target=work, args=(started.scheduler_address, count), daemon=True
+        )
+        workers.start()
+        client.wait_for_workers(count)
+        try:
+            yield client
+        finally:
+            workers.kill()
+            workers.join()
+
+
+def work(address: str, count: int) -> None:
+    """Be so many workers, until killed."""
+
+    async def serve() -> None:
+        async with AsyncExitStack() as held:
+            for name in range(count):
+                worker = Worker(
+                    address, nthreads=1, name=name, resources=RESOURCE, host="127.0.0.1", memory_limit=0
+                )
+                await held.enter_async_context(worker)
+            await asyncio.Event().wait()
+
+    logging.disable(logging.CRITICAL)
+    with dask.config.set({**settings(), **ELSEWHERE}):
+        asyncio.run(serve())
 
 
 def run(client: Client, parts: int, part_s: float) -> tuple[float, float]:

@@ -4,9 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp, mpf
+from support.cases import cases
 from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
@@ -124,7 +125,7 @@ def test_a_point_below_the_axis_is_in_a_lower_row() -> None:
     assert right[0] > camera.center[0] + 30
 
 
-@settings(max_examples=40)  # bisection in mpmath is slow
+@cases(12)  # bisection in mpmath is slow
 @given(scaramuzzas)
 def test_a_file_means_the_rays_of_the_camera(camera: cameras.Camera) -> None:
     text = calibration.write_ocamcalib({"cam0": camera})

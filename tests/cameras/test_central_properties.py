@@ -5,9 +5,10 @@ pixels at corners, next to the rim and to the centre; points next to the axes, f
 """
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.camera_contract import PIXEL_TOLERANCE, never_wrong
+from support.cases import cases
 
 from examples import takes_center
 from omniscv import cameras
@@ -72,20 +73,20 @@ points = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max
 part = st.one_of(st.floats(0, 1), hair, hair.map(lambda x: 1 - x))
 
 
-@settings(max_examples=200)
+@cases(60)
 @given(any_camera, points)
 def test_no_point_gets_a_wrong_pixel(camera, points):
     never_wrong(camera, points)
 
 
-@settings(max_examples=200)
+@cases(60)
 @given(any_camera, st.lists(st.tuples(part, part), min_size=1, max_size=30).map(np.array), st.floats(-9, 9))
 def test_every_pixel_comes_back(camera, parts, away):
     """Of pixels all over the image, most of all next to its edges."""
     comes_back(camera, parts * (camera.width, camera.height), 10**away)
 
 
-@settings(max_examples=200)
+@cases(60)
 @given(any_camera, st.lists(st.tuples(part, st.floats(-4, 4)), min_size=1, max_size=30), st.floats(-9, 9))
 def test_pixels_of_the_image_circle_come_back(camera, polar, away):
     """Of pixels all over the image circle, most of all next to its rim and its centre."""

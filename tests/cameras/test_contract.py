@@ -62,8 +62,19 @@ def test_classes_are_exported(name):
         assert cls.__name__ in cameras.__all__
 
 
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 50), (7, 5), (1001, 2), (2, 499)])
-@every_example
+SIZES = [(1, 1), (1, 50), (7, 5), (1001, 2), (2, 499)]
+
+
+def sized():
+    """Every model's own example in every size, and each other example in one of them; the rest are soaks."""
+    for number, (name, camera) in enumerate(EXAMPLES.items()):
+        for k, (width, height) in enumerate(SIZES):
+            rest = not name.endswith("-example") and k != number % len(SIZES)
+            marks = [pytest.mark.soak] * rest
+            yield pytest.param(camera, width, height, id=f"{name}-{width}-{height}", marks=marks)
+
+
+@pytest.mark.parametrize(("camera", "width", "height"), [*sized()])
 def test_sizes(camera, width, height):
     """The image's middle is on the lens axis in images of any size, and the rest of the contract holds."""
     camera = changed(camera, width=width, height=height, center=None)

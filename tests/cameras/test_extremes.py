@@ -8,9 +8,10 @@ points to it, or mark the point as not seen.
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from support.camera_contract import never_wrong
+from support.cases import cases
 
 from omniscv import cameras
 from omniscv.errors import ArgumentError
@@ -49,7 +50,7 @@ def any_camera(draw):
         assume(False)
 
 
-@settings(max_examples=600)
+@cases(150)
 @example(cameras.CatadioptricParabolic(1, 4, semi_latus_rectum=1.0, focal=1.24e-16), np.array([[0, 1.0, 0]]))
 @example(cameras.KannalaBrandt(9, 9, fx=1e-16, fy=2.0), np.array([[1.0, 0, -1.0]]))
 @example(cameras.Pinhole(9, 9, focal=1e-200), np.array([[1.0, 1.0, 1.0]]))
@@ -60,7 +61,7 @@ def test_a_point_that_is_seen_is_where_its_pixel_looks(camera, points):
     never_wrong(camera, points, TOLERANCE, at_the_border=2.0)
 
 
-@settings(max_examples=300)
+@cases(80)
 @given(any_camera(), st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=20))
 def test_a_valid_pixel_has_a_ray(camera, parts):
     rays = camera.unproject(np.array(parts) * (camera.width, camera.height))

@@ -11,6 +11,7 @@ import yaml
 from support.command_line import ROOT
 
 import mock_server
+from omniscv import cameras
 from omniscv.cli import COMMANDS, run
 from omniscv.jobs import EXAMPLE, load
 from omniscv.jobs.file import FIELDS
@@ -61,6 +62,26 @@ def test_scenes_are_listed_and_described(tmp_path, capsys, monkeypatch):
     assert ball.split() == ["Ball", "0.5", "1.5", "2.5", "1.5", "2.5", "3.5"]
     assert run(["scenes", "moon"]) == 2
     assert "moon" in capsys.readouterr().err
+
+
+def printed_json(capsys, *arguments):
+    assert run([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_scenes_models_and_plans_as_json(capsys):
+    listed = printed_json(capsys, "scenes")
+    assert [each["scene"] for each in listed] == mock_server.scene_names()
+    scene = mock_server.load_scene("workshop")
+    objects = printed_json(capsys, "scenes", "workshop")["objects"]
+    assert {name for name, each in objects.items() if each["moves"]} == set(scene.moving)
+    assert all(np.array_equal(objects[name]["box_m"], scene.bounds(name)) for name in scene.objects)
+    kinds = {each["model"]: each["kind"] for each in printed_json(capsys, "cameras")}
+    assert kinds == {
+        name: "central" if cameras.model(name).central else "non-central" for name in cameras.names()
+    }
+    plan = printed_json(capsys, "plan", "--size", "64x32", "--face-size", "16")
+    assert {each["strategy"]: each["views"] for each in plan}["cube"] == 6
 
 
 def test_places_of_a_recording(capsys, monkeypatch):

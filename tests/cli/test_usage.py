@@ -2,6 +2,7 @@
 
 import json
 import socket
+import sys
 
 import numpy as np
 import pytest
@@ -83,6 +84,28 @@ def test_a_file_that_is_no_recording(capsys, tmp_path):
 def test_a_file_that_is_not_there(capsys, tmp_path):
     failed(capsys, 1, ["render", "--source", tmp_path / "none.sqlite", "--out", tmp_path / "out"])
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("below", "says"),
+    [
+        ("", "expected a folder or a free name, got a file"),
+        ("/out", "expected to read or write it, got: Not a directory"),
+    ],
+)
+def test_a_file_where_a_folder_is_wanted(below, says, capsys, tmp_path):
+    path = tmp_path / "notes"
+    path.write_text("dear diary")
+    out = f"{path}{below}"
+    line = failed(capsys, 1, ["render", "--source", "scene://waves", "--size", "8x4", "--out", out])
+    assert line == f"omniscv: {out}: {says}"
+    assert path.read_text() == "dear diary"
+
+
+def test_a_command_without_standard_error(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "stderr", None)  # as Python has it where it is closed
+    assert run(["render", "--source", "scene://waves", "--size", "8x4", "--out", str(tmp_path)]) == 0
+    assert run(["scenes", "moon"]) == 2
 
 
 def test_a_recording_without_the_asked_view(capsys, tmp_path):

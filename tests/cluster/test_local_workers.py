@@ -2,16 +2,20 @@
 
 import os
 import random
+import re
 import shutil
 import signal
 import sys
 import time
+from contextlib import nullcontext, suppress
+from functools import partial
 
 import psutil
 import pytest
 from support.datasets import tree
-from support.games import STAND_IN
+from support.games import STAND_IN, waited_for
 from support.processes import OMNISCV, started
+from support.stores import BUCKET, names_at, s3_server, tree_at
 
 from omniscv import dataset, jobs
 
@@ -28,18 +32,23 @@ out: {out}
 
 
 def job_of(folder, out, source="mock://four-wall", rate=14):
-    path = folder / f"{out}.yaml"
+    path = folder / f"{out.rpartition('/')[2]}.yaml"
     path.write_text(JOB.format(source=source, out=out, rate=rate), encoding="utf-8")
     return path
 
 
 def frames_in(out):
-    return len(list(out.glob("pano-*[0-9].json")))
+    return sum(re.fullmatch(r"pano-[0-9]+\.json", name) is not None for name in names_at(str(out)))
 
 
 def below(process):
-    """All processes that a command has started, and they."""
-    return [each for each in psutil.Process(process.pid).children(recursive=True) if each.is_running()]
+    """All processes that a command has started, and they, with their command lines."""
+    found = {}
+    with suppress(psutil.NoSuchProcess):  # it has ended, or one below it: a zombie has no command line
+        for each in psutil.Process(process.pid).children(recursive=True):
+            with suppress(psutil.NoSuchProcess):
+                found[each] = " ".join(each.cmdline())
+    return found
 
 
 def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
@@ -50,7 +59,7 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
         while frames_in(out) < 2:
             assert process.poll() is None
             time.sleep(0.02)
-        workers = below(process)
+        workers = list(below(process))
         for each in (*workers, process):
             os.kill(each.pid, signal.SIGINT)
         printed, said = process.communicate(timeout=60)
@@ -65,46 +74,76 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
     assert tree(out) == tree(tmp_path / "single")
 
 
+LINES = {"worker": r".* --multiprocessing-fork", "game": r"\S+ \S+/Binaries/Linux/Game"}  # not its watcher
+
+
 def kill(process, what, draw):
-    """Kill -9 one process of some kind, or none where there is none at the moment."""
-    names = {"worker": "--multiprocessing-fork", "game": "Binaries/Linux/Game"}
-    found = [each for each in below(process) if what in names and names[what] in " ".join(each.cmdline())]
+    """Kill -9 one process of some kind; return whether there was one."""
     if what == "scheduler":
-        process.kill()
-    elif found:
+        found = [process] if process.poll() is None else []
+    else:
+        found = [each for each, line in below(process).items() if re.fullmatch(LINES[what], line)]
+    if found:
         draw.choice(found).kill()
+    return bool(found)
 
 
-@pytest.mark.soak
-@pytest.mark.timeout(3000)
-@pytest.mark.parametrize("workers", [2, 4])
-@pytest.mark.parametrize("what", ["worker", "game", "scheduler"])
-def test_kills_at_ten_moments(what, workers, tmp_path):
-    """The scheduler lives in the command. Each worker launches a game of its own."""
-    kills, images = (int(each) for each in os.environ.get("OMNISCV_KILLS", "10,200").split(","))
-    game = tmp_path / "Game" / "Binaries" / "Linux" / "Game"
+def running(mark):
+    """The processes of a run, wherever they are."""
+    found = []
+    for each in psutil.process_iter():
+        with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
+            if each.environ().get("OMNISCV_RUN") == mark and each.status() != psutil.STATUS_ZOMBIE:
+                found.append(each)
+    return found
+
+
+def launched(folder):
+    """A game that each worker launches for itself."""
+    game = folder / "Game" / "Binaries" / "Linux" / "Game"
     game.parent.mkdir(parents=True)
     shutil.copy(STAND_IN, game)
     game.write_text(f"#!{sys.executable}\n{game.read_text()}")
     game.chmod(0o755)
-    rate, source = images / 2.419, f"launch:{game}"
+    return f"launch:{game}"
+
+
+STORES = {"disk": nullcontext, "s3": s3_server, "failing s3": partial(s3_server, every=10)}
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(10_000)
+@pytest.mark.parametrize("store", STORES)
+@pytest.mark.parametrize("workers", [2, 4])
+@pytest.mark.parametrize("what", ["worker", "game", "scheduler"])
+def test_kills_at_ten_moments(what, workers, store, tmp_path, monkeypatch):
+    """The scheduler lives in the command, which is needed a second time only where it was killed itself."""
+    kills, images = (int(each) for each in os.environ.get("OMNISCV_KILLS", "10,200").split(","))
+    rate, source, killed = images / 2.419, launched(tmp_path), 0
     jobs.make(jobs.load(job_of(tmp_path, "single", rate=rate)))
-    wanted, draw = tree(tmp_path / "single"), random.Random(what)
+    wanted, draw = tree_at(str(tmp_path / "single")), random.Random(what)
     for number in range(kills):
-        job, out = job_of(tmp_path, f"killed-{number}", source, rate), tmp_path / f"killed-{number}"
-        command = (*OMNISCV, "dataset", "make", job, "--cluster", f"local:{workers}")
-        kill_at = images * (number + draw.random()) / kills
-        with started(*command) as process:
-            while process.poll() is None and frames_in(out) < kill_at:
-                time.sleep(0.01)
-            kill(process, what, draw)
-            process.communicate(timeout=600)
-        before = frames_in(out)
-        with started(*command) as process:
-            printed, said = process.communicate(timeout=600)
-        assert process.returncode == 0, said
-        assert tree(out) == wanted
-        print(f"{what} killed at {kill_at:.0f} frames: {before} were there; {printed.splitlines()[-1]}")
-        again = jobs.make(jobs.load(job_of(tmp_path, f"killed-{number}", rate=rate)), resume=True)
-        assert (again.written, again.kept) == (0, len(wanted) // 8)
-    assert dataset.check(out, deep=True) == []
+        with STORES[store]():
+            out = f"{tmp_path if store == 'disk' else f's3://{BUCKET}'}/killed-{number}"
+            monkeypatch.setenv("OMNISCV_RUN", mark := f"{tmp_path}-{number}")
+            job, kill_at = job_of(tmp_path, out, source, rate), images * (number + draw.random()) / kills
+            command = (*OMNISCV, "dataset", "make", job, "--cluster", f"local:{workers}")
+            with started(*command) as process:
+                while process.poll() is None:
+                    before = time.perf_counter()
+                    if (there := frames_in(out)) >= kill_at:
+                        break
+                    time.sleep(0.02 + 5 * (time.perf_counter() - before))  # looking is not to take the time
+                killed += kill(process, what, draw)
+                _, said = process.communicate(timeout=600)
+            if what == "scheduler":
+                with started(*command) as process:
+                    _, said = process.communicate(timeout=600)
+            assert process.returncode == 0, said
+            assert tree_at(out) == wanted
+            again = jobs.make(jobs.load(job_of(tmp_path, out, rate=rate)), resume=True)
+            assert (again.written, again.kept) == (0, len(wanted) // 8)
+            assert dataset.check(out, deep=number == 0) == []
+            print(f"{what} killed ({killed}) at {there} frames of {again.kept}: {said!r}", flush=True)
+            assert waited_for(lambda mark=mark: not running(mark)), running(mark)
+    assert killed > kills / 2  # late ones may find that all is done

@@ -10,7 +10,7 @@ from support.datasets import job_file, tree
 from support.fake_slurm import install
 
 from omniscv import cli
-from omniscv.cluster.places import Address, place
+from omniscv.cluster.places import Address, place, settings
 from omniscv.errors import ArgumentError, ClusterError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slurm-array.sh"
@@ -58,6 +58,21 @@ def test_the_array_s_script_makes_the_dataset_again_where_a_part_was_lost(slurm,
                 assert i == lost or cli.run(each) == 0
         assert (tmp_path / "dataset" / "frames.jsonl").exists() == (lost is None)
     assert tree(tmp_path / "dataset") == tree(tmp_path / "single")
+
+
+@pytest.mark.parametrize("given", [None, "True"])
+def test_workers_start_without_dasks_profiler_unless_the_user_says_so(given, tmp_path, monkeypatch):
+    name = "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED"
+    monkeypatch.delenv(name, raising=False)
+    if given:
+        monkeypatch.setenv(name, given)
+    path = tmp_path / "slurm.yaml"
+    path.write_text(SLURM)
+    with place(f"slurm:{path}").cluster() as cluster:
+        script = cluster.job_script()
+    before, _, _ = script.partition("\nmodule load unreal\n")
+    assert (f"\nexport {name}=False" in before) == (given is None)
+    assert ("distributed.worker.profile.enabled" in settings()) == (given is None)
 
 
 def test_the_job_of_a_worker_ends_before_its_time(tmp_path):

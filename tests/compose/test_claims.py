@@ -80,14 +80,10 @@ CASES = [
     ("noncentral-panorama", "four-wall", WAYS[0]),
     ("noncentral-panorama", "fence", WAYS[1]),
     ("noncentral-panorama", "fence", WAYS[2]),
-    ("noncentral-spherical-mirror", "open", WAYS[0]),
-    ("noncentral-spherical-mirror", "four-wall", WAYS[1]),
+    ("noncentral-spherical-mirror", "open", WAYS[1]),
     ("noncentral-conical-mirror", "fence", WAYS[1]),
-    ("noncentral-conical-mirror", "four-wall", WAYS[2]),
     ("ods", "fence", WAYS[0]),
     ("rolling-shutter", "fence", WAYS[0]),
-    ("rolling-shutter", "four-wall", WAYS[1]),
-    ("push-broom", "four-wall", WAYS[1]),
     ("push-broom", "four-wall", WAYS[2]),
     ("orthographic", "four-wall", WAYS[0]),
 ]
@@ -170,17 +166,19 @@ def test_what_is_farther_than_the_wire_reaches_is_told_from_the_sky(rooms):
     assert np.isposinf(image.depth_error[beyond]).all()
 
 
-def test_few_viewpoints_say_what_they_give_up(rooms):
+@pytest.mark.parametrize(
+    "name", ["noncentral-panorama", pytest.param("noncentral-conical-mirror", marks=pytest.mark.soak)]
+)
+def test_few_viewpoints_say_what_they_give_up(name, rooms):
     """With 12 viewpoints the median depth is off by centimetres, and its bound says so (review, A9)."""
     _, source = rooms["four-wall"]
-    for name in ("noncentral-panorama", "noncentral-conical-mirror"):
-        exact, few = (
-            omniscv.render(
-                SMALL[name], drawn_pose(1), source, MODES, strategy="strips", viewpoints=count, face_size=128
-            )
-            for count in (None, 12)
+    exact, few = (
+        omniscv.render(
+            SMALL[name], drawn_pose(1), source, MODES, strategy="strips", viewpoints=count, face_size=128
         )
-        assert np.median(few.depth_error[few.valid]) > 2 * np.median(exact.depth_error[exact.valid])
+        for count in (None, 12)
+    )
+    assert np.median(few.depth_error[few.valid]) > 2 * np.median(exact.depth_error[exact.valid])
 
 
 @pytest.mark.parametrize("normals", ["captured", "from-depth"])
@@ -188,8 +186,8 @@ def test_normals_lie_on_a_surface(normals, rooms):
     """No normal is blended across an edge: nearly all are those of a surface within a pixel (review, A5)."""
     scene, source = rooms["four-wall"]
     for name, way in (("equirectangular", {}), ("noncentral-panorama", {"strategy": "adaptive"})):
-        camera = SMALL.get(name) or model(name).example(256)
+        camera = SMALL.get(name) or model(name).example(128)
         modes = (*MODES, "normals")
-        image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=256, normals=normals, **way)
+        image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=192, normals=normals, **way)
         most = 0.001 if normals == "captured" else 0.02
         assert Errors(image, scene).judgement().normals_20_deg <= most

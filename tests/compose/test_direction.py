@@ -10,7 +10,7 @@ from omniscv.geometry import Pose
 from omniscv.planning import densities
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
-CAMERAS = cameras_at(96)
+CAMERAS = cameras_at(64)
 
 
 def error_px(image):

@@ -15,11 +15,12 @@ import OpenEXR
 import pytest
 from PIL import Image
 from PIL.ExifTags import Base
+from support.full_disk import largest_file
 
 import mock_server
 import omniscv
 from omniscv.compose import files
-from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.sources.scene import SceneSource
 
 MODES = ("lit", "object_mask", "depth", "normals")
@@ -200,9 +201,7 @@ def test_the_same_image_makes_the_same_bytes(image, tmp_path, image_format):
 def test_no_file_holds_the_time_of_writing(folder):
     assert {with_openexr(path)[1]["capDate"] for path in folder.glob("*.exr")} == {NO_CLOCK}
     with Image.open(folder / "pano-0.lit.jpg") as opened:
-        assert {opened.getexif().get(tag, NO_CLOCK) for tag in (Base.DateTime, Base.DateTimeOriginal)} == {
-            NO_CLOCK
-        }
+        assert not {Base.DateTime, Base.DateTimeOriginal} & set(opened.getexif())
     for path in folder.glob("*.png"):
         assert b"tIME" not in path.read_bytes()
 
@@ -221,14 +220,38 @@ def test_an_unknown_format_is_refused(image, tmp_path, image_format):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_layer_that_cannot_be_written_leaves_no_part_and_the_file_before(image, tmp_path):
-    image.save(tmp_path, "a", "jxl")
-    before = (tmp_path / "a.lit.jxl").read_bytes()
-    wrong = replace(image, layers={"lit": np.zeros((4, 0, 3), np.uint8)})
-    with pytest.raises(OmniscvError, match=r"a\.lit\..*jxl: expected to write it, got"):
-        wrong.save(tmp_path, "a", "jxl")
-    assert (tmp_path / "a.lit.jxl").read_bytes() == before
+@pytest.mark.parametrize(
+    ("image_format", "shape", "dtype", "wanted"),
+    [
+        ("jxl", (4, 0, 3), np.uint8, "to write it, got"),
+        ("png", (4, 0, 3), np.uint8, r"uint8 or uint16 .*; got uint8 of shape \(4, 0, 3\)"),
+        ("jpg", (1, 65501, 3), np.uint8, r"uint8 RGB .* 65500 a side .*; got uint8"),
+        ("jpg", (4, 4, 3), np.uint16, "uint8 RGB pixels .*; got uint16 .* choose png"),
+    ],
+)
+def test_a_layer_that_cannot_be_written_leaves_no_part_and_the_file_before(
+    image, tmp_path, image_format, shape, dtype, wanted
+):
+    image.save(tmp_path, "a", image_format)
+    before = (tmp_path / f"a.lit.{image_format}").read_bytes()
+    wrong = replace(image, layers={"lit": np.zeros(shape, dtype)})
+    with pytest.raises(OmniscvError, match=rf"a\.lit\..*{image_format}: expected {wanted}"):
+        wrong.save(tmp_path, "a", image_format)
+    assert (tmp_path / f"a.lit.{image_format}").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir() if "part" in path.name] == []
+
+
+@pytest.mark.parametrize("image_format", ["png", "jpg", "jxl", "exr"])
+def test_a_full_disk_is_one_line_that_names_the_file(image, tmp_path, image_format):
+    lit = replace(image, layers={"lit": np.random.default_rng(0).integers(0, 256, (90, 90, 3), np.uint8)})
+    path = tmp_path / f"a.lit.{image_format}"
+    for size in (0, 100, 7000):
+        with (
+            largest_file(size),
+            pytest.raises(StorageError, match=rf"{path}: .*File too large; free space there"),
+        ):
+            lit.save(tmp_path, "a", image_format)
+        assert list(tmp_path.iterdir()) == []
 
 
 KILLED = """

@@ -19,7 +19,7 @@ SMALL = cameras_at(64)
 # Below 200 px few centres are captured for parallel rays, and edges are blurred: docs/moving-cameras.md.
 MANY = [name for name, camera in SMALL.items() if not camera.central]
 DEAR = ("noncentral-spherical-mirror", "orthographic")
-LARGER = {**cameras_at(128), "orthographic": cameras_at(256)["orthographic"]}
+LARGER = {**cameras_at(96), "orthographic": cameras_at(256)["orthographic"]}
 
 
 FILTERED = [

@@ -45,7 +45,7 @@ def right(image, truth):
     [
         ("panorama", "six-wall"),
         pytest.param("ball", "four-wall", marks=SOAK),
-        ("cone", "six-wall"),
+        pytest.param("cone", "six-wall", marks=SOAK),
     ],
 )
 def test_few_centres_serve_as_well(name, room):
@@ -67,7 +67,7 @@ def test_few_centres_serve_as_well(name, room):
 
 
 def test_hardly_behind_capturing_every_centre():
-    camera = create("noncentral-panorama", width=192, height=96, radius=1.0)
+    camera = create("noncentral-panorama", width=96, height=48, radius=1.0)
     truth = traced(ROOM.scene, camera, POSE)
     few, all_centers = (
         right(omniscv.render(camera, POSE, ROOM, MODES, strategy=strategy, face_size=336), truth).mean()
@@ -180,7 +180,7 @@ def test_the_sky_is_met_at_infinity():
     post = {"texture": RED, "solids": [{"box": [0.3, 0.3, 4], "at": [2, 0, 1]}]}
     scene = Scene("field", {"sky": [0.5, 0.7, 1.0], "objects": {"Post": post}})
     camera = LOW
-    image = omniscv.render(camera, POSE, float_source(scene), MODES, strategy="adaptive", face_size=336)
+    image = omniscv.render(camera, POSE, float_source(scene), MODES, strategy="adaptive", face_size=168)
     truth = traced(scene, camera, POSE)
     sky, sure = np.isinf(truth.distance), ~image.unsure
     assert (np.isinf(image.depth) == sky)[sure].mean() > 0.995
@@ -200,7 +200,7 @@ def test_a_bound_for_a_strategy_that_has_none():
 
 def test_a_tighter_bound_makes_more_rays_unsure():
     """The predicted error is that of float32 depth, so a bound far below it leaves little sure."""
-    camera, few = LOW, {"strategy": "reproject", "viewpoints": 4, "face_size": 336}
+    camera, few = LOW, {"strategy": "reproject", "viewpoints": 4, "face_size": 128}
     loose, tight = (
         omniscv.render(camera, POSE, ROOM, ("depth",), max_error_px=bound, **few).unsure.mean()
         for bound in (0.5, 1e-9)

@@ -84,6 +84,10 @@ def test_classes_of_a_dataset(whole, capsys):
         (["export", "{out}", "--to", "webdataset", "--option", "max_count"], "--option: expected NAME=VALUE"),
         (["export", "{out}", "--to", "webdataset", "--option", "size=3"], "expected fields among max_count"),
         (["export", "{folder}", "--to", "webdataset"], "expected the folder of a dataset"),
+        (
+            ["export", "{out}", "--to", "webdataset", "--out", "{out}"],
+            "expected a folder that holds no dataset",
+        ),
         (["info", "{folder}"], "expected the folder of a dataset"),
         (["classes", "mars", "{folder}/classes.yaml"], "mars"),
         (["classes", "four-wall", "{folder}/dataset.yaml"], "expected fields among taxonomy"),

@@ -18,14 +18,13 @@ def ports():
 
 def copied(folder):
     """Copy what documents read from the repository: they may write there too."""
-    for name in ("captures", "docs"):
-        shutil.copytree(ROOT / name, folder / name)
+    shutil.copytree(ROOT / "captures", folder / "captures")
     return folder
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder with captures/ and docs/; the present one."""
+    """An empty folder with captures/; the present one."""
     monkeypatch.chdir(copied(tmp_path))
     with warnings.catch_warnings():
         # The official client's: every public server is too old for its question about commands.

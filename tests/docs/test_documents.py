@@ -26,9 +26,9 @@ def test_commands_are_where_they_are_run(name):
 
 @pytest.fixture(scope="module")
 def processes():
-    """Forks of one process that has imported what documents use, and done nothing else."""
+    """Forks of one process that has loaded what documents use."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["test_documents", "omniscv.jobs", "omniscv.cli"])
+    context.set_forkserver_preload(["test_documents", "support.warm"])
     return context
 
 

@@ -54,11 +54,11 @@ SERVERS = {
     ("name", "number", "ignored"),
     [
         ("mock_server", signal.SIGINT, [signal.SIGINT, signal.SIGHUP]),
-        ("mock_server", signal.SIGTERM, []),
+        pytest.param("mock_server", signal.SIGTERM, [], marks=pytest.mark.soak),
         ("mock_server", signal.SIGHUP, []),
-        ("omniscv serve", signal.SIGINT, [signal.SIGINT]),
+        pytest.param("omniscv serve", signal.SIGINT, [signal.SIGINT], marks=pytest.mark.soak),
         ("omniscv serve", signal.SIGTERM, [signal.SIGHUP]),
-        ("omniscv serve", signal.SIGHUP, [signal.SIGINT]),
+        pytest.param("omniscv serve", signal.SIGHUP, [signal.SIGINT], marks=pytest.mark.soak),
     ],
 )
 def test_the_first_signal_stops_it_quietly_with_a_client_connected(name, number, ignored, tmp_path):

@@ -7,7 +7,7 @@ import torch
 from torch.utils.data import ConcatDataset, DataLoader, IterableDataset, get_worker_info
 
 import omniscv
-from omniscv import parallel
+from omniscv import parallel, storage
 from omniscv.errors import ArgumentError
 from omniscv.torch import FolderDataset, RandomTurns, RecordingDataset, ShardDataset
 
@@ -120,6 +120,26 @@ def test_samples_are_what_render_makes(recording):
             np.testing.assert_allclose(sample["R_w_c"], pose.R_w_c, atol=1e-7)
     positions = {sample["record"].place for sample in samples}
     assert positions == {"0.000,0.000,1.500", "0.800,-0.500,1.200"}
+
+
+def test_a_sample_that_is_changed_changes_no_other(folder):
+    samples = FolderDataset(folder, ("directions",), cameras=["pano"])
+    first = samples[0]
+    kept = {name: first[name].clone() for name in ("valid", "directions")}
+    first["valid"].fill_(False)
+    first["directions"].mul_(-1)
+    assert all(torch.equal(samples[1][name], value) for name, value in kept.items())
+
+
+def test_a_recording_by_url(recording, monkeypatch, tmp_path):
+    monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path))
+    url = f"memory://{tmp_path.name}"
+    storage.folder(url).put("room.sqlite", recording)
+    same(
+        loaded(composed(f"{url}/room.sqlite"), batch_size=None), loaded(composed(recording), batch_size=None)
+    )
+    with pytest.raises(ArgumentError, match=f"folder: expected one on this machine, got {url}; copy it"):
+        ShardDataset(url)
 
 
 def test_turns_are_within_their_ranges():

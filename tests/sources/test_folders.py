@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 from support.faces import face_requests
+from support.full_disk import largest_file
 from support.recordings import contents
 
 import omniscv
@@ -19,6 +20,18 @@ def test_there_and_back_loses_nothing(recorded, tmp_path):
     assert export(recorded, tmp_path / "faces") == 24
     assert import_folder(tmp_path / "faces", tmp_path / "again.sqlite") == 24
     assert contents(tmp_path / "again.sqlite") == contents(recorded)
+
+
+def test_a_folder_appears_whole_or_not_at_all(recorded, tmp_path):
+    wanted = r"faces: expected to read or write it, got: File too large; free space there, and run again"
+    with largest_file(2000), pytest.raises(RecordingNotWritableError, match=wanted):
+        export(recorded, tmp_path / "faces")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "faces").mkdir()  # an empty one, in which somebody may be
+    before = (tmp_path / "faces").stat().st_ino
+    assert export(recorded, tmp_path / "faces") == 24
+    assert (tmp_path / "faces").stat().st_ino == before
+    assert list(tmp_path.iterdir()) == [tmp_path / "faces"]
 
 
 def test_instance_ids_and_tolerance_come_along(tmp_path):

@@ -10,12 +10,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.faces import face_requests
+from support.full_disk import largest_file
 from support.recorder import SMALL, STATES
 from support.recorder import requests as requests_in
 from support.recordings import contents, downgrade, provenances
 
 import omniscv
-from omniscv.errors import ArgumentError, DamagedRecordingError, OmniscvError, RecordingError
+from omniscv.errors import (
+    ArgumentError,
+    DamagedRecordingError,
+    OmniscvError,
+    RecordingError,
+    RecordingNotWritableError,
+)
 from omniscv.geometry import R_LEVEL
 from omniscv.sources.recording import merge, part_file, part_files, split
 from omniscv.sources.recording.inspection import info, verify
@@ -33,6 +40,14 @@ def record(path, requests, address="scene://four-wall"):
     with omniscv.record(omniscv.open_source(address), path) as source:
         list(source.capture(requests))
     return path
+
+
+def test_where_there_is_no_space_the_result_is_named(tmp_path):
+    room = record(tmp_path / "room.sqlite", REQUESTS)
+    with largest_file(1 << 15), pytest.raises(RecordingNotWritableError) as raised:
+        merge(tmp_path / "all.sqlite", [room])
+    assert str(raised.value).startswith(f"{tmp_path / 'all.sqlite'}: expected a file that can be written")
+    assert list(tmp_path.iterdir()) == [room]
 
 
 def record_states(path, states):

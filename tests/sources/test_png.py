@@ -43,7 +43,7 @@ def rows(width, height, kind=6):
     return bytes(height * (1 + width * CHANNELS[kind]))
 
 
-@cases(200)
+@cases(60)
 @given(st.data(), st.sampled_from([*CHANNELS, 3]), st.integers(1, 9), st.integers(1, 7))
 def test_any_colours_and_filters_are_read_as_another_reader_does(data, kind, width, height):
     row = width * CHANNELS.get(kind, 1)

@@ -7,12 +7,15 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from support.command_line import ROOT
 from support.datasets import made, tree
 from support.stores import BUCKET, failing_store
 
 from omniscv import cli, dataset, storage
 from omniscv.dataset.summary import info
-from omniscv.errors import ArgumentError, DatasetError, StorageError
+from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
+from omniscv.sources import recording
+from omniscv.viewing.look import look
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +61,7 @@ def test_frames_are_those_of_the_folder(url, folder, cache):
         assert set(mine.files) == set(theirs.files)
         for layer in ("lit", "depth"):
             assert np.array_equal(mine.layer(layer), theirs.layer(layer))
-    held = {path.name for path in cache.rglob("*") if path.is_file()}
+    held = {path.name for path in cache.rglob("[!.]*.*")}
     assert held == {f"{each.key}.{kind}" for each in local for kind in ("lit.png", "depth.exr")}
 
 
@@ -142,6 +145,18 @@ def test_videos_are_written_to_a_url(held, tmp_path):
     assert cli.run(["dataset", "video", held, "--camera", "pano", "--out", f"{out}/pano.mp4"]) == 0
     with av.open(BytesIO(out.read("pano.mp4"))) as video:
         assert sum(1 for _ in video.decode(video=0)) == 3
+
+
+def test_a_page_of_a_url_is_that_of_the_folder(held, folder, tmp_path):
+    assert folder.name == held.rpartition("/")[2]
+    for place, page in ((folder, "local.html"), (held, "remote.html")):
+        assert cli.run(["look", str(place), "--out", str(tmp_path / page)]) == 0
+    assert (tmp_path / "remote.html").read_bytes() == (tmp_path / "local.html").read_bytes()
+    recording.merge(f"memory://{tmp_path.name}/room.sqlite", [ROOT / "captures" / "four-wall.sqlite"])
+    (page,) = look(f"memory://{tmp_path.name}/room.sqlite", tmp_path / "room.html", size=(64, 32))
+    assert '"title":"room.sqlite"' in page.read_text(encoding="utf-8")
+    with pytest.raises(MissingFileError, match=r"^memory://none/x: expected a file, it is missing"):
+        look("memory://none/x", tmp_path / "none.html")
 
 
 def test_what_is_no_dataset_is_one_line(url):

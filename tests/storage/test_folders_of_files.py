@@ -2,9 +2,12 @@
 
 import hashlib
 import multiprocessing
+import os
 import pickle
 import resource
+import shutil
 import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -134,7 +137,37 @@ def test_processes_share_a_cache(cache: Path) -> None:
     with multiprocessing.get_context("fork").Pool(4) as pool:
         found = pool.map(_fetched, ["memory://shared"] * 8, chunksize=1)
     assert found == [hashlib.sha256(content).hexdigest()] * 8
-    assert sorted(path.name for path in cache.rglob("*") if path.is_file()) == ["room.bin", "room.bin.sha256"]
+    assert sorted(path.name for path in cache.rglob("[!.]*.*")) == ["room.bin", "room.bin.sha256"]
+
+
+def test_a_cache_keeps_to_its_limit(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was used longest ago goes first; what was used within a day stays, and what is no copy."""
+    place, hour = storage.folder("memory://limited"), 3600.0
+    for name in ("new", "used", "old", "oldest"):
+        place.put(name, name.encode() * 100)
+    copies = {name: place.fetch(name) for name in ("old", "oldest", "used")}
+    (cache / "notes" / "mine").mkdir(parents=True)
+    for name, hours in {"old": 30, "oldest": 40, "used": 50}.items():
+        for each in copies[name].parent.iterdir():
+            os.utime(each, times=(0, time.time() - hours * hour))
+    assert place.fetch("used") == copies["used"]  # again
+
+    def left(limit_gb: float) -> set[str]:
+        monkeypatch.setenv("OMNISCV_CACHE_GB", f"{limit_gb:.12f}")
+        (cache / ".cleaned").unlink(missing_ok=True)  # the last look was long ago
+        shutil.rmtree(place.fetch("new").parent)
+        place.fetch("new")
+        return {name for name, copy in copies.items() if copy.exists()}
+
+    assert left(1.0) == {"old", "oldest", "used"}
+    assert left(1500e-9) == {"old", "used"}
+    assert left(0.0) == {"used"}
+    assert (cache / "notes" / "mine").is_dir()
+    assert place.fetch("old").read_bytes() == b"old" * 100
+    monkeypatch.setenv("OMNISCV_CACHE_GB", "much")
+    shutil.rmtree(copies["old"].parent)
+    with pytest.raises(ArgumentError, match="OMNISCV_CACHE_GB: expected a number >= 0, got 'much'"):
+        place.fetch("old")
 
 
 def test_what_changed_in_the_store_is_another_copy(place: Folder) -> None:

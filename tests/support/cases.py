@@ -1,11 +1,11 @@
-"""How many cases hypothesis draws: a share of the suite's, ten times as many with ``--soak``."""
+"""How many cases hypothesis draws where its profile's number is too small or too large."""
 
 from hypothesis import settings
 
-_SUITE = 100  # what the suite's profile draws; the soak's draws more
+_SUITE = 100  # the suite's profile draws fewer, the soak's more
 
 
 def cases(count):
-    """A decorator: so many cases, or ten times as many."""
+    """A decorator: so many cases, or twenty times as many with ``--soak``."""
     default = settings.get_profile(settings.get_current_profile_name()).max_examples
-    return settings(max_examples=count if default <= _SUITE else 10 * count)
+    return settings(max_examples=count if default <= _SUITE else 20 * count)

@@ -3,18 +3,20 @@
 import omniscv
 
 MODES = ("lit", "object_mask", "depth", "normals")
+POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
 
 
 def main() -> None:
-    """Renders a tiny image of every model, and one with every filter."""
-    pose = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
+    """Renders a tiny image of every model, and some with every filter, of colours in bytes and in floats."""
     with omniscv.open_source("scene://four-wall") as source:
         for name in omniscv.cameras.names():
             camera = omniscv.cameras.model(name).example(16)
             for strategy in ("auto",) if camera.central else ("auto", "adaptive"):
-                omniscv.render(camera, pose, source, MODES, strategy=strategy, face_size=16)
-        for filter in ("nearest", "bilinear", "bicubic", "area"):
-            omniscv.render(camera, pose, source, MODES, face_size=16, filter=filter)
+                omniscv.render(camera, POSE, source, MODES, strategy=strategy, face_size=16)
+    for address in ("scene://four-wall", "scene://four-wall?lit=float32", "mock://four-wall"):
+        with omniscv.open_source(address) as source:
+            for filter in ("nearest", "bilinear", "bicubic", "area"):
+                omniscv.render(camera, POSE, source, MODES, face_size=16, filter=filter, normals="from-depth")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Object stores on loopback and in memory, and ones that fail."""
 
 import errno
+import hashlib
 import os
 import threading
 from collections.abc import Iterator
@@ -11,20 +12,46 @@ import boto3
 import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
-from moto.server import ThreadedMotoServer
+from moto.server import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
+from werkzeug.serving import make_server
 
 BUCKET = "rooms"
 
 
+class Failing:
+    """A web application, each ``every``-th request of which fails before or after it is served."""
+
+    def __init__(self, served: Any, every: int) -> None:
+        self.served, self.every = served, every
+        self.requests, self.counting = 0, threading.Lock()
+
+    def __call__(self, environ: Any, start_response: Any) -> Any:
+        with self.counting:
+            self.requests += 1
+            number = self.requests
+        if not self.every or number % self.every:
+            return self.served(environ, start_response)
+        if number // self.every % 2:
+            environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
+        else:
+            b"".join(self.served(environ, lambda *_: None))
+        start_response("503 Service Unavailable", [("Content-Length", "0")])
+        return []
+
+
 @contextmanager
-def s3_server() -> Iterator[Any]:
-    """Serve an empty bucket on loopback; yield a boto3 client. Child processes find it too."""
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
+def s3_server(every: int = 0) -> Iterator[Any]:
+    """Serve an empty bucket on loopback; yield a boto3 client. Child processes find it too.
+
+    One request in ``every`` fails.
+    """
+    application = Failing(DomainDispatcherApplication(create_backend_app), every)
+    server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=MotoRequestHandler)
+    serving = threading.Thread(target=server.serve_forever, daemon=True)
+    serving.start()
     with pytest.MonkeyPatch.context() as patch:
         for key, value in {
-            "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{server.server_port}",
             "AWS_ACCESS_KEY_ID": "testing",
             "AWS_SECRET_ACCESS_KEY": "testing",
             "AWS_DEFAULT_REGION": "us-east-1",
@@ -37,7 +64,26 @@ def s3_server() -> Iterator[Any]:
         yield client
         client.close()
         fsspec.get_filesystem_class("s3").clear_instance_cache()
-    server.stop()
+    server.shutdown()
+    serving.join()
+    server.server_close()
+
+
+def names_at(where: str) -> list[str]:
+    """The names of all files below a path or URL, hidden ones too."""
+    fs, root = fsspec.core.url_to_fs(where)
+    fs.invalidate_cache()
+    return [path.removeprefix(root).lstrip("/") for path in fs.find(root)]
+
+
+def tree_at(where: str) -> dict[str, str]:
+    """:func:`support.datasets.tree` of a path or URL, by another reader."""
+    fs, root = fsspec.core.url_to_fs(where)
+    contents = fs.cat([f"{root}/{name}" for name in sorted(names_at(where))])
+    return {
+        path.removeprefix(root).lstrip("/"): hashlib.md5(content).hexdigest()
+        for path, content in contents.items()
+    }
 
 
 class FailingStore(MemoryFileSystem):

@@ -34,8 +34,11 @@ def opened_whole(where: Path | str) -> Iterator[Store]:
             yield store
         return
     with part_of(place) as part:
-        with closing(Store(part, write=True)) as store, store.transaction():
-            yield store
+        try:
+            with closing(Store(part, write=True)) as store, store.transaction():
+                yield store
+        except RecordingNotWritableError as cause:
+            raise RecordingNotWritableError(str(cause).replace(str(part), str(where))) from cause
         if not publish_new(part, place):
             wanted = "expected a new file, but another recorder has just created one"
             raise RecordingNotWritableError(f"{where}: {wanted}; run again to add to it")

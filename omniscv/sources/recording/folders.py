@@ -34,6 +34,7 @@ from omniscv.sources.recording.rows import (
 from omniscv.sources.recording.schema import MOST_OBJECTS
 from omniscv.sources.recording.state_table import HeldState, from_dict, to_dict
 from omniscv.sources.recording.store import Store
+from omniscv.storage.local import folder_beside, refusal
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
 GEOMETRY, STATES = "geometry.json", "states.json"
@@ -63,33 +64,42 @@ def export(path: Path | str, folder: Path | str) -> int:
     with closing(Store(storage.fetch_file(path))) as store:
         store.listing()  # checks that none is lost
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            entries = []
-            for number, row in enumerate(store.rows()):
-                row.capture()  # checks it
-                name = f"{number:06d}-{row.mode_name}.{row.encoding.partition(' ')[0]}"
-                (folder / name).write_bytes(row.payload)
-                entry: dict[str, Any] = {"file": name, "mode": row.mode_name, "encoding": row.encoding}
-                entry["view"] = object_from_json(row.captured)
-                entry["provenance"] = object_from_json(row.provenance)
-                if row.asked != row.captured:
-                    entry["asked"] = object_from_json(row.asked)
-                if row.state:
-                    entry["state"] = row.state
-                entries.append(entry)
-            objects = store.objects()
-            _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in objects.colors.items()})
-            if objects.ids or objects.tolerance != DEFAULT_TOLERANCE:
-                _write_json(folder / MASKS, {"tolerance": objects.tolerance, "ids": objects.ids})
-            _write_json(folder / SCENE, asdict(store.scene_identity))
-            if geometry := store.geometry():
-                _write_json(folder / GEOMETRY, geometry.to_dict())
-            if states := store.states():
-                _write_json(folder / STATES, {name: to_dict(state) for name, state in states.items()})
-            _write_json(folder / INDEX, entries)  # last: a folder with an index is complete
-            return len(entries)
+            with folder_beside(Path(os.path.abspath(folder))) as part:
+                count = _export(store, part)
+                folder.mkdir(exist_ok=True)
+                for each in sorted(part.iterdir(), key=lambda file: file.name == INDEX):
+                    each.replace(folder / each.name)  # the index last: a folder with one is complete
         except OSError as cause:
-            raise RecordingNotWritableError(f"{folder}: expected to write there, got: {cause}") from cause
+            raise RecordingNotWritableError(refusal(cause, folder)) from cause
+    return count
+
+
+def _export(store: Store, folder: Path) -> int:
+    """Write all of a recording into a folder, and return the number of captures."""
+    entries: list[dict[str, Any]] = []
+    for row in store.rows():
+        row.capture()  # checks it
+        name = f"{len(entries):06d}-{row.mode_name}.{row.encoding.partition(' ')[0]}"
+        (folder / name).write_bytes(row.payload)
+        entry: dict[str, Any] = {"file": name, "mode": row.mode_name, "encoding": row.encoding}
+        entry["view"] = object_from_json(row.captured)
+        entry["provenance"] = object_from_json(row.provenance)
+        if row.asked != row.captured:
+            entry["asked"] = object_from_json(row.asked)
+        if row.state:
+            entry["state"] = row.state
+        entries.append(entry)
+    objects = store.objects()
+    _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in objects.colors.items()})
+    if objects.ids or objects.tolerance != DEFAULT_TOLERANCE:
+        _write_json(folder / MASKS, {"tolerance": objects.tolerance, "ids": objects.ids})
+    _write_json(folder / SCENE, asdict(store.scene_identity))
+    if geometry := store.geometry():
+        _write_json(folder / GEOMETRY, geometry.to_dict())
+    if states := store.states():
+        _write_json(folder / STATES, {name: to_dict(state) for name, state in states.items()})
+    _write_json(folder / INDEX, entries)
+    return len(entries)
 
 
 def import_folder(folder: Path | str, path: Path | str) -> int:

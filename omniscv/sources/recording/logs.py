@@ -15,9 +15,10 @@ import os
 import re
 import sqlite3
 import struct
-import zlib
 from itertools import count
 from pathlib import Path
+
+from zlib_ng import zlib_ng
 
 from omniscv.errors import NotARecordingError, RecordingError
 from omniscv.sources.recording.schema import connect, most_captures, structural_faults, version_of
@@ -170,7 +171,7 @@ def _sound_rows(database: sqlite3.Connection, path: Path) -> set[tuple[str, int]
         if structural_faults(database):
             return None
         for key, crc, payload in database.execute(query):
-            if not isinstance(payload, bytes) or zlib.crc32(payload) != crc:
+            if not isinstance(payload, bytes) or zlib_ng.crc32(payload) != crc:
                 return None
             rows.add((str(key), crc))
     except sqlite3.DatabaseError:

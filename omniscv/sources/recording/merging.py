@@ -7,7 +7,7 @@ from typing import Any
 
 from omniscv import storage
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, RecordingError
+from omniscv.errors import ArgumentError, RecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import ObjectTable, Request, View
 from omniscv.sources.recording import object_tables
@@ -129,6 +129,8 @@ def _named(file: Path | str) -> Iterator[None]:
     """Name a recording in errors."""
     try:
         yield
+    except RecordingNotWritableError:  # of what gets the captures
+        raise
     except RecordingError as cause:
         shown_file = storage.without_secrets(file)
         if str(cause).startswith(f"{shown_file}: "):

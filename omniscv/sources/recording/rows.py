@@ -4,10 +4,11 @@ import contextlib
 import json
 import secrets
 import sqlite3
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple, Self
+
+from zlib_ng import zlib_ng
 
 from omniscv import modalities
 from omniscv.arguments import shown
@@ -27,7 +28,7 @@ def checksum(values: Iterable[str | int | bytes]) -> int:
     crc = 0
     for value in values:
         data = value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
-        crc = zlib.crc32(data, zlib.crc32(b"%d:" % len(data), crc))
+        crc = zlib_ng.crc32(data, zlib_ng.crc32(b"%d:" % len(data), crc))
     return crc
 
 
@@ -67,7 +68,7 @@ class Row(NamedTuple):
             wanted = f"expected at most {_LONGEST_TEXT} characters of JSON"
             raise ArgumentError(f"provenance: {wanted}, got {len(provenance)}")
         requested, captured = map(view_to_json, (capture.request.view, capture.view))
-        key, crc = keys(capture.request)[0], zlib.crc32(payload)
+        key, crc = keys(capture.request)[0], zlib_ng.crc32(payload)
         texts = key, capture.mode, requested, captured, encoding, provenance
         row = cls(number, *texts, crc, 0, payload, capture.request.state)
         return row._replace(checksum=row.own_checksum(recording))
@@ -119,7 +120,7 @@ class Row(NamedTuple):
 
     def check_payload(self) -> None:
         """Raise DamagedRecordingError if the payload is not what was recorded."""
-        crc = zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
+        crc = zlib_ng.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
         with self._named():
             if crc != self.payload_checksum:
                 raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")

@@ -189,7 +189,7 @@ def errors_of(path: Path, *, write: bool) -> Iterator[None]:
 
 
 def _reason(cause: Exception) -> str:
-    return str(cause) if isinstance(cause, OSError) else shown(str(cause))
+    return cause.strerror or str(cause) if isinstance(cause, OSError) else shown(str(cause))
 
 
 def _fault(database: sqlite3.Connection, version: int) -> str:

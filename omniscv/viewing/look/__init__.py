@@ -8,7 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from omniscv import storage
 from omniscv.errors import ArgumentError
+from omniscv.storage import is_url
 
 if TYPE_CHECKING:
     from omniscv.viewing.look.gathering import Gathered
@@ -32,7 +34,7 @@ def look(
 
     Args:
         what: a dataset, a folder that ``render`` wrote, the ``STEM.json`` or a layer of one image, a picture,
-            or a recording.
+            or a recording; a dataset, a picture or a recording also by URL.
         out: the HTML file.
         size: of the panoramas that are composed at the places of a recording, px.
         most_pixels: the frames of more than that in all lie beside the page, in ``NAME.frames/``.
@@ -46,21 +48,23 @@ def look(
     Raises:
         ArgumentError: nothing that can be shown, a name that does not end in ``.html``, or no Rerun.
         DatasetError, RecordingError: it is damaged.
+        StorageError: a URL cannot be read.
     """
     from omniscv.viewing import rerun_file
     from omniscv.viewing.look import page
 
-    given, target = Path(what), Path(out)
+    target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ArgumentError(f"out: expected a file NAME.html, got {target.name!r}")
-    with _gathered(given, size, progress, warn) as found:
-        written = page.write(found, target, given.resolve().name, most_pixels, progress)
+    title = str(what).rstrip("/").rpartition("/")[2] if is_url(what) else Path(what).resolve().name
+    with _gathered(what, size, progress, warn) as found:
+        written = page.write(found, target, title, most_pixels, progress)
         return written if rerun is None else [*written, rerun_file.write(found.frames, Path(rerun))]
 
 
 @contextmanager
 def _gathered(
-    given: Path,
+    what: str | Path,
     size: tuple[int, int],
     progress: Callable[[int, int], None] | None,
     warn: Callable[[str], None] | None,
@@ -68,6 +72,11 @@ def _gathered(
     """The frames of what is looked at; those of a recording lie in a folder that is removed at the end."""
     from omniscv.viewing.look import gathering, recordings
 
+    place = storage.folder(what)
+    if gathering.is_dataset(place):
+        yield gathering.of_dataset(place)
+        return
+    given = place.local or storage.fetch_file(what)
     if not recordings.is_recording(given):
         yield gathering.gather(given)
         return

@@ -18,6 +18,7 @@ from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.files import read_bytes
 from omniscv.geometry import Pose
+from omniscv.storage import Folder
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _LARGEST_JSON = 1 << 26
@@ -40,16 +41,29 @@ class Gathered:
     mask_colors: Mapping[str, str] = field(default_factory=dict)
 
 
+def is_dataset(folder: Folder) -> bool:
+    """Return whether a folder holds a dataset, or what is left of one."""
+    return folder.exists(DATASET) or folder.exists(FRAMES)
+
+
+def of_dataset(folder: Folder) -> Gathered:
+    """Return the frames of a dataset.
+
+    Raises:
+        ArgumentError, DatasetError: as :func:`omniscv.dataset.open`.
+    """
+    return Gathered([frame for group in by_camera(dataset.open(folder)).values() for frame in group])
+
+
 def gather(path: Path) -> Gathered:
     """Return the frames of a folder or file.
 
     Args:
-        path: a dataset, a folder of images as ``render`` writes them, the ``STEM.json`` or any layer of one,
-            or a picture.
+        path: a folder of images as ``render`` writes them, the ``STEM.json`` or any layer of one, or a
+            picture.
 
     Raises:
         ArgumentError: nothing there, or nothing that can be shown.
-        DatasetError: a damaged dataset.
     """
     if path.is_dir():
         return _folder(path)
@@ -64,8 +78,6 @@ def gather(path: Path) -> Gathered:
 
 
 def _folder(path: Path) -> Gathered:
-    if (path / DATASET).is_file() or (path / FRAMES).is_file():
-        return Gathered([frame for group in by_camera(dataset.open(path)).values() for frame in group])
     described = [each for each in sorted(path.glob("*.json")) if _files(each)]
     if described:
         return _images(path, described)

@@ -16,6 +16,7 @@ from typing import Any, TextIO
 
 from omniscv.compose.files import finite, whole_file
 from omniscv.dataset import Frame
+from omniscv.storage.local import folder_beside, replace_folder
 from omniscv.viewing.look import layers, outlines
 from omniscv.viewing.look.directions import describe
 from omniscv.viewing.look.gathering import Gathered
@@ -65,11 +66,20 @@ def write(
     """
     frames = gathered.frames
     pixels = sum(frame.camera.width * frame.camera.height for frame in frames)
-    beside = out.with_suffix(".frames") if pixels > most_pixels else None
-    written, ranges = [out], _Ranges()
-    if beside is not None:
-        beside.mkdir(parents=True, exist_ok=True)
     out.parent.mkdir(parents=True, exist_ok=True)
+    if pixels <= most_pixels:
+        _write(gathered, out, title, None, progress)
+        return [out]
+    beside = out.with_suffix(".frames")
+    with folder_beside(beside) as part:
+        _write(gathered, out, title, part, progress)
+        replace_folder(part, beside)
+    return [out, *sorted(beside.iterdir())]
+
+
+def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progress: Progress | None) -> None:
+    """Write the page, with its frames or with these in a folder."""
+    frames, ranges = gathered.frames, _Ranges()
 
     def place(file: TextIO) -> None:
         for i, frame in enumerate(frames):
@@ -78,7 +88,7 @@ def write(
             if beside is None:
                 file.write(f'<script type="application/json" id="frame-{i}">{_json(data)}</script>\n')
             else:
-                written.append(_write_beside(beside, i, data))
+                (beside / f"{i:05d}.js").write_text(f"lookFrame({i},{_json(data)})\n", encoding="utf-8")
             if progress:
                 progress(i + 1, len(frames))
 
@@ -88,11 +98,10 @@ def write(
             if name == "frames":
                 place(file)
             elif name == "data":
-                folder = None if beside is None else beside.name
+                folder = None if beside is None else f"{out.stem}.frames"
                 file.write(_json(_shared(gathered, title, ranges.found, folder)))
             elif name:
                 file.write(_part(name))
-    return written
 
 
 def _pieces(page: str) -> Iterator[tuple[str, str]]:
@@ -115,13 +124,6 @@ def _part(name: str) -> str:
 
 def _asset(name: str) -> str:
     return (_ASSETS / name).read_text(encoding="utf-8")
-
-
-def _write_beside(folder: Path, index: int, data: Mapping[str, Any]) -> Path:
-    path = folder / f"{index:05d}.js"
-    with whole_file(path) as part:
-        part.write_text(f"lookFrame({index},{_json(data)})\n", encoding="utf-8")
-    return path
 
 
 def _frame(frame: Frame) -> dict[str, Any]:

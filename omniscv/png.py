@@ -1,25 +1,34 @@
-"""PNG that comes from servers and files: 8-bit, not interlaced, read strictly, within a bound, in silence.
+"""PNG: what comes from servers and files is read strictly, within a bound, in silence; writing is fast.
 
 libpng prints its complaints on the standard error, and inflates what lies behind the picture to its end: a
-megabyte can stand for a gigabyte. Here nothing is inflated beyond the size in the header.
+megabyte can stand for a gigabyte. Here nothing is inflated beyond the size in the header. zlib-ng deflates in
+a third of zlib's time, and inflates in a quarter of it.
+
+A PNG is a signature and chunks: a header, the rows as one zlib stream, and the end. Each row starts with the
+number of its filter, which says what was subtracted from its bytes.
 """
 
 import struct
-import zlib
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from zlib_ng import zlib_ng
 
 from omniscv.compiled import njit
-from omniscv.errors import BadReplyError
+from omniscv.errors import ArgumentError, BadReplyError
 
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """By colour type: grey, RGB, palette, grey with alpha, RGBA."""
 
-_PALETTE = 3
+_PALETTE, _UP = 3, 2
 _SPARE = 1 << 20  # bytes that a small PNG may have beyond twice its pixels: profiles, texts
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_COLOR_TYPE = {(): 0, (1,): 0, (3,): 2, (4,): 6}
+_LEVEL = 2
+"""By measurement: colours and masks in half of zlib's fastest time, or less, and fewer bytes."""
 
 Pixels = NDArray[np.uint8]
 
@@ -67,7 +76,7 @@ def _chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
         length, name = struct.unpack_from(">I4s", payload, at)
         end = at + 8 + length
         if end + 4 <= len(payload):
-            if struct.unpack_from(">I", payload, end) != (zlib.crc32(view[at + 4 : end]),):
+            if struct.unpack_from(">I", payload, end) != (zlib_ng.crc32(view[at + 4 : end]),):
                 raise BadReplyError(f"expected a PNG, got one with a wrong checksum of its chunk {name!r}")
             yield name, view[at + 8 : end]
         at = end + 4
@@ -76,10 +85,10 @@ def _chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _inflated(data: bytes, size: int) -> bytes:
-    stream = zlib.decompressobj()
+    stream = zlib_ng.decompressobj()
     try:
         inflated = stream.decompress(data, size + 1)
-    except zlib.error as cause:
+    except zlib_ng.error as cause:  # type: ignore[misc]  # its stub says an instance
         raise BadReplyError(f"expected a PNG, got one that does not decode: {cause}") from cause
     if len(inflated) != size or not stream.eof or stream.unused_data:
         got = "more" if len(inflated) > size or stream.unused_data else "less"
@@ -124,3 +133,26 @@ def _unfilter(rows: Any, step: int, padded: Any) -> bool:
         else:
             return False
     return True
+
+
+def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """Return the PNG of grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4) pixels.
+
+    Raises:
+        ArgumentError: other pixels.
+    """
+    kind = _COLOR_TYPE.get(pixels.shape[2:])
+    if kind is None or pixels.dtype not in (np.uint8, np.uint16) or not pixels.size:
+        wanted = "expected uint8 or uint16 pixels, grey, RGB or RGBA, for PNG"
+        raise ArgumentError(f"{wanted}; got {pixels.dtype} of shape {pixels.shape}")
+    height, width, depth = *pixels.shape[:2], 8 * pixels.itemsize
+    stored = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
+    rows = np.empty((height, 1 + stored.shape[1]), np.uint8)
+    rows[:, 0], rows[0, 1:] = _UP, stored[0]  # what lies above is mostly the same
+    np.subtract(stored[1:], stored[:-1], out=rows[1:, 1:])
+
+    def block(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib_ng.crc32(name + data))
+
+    header = block(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0))
+    return _SIGNATURE + header + block(b"IDAT", zlib_ng.compress(rows, _LEVEL)) + block(b"IEND", b"")

@@ -1,0 +1,38 @@
+"""One part made by two at a time, as where a worker that was taken for dead goes on: the same bytes."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Barrier
+
+from support.datasets import job_file, tree
+
+from omniscv import dataset, jobs
+
+
+def test_two_makers_of_one_part(tmp_path):
+    job = jobs.load(job_file(tmp_path))
+    job = replace(job, poses=job.poses * 3, times=None, places=None)
+    jobs.make(replace(job, out=tmp_path / "single"))
+    together = Barrier(2)
+
+    def run(_):
+        together.wait(60)
+        return jobs.run_part(job, jobs.Part())
+
+    with ThreadPoolExecutor(2) as both:
+        made = list(both.map(run, range(2)))
+    assert all(each.written + each.kept == len(job) for each in made)
+    jobs.finish(job, 1)
+    assert tree(job.out) == tree(tmp_path / "single")
+    assert dataset.check(job.out, deep=True) == []
+
+
+def test_what_killed_writers_left_goes_when_the_dataset_is_finished(tmp_path):
+    job = jobs.load(job_file(tmp_path))
+    jobs.make(replace(job, out=tmp_path / "single"))
+    left = job.out / ".omniscv-killed"
+    left.mkdir(parents=True)
+    (left / "pano-0.lit.png").write_bytes(b"half")
+    jobs.make(job, resume=True)
+    assert tree(job.out) == tree(tmp_path / "single")
+    assert not left.exists()

@@ -1,0 +1,50 @@
+"""Every ray is served by the view that sees it most centrally, wherever views look, however wide they are."""
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import given
+from scipy.spatial.transform import Rotation
+
+from omniscv.compose.ray_lookup import look_up
+from omniscv.geometry import Pose
+from omniscv.sources.base import View
+
+CLOSE = 1e-9  # of half a view: nearer to each other than that, either may serve
+
+
+@st.composite
+def view_sets(draw):
+    """Views of one size from one centre; some look in the same direction, some along nearly the same."""
+    width, height = draw(st.sampled_from(((64, 64), (64, 40), (30, 64))))
+    turns = [Rotation.random(random_state=draw(st.integers(0, 999))) for _ in range(draw(st.integers(1, 6)))]
+    turns += [turns[0] * Rotation.from_rotvec(draw(st.sampled_from(([0, 0, 0], [1e-7, 0, 0], [0, 0.3, 0]))))]
+    fovs = [draw(st.sampled_from((30.0, 90.0, 120.0))) for _ in turns]
+    return [
+        View(Pose((0, 0, 0), turn.as_matrix()), fov, width, height)
+        for turn, fov in zip(turns, fovs, strict=True)
+    ]
+
+
+@given(view_sets(), st.integers(0, 999))
+def test_the_most_central_view_serves(views, seed):
+    rng = np.random.default_rng(seed)
+    start, end = rng.normal(size=(2, 3))
+    near = [view.pose.R_w_c[:, 2] + 1e-3 * rng.normal(size=3) for view in views]
+    rays = np.concatenate(
+        [np.linspace(start, end, 100), rng.normal(size=(100, 3)), near]
+    )  # a row, and others
+    found = look_up(rays, views)
+
+    off, pixel = np.full((len(views), len(rays)), np.inf), np.zeros((len(views), len(rays), 2))
+    for k, view in enumerate(views):
+        x, y, z = view.pose.R_w_c.T @ rays.T
+        seen = z > 0
+        pixel[k, seen] = (view.focal_px * np.stack([x, y]) / z).T[seen]
+        off[k, seen] = np.abs(pixel[k, seen] / (view.width / 2, view.height / 2)).max(axis=1)
+    every, most = np.arange(len(rays)), off.min(axis=0)
+    np.testing.assert_array_equal(found.view[most < 1 - CLOSE] >= 0, True)
+    np.testing.assert_array_equal(found.view[most > 1 + 2 * CLOSE], -1)
+    served = found.view >= 0
+    assert (off[found.view, every][served] <= most[served] + CLOSE).all()
+    at = pixel[found.view, every][served] + (views[0].width / 2, views[0].height / 2)
+    np.testing.assert_allclose(np.stack([found.x, found.y], 1)[served], at, atol=1e-5)  # float32

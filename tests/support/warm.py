@@ -1,0 +1,21 @@
+"""Loads what documents use, on import: processes that are forked afterwards need not load it again.
+
+Nothing here leaves a thread behind, because threads do not survive a fork.
+"""
+
+import sys
+
+import omniscv
+from omniscv import cli, jobs, parallel
+from omniscv.diagnostics import doctor
+from omniscv.sources.unreal import source
+
+LOADED = (cli, doctor, jobs, source)
+POSE, MODES = omniscv.Pose.from_angles((0, 0, 1.5)), ("lit", "object_mask", "depth", "normals")
+
+parallel.limit(1)
+with omniscv.open_source("scene://four-wall") as scene:
+    for name, strategy in (("equirectangular", "auto"), ("noncentral-panorama", "adaptive")):
+        camera = omniscv.cameras.model(name).example(16)
+        omniscv.render(camera, POSE, scene, MODES, strategy=strategy, face_size=16)
+parallel.limit(sys.maxsize)
