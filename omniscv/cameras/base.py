@@ -38,7 +38,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, shown, whole_number
+from omniscv.arguments import numbers, whole_number
 from omniscv.cameras.arrays import blanked, replaced
 from omniscv.errors import ArgumentError
 
@@ -334,29 +334,3 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
             f"{key}: expected numbers of shape (..., {size}), got {array.dtype} of shape {array.shape}"
         )
     return array.astype(np.float64, copy=False)
-
-
-# -- geometry that models share -----------------------------------------------------------------
-
-
-def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
-    """Raise ArgumentError where both of two ways to give one number are used."""
-    if focal is not None and fov_deg is not None:
-        got = f"both ({shown(focal)} px and {shown(fov_deg)} deg)"
-        raise ArgumentError(f"focal: expected focal or fov_deg, got {got}")
-
-
-def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
-    """Sine and cosine of ``angle_deg / 2``, 0 to 180; exact to the last digits next to 0, 90, 180 degrees."""
-    half = angle_deg / 2
-    return np.sin(np.radians(min(half, 180 - half))), np.sin(np.radians(90 - half))
-
-
-def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Array]:
-    """Radius and the unit vector (cos a, sin a) of the azimuth of (..., 2); (1, 0) at the centre."""
-    offset = xy - np.asarray(center)
-    x, y = offset[..., 0], offset[..., 1]
-    r = np.hypot(x, y)
-    at_center = r < _NEAREST
-    safe = np.where(at_center, 1.0, r)
-    return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import number, optional_number
-from omniscv.cameras.base import Array, CentralCamera, Mask, polar, sin_cos_of_half
+from omniscv.cameras.base import Array, CentralCamera, Mask
 from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.optics import polar, sin_cos_of_half
 from omniscv.cameras.radial import ROUNDING, Meridian, rays_about_axis
 
 

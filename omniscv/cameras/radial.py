@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number
-from omniscv.cameras.base import Array, Camera, Mask, polar, refuse_focal_and_fov
+from omniscv.cameras.base import Array, Camera, Mask
+from omniscv.cameras.optics import polar, refuse_focal_and_fov
 
 ROUNDING = 1e-12  # relative: what rounding may add to a radius
 BEFORE_TURN = 1 - 1e-7

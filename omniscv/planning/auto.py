@@ -2,7 +2,7 @@
 
 from omniscv.planning.adaptive import Adaptive
 from omniscv.planning.base import Rounds, Task, Viewpoint
-from omniscv.planning.depth_marching import DepthShell
+from omniscv.planning.depth_shell import DepthShell
 from omniscv.planning.exact import Exact, cheapest_viewpoints, face_viewpoints
 from omniscv.planning.single_view import single_viewpoint
 from omniscv.planning.viewpoints import Groups

@@ -1,7 +1,7 @@
 """Six faces at every optical centre, as in the paper."""
 
 from omniscv.planning.base import Task, Viewpoint
-from omniscv.planning.depth_marching import DepthShell
+from omniscv.planning.depth_shell import DepthShell
 from omniscv.planning.exact import Exact, face_viewpoints
 from omniscv.planning.viewpoints import Groups
 

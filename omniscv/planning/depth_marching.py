@@ -12,20 +12,17 @@ With h the distance of c from the ray and psi the angle between ``Y - c`` and th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import njit
-from omniscv.geometry import Array, cube_rotations
-from omniscv.geometry.surfaces import Precision, discontinuities, surface_point
+from omniscv.geometry import Array
+from omniscv.geometry.surfaces import surface_point
 from omniscv.parallel import blocks
 from omniscv.planning.base import FoundDepth
-from omniscv.sources import codecs
-from omniscv.sources.base import Capture
+from omniscv.planning.depth_shell import DepthShell, between_pixels, face_of, look_up, nearest_pixel
 
 _STEP_PX = 1.0
 _REFINEMENTS = 12
@@ -44,71 +41,6 @@ _SHORT = 0.25
 """Of the reach: a longer hidden part of a ray's way may hold anything."""
 _LEAST_COSINE = 1e-3
 """Between a ray and the normal of a surface: what is more grazing is met anywhere."""
-_SAME_FACE = 0.01
-"""Entries of rotation matrices of a face that a source could not turn exactly differ by less."""
-
-
-class DepthShell(NamedTuple):
-    """The depth captured from a centre.
-
-    Attributes:
-        center_w: (3,) metres.
-        depth: (V, h, w) float32 planar metres; +inf for the sky.
-        nearest: (V, h, w) float32 of the nearest surface that shows within a pixel, where that is another one
-            than the pixel's own; else the pixel's own.
-        slot: (6,) int64, which of V each face of the world-aligned cube is; -1 for none.
-        R_c_w: (6, 3, 3) world to each face.
-        focal, half_width, half_height: px.
-        least, most: of the finite distances.
-        precision: of the depth.
-    """
-
-    center_w: Array
-    depth: NDArray[np.float32]
-    nearest: NDArray[np.float32]
-    slot: NDArray[np.int64]
-    R_c_w: Array
-    focal: float
-    half_width: float
-    half_height: float
-    least: float
-    most: float
-    precision: Precision
-
-
-def depth_shell(center_w: Array, captures: Sequence[Capture]) -> DepthShell:
-    """Return the shell of planar depths captured with the faces of a world-aligned cube.
-
-    Args:
-        center_w: (3,) the views' common centre.
-        captures: depth, all of one size. Views that are no face of the cube are passed over.
-    """
-    view = captures[0].view
-    R_c_w = np.array([R_w_c.T for _, R_w_c in cube_rotations()])
-    slot = np.full(6, -1, np.int64)
-    for i, capture in enumerate(captures):
-        own = capture.view.pose.R_w_c.T
-        off = np.abs(R_c_w - own).max(axis=(1, 2))
-        if off.min() < _SAME_FACE:
-            slot[off.argmin()], R_c_w[off.argmin()] = i, own
-    depth, nearest = zip(
-        *((capture.pixels, _nearest_around(capture.pixels)) for capture in captures), strict=True
-    )
-    least = min(float(face.min()) for face in depth)
-    finite = [face[np.isfinite(face)] for face in depth]
-    most = max((float(face.max()) for face in finite if face.size), default=0.0)
-    corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
-    precision = codecs.precision(captures[0].encoding)
-    return DepthShell(
-        center_w, np.stack(depth), np.stack(nearest), slot, R_c_w,
-        view.focal_px, view.width / 2, view.height / 2, least, most * corner, precision,
-    )  # fmt: skip
-
-
-def _nearest_around(face: NDArray[np.float32]) -> NDArray[np.float32]:
-    least = cv2.erode(face, np.ones((3, 3), np.uint8))
-    beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
-    return np.where(beside, least, face)
 
 
 class Met(NamedTuple):
@@ -181,65 +113,6 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Met:
     return met
 
 
-def distances(shell: DepthShell, directions_w: Array) -> Array:
-    """Return (N,) captured distance in directions (N, 3) of any length, nearest pixel; 0 outside views, and
-    for a direction of length 0."""
-    out = np.zeros(len(directions_w))
-    _distances(shell, directions_w, out)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _distances(shell: Any, directions: Any, out: Any) -> None:
-    for i in range(directions.shape[0]):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        if length > 0:
-            k, u, v, along = _lookup(shell, x, y, z)
-            out[i] = _nearest(shell.depth[k], u, v) / along * length if k >= 0 else 0.0
-
-
-@njit(cache=True, nogil=True)
-def _face_of(toward: Any) -> int:
-    """Which face of the world-aligned cube a direction hits."""
-    x, y, z = toward
-    if abs(x) >= abs(y) and abs(x) >= abs(z):
-        return 0 if x > 0 else 2
-    if abs(y) >= abs(z):
-        return 3 if y > 0 else 1
-    return 4 if z > 0 else 5
-
-
-@njit(cache=True, nogil=True)
-def _lookup(shell: Any, x: float, y: float, z: float) -> tuple[int, float, float, float]:
-    """The view that a direction is in, the pixel there, and the part of the direction along the view's axis.
-
-    -1 if that face was not captured.
-    """
-    face = _face_of((x, y, z))
-    if shell.slot[face] < 0:
-        return -1, 0.0, 0.0, 1.0
-    R = shell.R_c_w[face]
-    depth = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-    u = shell.focal * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z) / depth + shell.half_width
-    v = shell.focal * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z) / depth + shell.half_height
-    return shell.slot[face], u, v, depth
-
-
-@njit(cache=True, nogil=True)
-def _nearest(face: Any, u: float, v: float) -> float:
-    c = min(max(int(np.floor(u)), 0), face.shape[1] - 1)
-    r = min(max(int(np.floor(v)), 0), face.shape[0] - 1)
-    return float(face[r, c])
-
-
-@njit(cache=True, nogil=True)
-def _smooth(shell: Any, k: int, u: float, v: float) -> float:
-    """Planar depth between pixels; +inf where there is no surface."""
-    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
-    return 1.0 / point.inverse if point.inverse > 0.0 else np.inf
-
-
 @njit(cache=True, nogil=True)
 def _met_at(shell: Any, origin: Any, direction: Any, at: Any) -> tuple[float, float, float]:
     """Where a ray meets the surface that lies in a direction from the centre: the reach, how far that may be
@@ -249,11 +122,11 @@ def _met_at(shell: Any, origin: Any, direction: Any, at: Any) -> tuple[float, fl
     ``t = (1 - m . o) / (m . d)``: an error of a part of the inverse depth moves it by that part of
     ``1 / (m . d)``.
     """
-    k, u, v, along = _lookup(shell, at[0], at[1], at[2])
+    k, u, v, along = look_up(shell, at[0], at[1], at[2])
     point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
     if not point.inverse > 0.0:
         return np.inf, np.inf, np.inf
-    R = shell.R_c_w[_face_of(at)]
+    R = shell.R_c_w[face_of(at)]
     a, b = point.across * shell.focal, point.down * shell.focal
     e = point.inverse - point.across * (u - shell.half_width) - point.down * (v - shell.half_height)
     slope = start = parallel = 0.0
@@ -294,9 +167,9 @@ def _march(
         hx, hy, hz = ox + foot * dx, oy + foot * dy, oz + foot * dz
         h = np.sqrt(hx * hx + hy * hy + hz * hz)
         if h < 1e-9:  # the ray runs through the centre, or starts there
-            k, u, v, along = _lookup(shell, dx, dy, dz)
+            k, u, v, along = look_up(shell, dx, dy, dz)
             if k >= 0:
-                reach[i] = _smooth(shell, k, u, v) / along + foot
+                reach[i] = between_pixels(shell, k, u, v) / along + foot
                 sure[i] = foot >= -shell.least
                 error[i] = _met_at(shell, (ox, oy, oz), (dx, dy, dz), (dx, dy, dz))[1]
             continue
@@ -312,13 +185,13 @@ def _march(
             s, c = np.sin(psi), np.cos(psi)
             was_free = was_free or first
             free = False
-            k, u, v, along = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+            k, u, v, along = look_up(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
             if k >= 0:
                 planar = h / s * along
-                near = _nearest(shell.depth[k], u, v)
+                near = nearest_pixel(shell.depth[k], u, v)
                 if planar < near:
                     free = True
-                    beside = _nearest(shell.nearest[k], u, v)
+                    beside = nearest_pixel(shell.nearest[k], u, v)
                     if planar >= beside:
                         # Where the ray is as far from the centre as the surface that it may have met.
                         away = np.sqrt(max(0.0, (beside / along) ** 2 - h * h))
@@ -362,7 +235,7 @@ def _touches(shell: Any, psi: float, toward_ray: Any, direction: Any, h: float) 
     """Whether a ray that met a surface is hardly behind it a little farther on: it may as well miss it."""
     (hx, hy, hz), (dx, dy, dz) = toward_ray, direction
     s, c = np.sin(psi), np.cos(psi)
-    k, u, v, along = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+    k, u, v, along = look_up(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
     if psi <= 0.0 or k < 0:
         return False
     point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
@@ -380,10 +253,10 @@ def _refined(
     for _ in range(_REFINEMENTS):
         middle = 0.5 * (behind + before)
         s, c = np.sin(middle), np.cos(middle)
-        k, u, v, along = _lookup(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
+        k, u, v, along = look_up(shell, hx * s + dx * c, hy * s + dy * c, hz * s + dz * c)
         if k < 0:
             return middle, np.inf
-        gap = h / s - _smooth(shell, k, u, v) / along
+        gap = h / s - between_pixels(shell, k, u, v) / along
         if gap > 0:
             behind = middle
         else:

@@ -9,7 +9,8 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_marching import DepthShell, march
+from omniscv.planning.depth_marching import march
+from omniscv.planning.depth_shell import DepthShell
 from omniscv.planning.strip_views import straight, strip_size, strip_views
 from omniscv.planning.viewpoints import Groups, RayGroup
 from omniscv.planning.visibility import look_around, occluded

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from omniscv.geometry import Array
 from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_marching import DepthShell, Met, depth_shell, march
+from omniscv.planning.depth_marching import Met, march
+from omniscv.planning.depth_shell import DepthShell, depth_shell
 from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints
 from omniscv.planning.viewpoints import Groups, ray_group
 from omniscv.planning.visibility import look_around, visible

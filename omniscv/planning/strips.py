@@ -2,7 +2,7 @@
 
 from omniscv.errors import ArgumentError
 from omniscv.planning.base import Rounds, Task, Viewpoint
-from omniscv.planning.depth_marching import DepthShell
+from omniscv.planning.depth_shell import DepthShell
 from omniscv.planning.exact import Exact, strip_viewpoints
 from omniscv.planning.viewpoints import Groups
 

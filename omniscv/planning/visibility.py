@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from omniscv.geometry import Array
 from omniscv.planning.base import Kept, Round, Task, Viewpoint
 from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
-from omniscv.planning.depth_marching import DepthShell, depth_shell, distances
+from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.viewpoints import Groups, RayGroup
 
 _EDGE_PX = 64
