@@ -7,11 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
-import boto3
 import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
-from moto.server import ThreadedMotoServer
 
 BUCKET = "rooms"
 
@@ -19,6 +17,9 @@ BUCKET = "rooms"
 @contextmanager
 def s3_server() -> Iterator[Any]:
     """Serve an empty bucket on loopback; yield a boto3 client. Child processes find it too."""
+    import boto3  # here: each worker of pytest imports all test files
+    from moto.server import ThreadedMotoServer
+
     server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
     server.start()
     host, port = server.get_host_and_port()
