@@ -92,8 +92,9 @@ def _exchange_axes(coefficients: Array, affine: Array) -> tuple[Array, Array]:
     c, d, e = affine
     if not c > 0:
         raise ArgumentError(f"affine: expected c > 0 (less would mirror the image), got c = {c:.15g}")
-    powers = c ** (1.0 - np.arange(len(coefficients)))
-    return coefficients * powers, np.array([1.0, e, d]) / c
+    with np.errstate(over="ignore", invalid="ignore"):  # no camera takes what is not finite
+        powers = c ** (1.0 - np.arange(len(coefficients)))
+        return coefficients * powers, np.array([1.0, e, d]) / c
 
 
 def _inverse(polynomial: Array, affine: Array, camera: Scaramuzza) -> Array:

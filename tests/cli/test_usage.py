@@ -313,7 +313,7 @@ def names_in(folder):
 def test_columns_beyond_the_walls_are_reported(capsys, tmp_path):
     """The room is 5 m wide: with a radius of 2.7 m some columns of the panorama begin outside."""
     arguments = ["render", "--camera", "noncentral-panorama", "--param", "radius=2.7", "--size", "32x16"]
-    assert run([*arguments, "--modes", "depth", "--out", str(tmp_path / "out")]) == 0
+    assert run([*arguments, "--modes", "depth", "--face-size", "64", "--out", str(tmp_path / "out")]) == 0
     assert "pixels are occluded" in capsys.readouterr().err
     written = json.loads((tmp_path / "out" / "noncentral-panorama.json").read_text())
     assert 0 < written["occluded_pixels"] < 32 * 16

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import trimesh
 from plyfile import PlyData
 from support.exact import distance_to_surfaces, float_source
 from support.traced_frames import frame_of, traced, traced_frame
@@ -43,6 +42,8 @@ def test_plyfile_reads_a_frame_to_the_bit(tmp_path):
 
 def test_trimesh_reads_the_merged_cloud(tmp_path):
     """It keeps, of each cube, a point of one of the frames, and of the camera that is nearer."""
+    import trimesh  # here: each worker of pytest imports all test files
+
     frames = [traced_frame(tmp_path, SCENE, CAMERA, pose, key=f"cam-{i}") for i, pose in enumerate(POSES)]
     one, other, cloud = get("ply").write(frames, tmp_path, {"voxel": 0.1})
     merged = trimesh.load(cloud)

@@ -1,8 +1,6 @@
 """The tutorial for notebooks runs, and shows what it shows in the repository."""
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 from support.command_line import ROOT
 
 PATH = ROOT / "docs/tutorials/notebook.ipynb"
@@ -10,6 +8,9 @@ PATH = ROOT / "docs/tutorials/notebook.ipynb"
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the client's own libraries
 def test_the_notebook_runs(tmp_path, monkeypatch):
+    import nbformat  # here: each worker of pytest imports all test files
+    from nbclient import NotebookClient
+
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
     written = nbformat.read(PATH, as_version=4)

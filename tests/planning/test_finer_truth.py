@@ -18,7 +18,7 @@ from omniscv.planning import RenderOptions
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 ROOM = load_scene("four-wall")
-RING = create("noncentral-panorama", width=64, height=48, radius=0.3)
+RING = create("noncentral-panorama", width=48, height=32, radius=0.3)
 SMALL = create("noncentral-panorama", width=12, height=8, radius=0.3)
 WIDE = create("fisheye-equidistant", width=96, height=96, fov_deg=180)
 NARROW = create("pinhole", width=96, height=96, fov_deg=70)

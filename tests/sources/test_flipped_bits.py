@@ -14,7 +14,7 @@ import omniscv
 from omniscv.errors import RecordingError
 from omniscv.sources.recording.inspection import verify
 
-FLIPS, SOAK_FLIPS = 300, 10_000
+FLIPS, SOAK_FLIPS = 100, 10_000
 REQUESTS = face_requests(size=8)
 LONGEST_S = 60  # no flip makes a reader hang
 

@@ -3,6 +3,9 @@
 import itertools
 import json
 import threading
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -27,19 +30,37 @@ def opened(uri):
     return lambda path: omniscv.open_source(uri)
 
 
+@cache
+def half():
+    """The bytes of a recording of half of the requests."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "room.sqlite"
+        with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
+            list(source.capture(REQUESTS[::2]))
+        return path.read_bytes()
+
+
+@cache
+def whole(uri):
+    """The bytes of a recording of all views that cover those of the requests."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "room.sqlite"
+        with omniscv.record(omniscv.open_source(uri), path) as recording:
+            recording.objects()
+            views = {view for request in REQUESTS for view in recording.cover(request.view)}
+            list(recording.capture(Request(view, mode) for view in views for mode in MODES))
+        return path.read_bytes()
+
+
 def recording(path):
     """Half of it is in the file already."""
-    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
-        list(source.capture(REQUESTS[::2]))
+    path.write_bytes(half())
     return omniscv.record(omniscv.open_source("scene://four-wall"), path)
 
 
 def replayed(uri):
     def source(path):
-        with omniscv.record(omniscv.open_source(uri), path) as recording:
-            recording.objects()
-            views = {view for request in REQUESTS for view in recording.cover(request.view)}
-            list(recording.capture(Request(view, mode) for view in views for mode in MODES))
+        path.write_bytes(whole(uri))
         return omniscv.open_source(path)
 
     return source

@@ -8,12 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
-import boto3
 import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
-from moto.server import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
-from werkzeug.serving import make_server
 
 BUCKET = "rooms"
 
@@ -45,6 +42,10 @@ def s3_server(every: int = 0) -> Iterator[Any]:
 
     One request in ``every`` fails.
     """
+    import boto3  # here: each worker of pytest imports all test files
+    from moto.server import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
+    from werkzeug.serving import make_server
+
     application = Failing(DomainDispatcherApplication(create_backend_app), every)
     server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=MotoRequestHandler)
     serving = threading.Thread(target=server.serve_forever, daemon=True)
