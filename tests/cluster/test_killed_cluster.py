@@ -9,7 +9,7 @@ from omniscv import dataset, jobs
 
 JOB = """
 source: {source}
-source_options: {{patience_s: 2}}
+source_options: {{patience_s: 30}}
 cameras:
   pano: {{model: equirectangular, width: 32, height: 16}}
   lens: {{model: fisheye-equidistant, width: 24, height: 24, fov_deg: 180}}

@@ -21,7 +21,7 @@ from omniscv import dataset, jobs
 
 JOB = """
 source: {source}
-source_options: {{patience_s: 5}}
+source_options: {{patience_s: 120}}
 cameras: {{pano: {{model: equirectangular, width: 32, height: 16}}}}
 poses:
   path: {{waypoints: [[-1.2, 0, 1.5], [1.2, 0.3, 1.5]], speed: 1, rate: {rate}, look: ahead}}
