@@ -29,7 +29,16 @@ def processes():
     """Forks of one process that has loaded what documents use."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["test_documents", "support.warm"])
+    with pytest.MonkeyPatch.context() as patch:  # Python 3.11 does not give it the path to import these from
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        with context.Pool(1) as pool:  # starts it
+            assert pool.apply(loaded), "support.warm was not loaded"
     return context
+
+
+def loaded():
+    """Whether this process was forked of one that has loaded what documents use."""
+    return "support.warm" in sys.modules
 
 
 @pytest.mark.parametrize("name", [name for name in BY_NAME if name != "docs/torch.md" or find_spec("torch")])
