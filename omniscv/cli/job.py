@@ -27,7 +27,12 @@ def job(
     from omniscv.jobs import load
 
     found = load(job)
-    frames = "poses sampled in the source" if found.sampling else f"{len(found.poses)} poses"
-    console.line(f"{job}: {len(found.cameras)} cameras at {frames}, of {', '.join(found.sources)}")
+    frames = "poses sampled in the source" if found.sampling else _count(len(found.poses), "pose")
+    cameras = _count(len(found.cameras), "camera")
+    console.line(f"{job}: {cameras} at {frames}, of {', '.join(found.sources)}")
     for name, camera in found.cameras.items():
         console.line(f"{name}: {camera}")
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}{'' if number == 1 else 's'}"

@@ -23,6 +23,23 @@ _MOST_POINTS = 20_000
 _AXIS_M = 0.25
 
 
+def check(out: Path) -> Any:
+    """Return the package of Rerun.
+
+    Raises:
+        ArgumentError: it is not installed, or the name of a file does not end in ``.rrd``.
+    """
+    if out.suffix != ".rrd":
+        raise ArgumentError(f"rerun: expected a file NAME.rrd, got {out.name!r}")
+    try:
+        import rerun
+    except ImportError as cause:
+        raise ArgumentError(
+            f"rerun: expected the extra 'rerun', got: {cause}; pip install 'omniscv[rerun]'"
+        ) from cause
+    return rerun
+
+
 def write(frames: Sequence[Frame], out: Path) -> Path:
     """Write a file that ``rerun FILE`` shows.
 
@@ -35,18 +52,12 @@ def write(frames: Sequence[Frame], out: Path) -> Path:
         out: the file, whose name ends in ``.rrd``.
 
     Raises:
-        ArgumentError: Rerun is not installed, or another name.
+        ArgumentError: as :func:`check`.
     """
-    if out.suffix != ".rrd":
-        raise ArgumentError(f"rerun: expected a file NAME.rrd, got {out.name!r}")
-    try:
-        import rerun
-    except ImportError as cause:
-        raise ArgumentError(
-            f"rerun: expected the extra 'rerun', got: {cause}; pip install 'omniscv[rerun]'"
-        ) from cause
+    rerun = check(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    stream = rerun.RecordingStream("omniscv", recording_id=_identity(frames))
     with whole_file(out) as part:
-        stream = rerun.RecordingStream("omniscv", recording_id=_identity(frames))
         stream.save(part)
         stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for name, mine in by_camera(frames).items():

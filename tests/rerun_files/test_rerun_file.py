@@ -8,7 +8,9 @@ from support.exact import distance_to_surfaces
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
+from omniscv.errors import ArgumentError
 from omniscv.viewing import rerun_file
+from omniscv.viewing.look import look
 from omniscv.viewing.look.gathering import gather
 
 SCENE = load_scene("four-wall")
@@ -93,3 +95,9 @@ def test_objects_have_their_names(columns):
     (context,) = columns["/images/pinhole", "AnnotationContext:context"]
     told = {each["class_id"]: each["class_description"]["info"]["label"] for each in context[0]}
     assert told == {0: "nothing", **{SCENE.label(each): each for each in SCENE.objects}}
+
+
+def test_another_name_is_refused_before_the_page_is_written(images, tmp_path):
+    with pytest.raises(ArgumentError, match=r"expected a file NAME\.rrd, got 'room'"):
+        look(images[1], tmp_path / "page.html", rerun=tmp_path / "room")
+    assert list(tmp_path.iterdir()) == []

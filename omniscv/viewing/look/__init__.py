@@ -56,6 +56,8 @@ def look(
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ArgumentError(f"out: expected a file NAME.html, got {target.name!r}")
+    if rerun is not None:
+        rerun_file.check(Path(rerun))
     title = str(what).rstrip("/").rpartition("/")[2] if is_url(what) else Path(what).resolve().name
     with _gathered(what, size, progress, warn) as found:
         written = page.write(found, target, title, most_pixels, progress)
