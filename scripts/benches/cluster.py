@@ -25,20 +25,21 @@ from benches import Figure, Reference
 from omniscv.cluster.places import RESOURCE, settings
 from omniscv.cluster.tasks import HOW
 
-EACH = 8  # parts of a worker
+EACH = 5  # parts of a worker
 ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own
 FEW, MANY = 32, 160  # images
 JOB = """
 source: mock://four-wall
-cameras: {{pano: {{model: equirectangular, width: 128, height: 64}}}}
+cameras: {{pano: {{model: equirectangular, width: 32, height: 16}}}}
 poses: {{path: {{waypoints: [[-1, 0.2, 1.5], [1, 0.2, 1.5]], speed: 1, rate: {rate}}}}}
 modes: [lit, object_mask, depth]
+face_size: 16
 out: {out}
 """
 
 
 def measure(quick: bool) -> Iterator[Figure]:
-    part_s, counts = (0.01, (1,)) if quick else (3.0, (1, 4, 16, 64))
+    part_s, counts = (0.01, (1,)) if quick else (3.0, (1, 8, 64))
     for count in counts:
         with waiting(count) as client:
             run(client, count, part_s)  # what is done once
@@ -113,7 +114,7 @@ def local() -> Iterator[Figure]:
         for workers in (1, 2):
             ours = rate(Path(folder), f"workers-{workers}", "--cluster", f"local:{workers}")
             other = Reference("one process", one)
-            yield Figure("panoramas of 128 x 64, mock://", f"local:{workers}", "images/s", ours, peer=other)
+            yield Figure("panoramas of 32 x 16, mock://", f"local:{workers}", "images/s", ours, peer=other)
 
 
 def rate(folder: Path, name: str, *how: str) -> float:
