@@ -3,13 +3,14 @@
 A waiting task stands for a part whose server answers once a tick, on a machine of its own: it takes three
 seconds and no processor. The scheduler and the client share this process, as in a command; its time is all
 that scheduling takes. All waiting workers share another. Local workers are processes with a mock server each:
-they share this machine's cores with it, so that their number pays only as far as there are cores; the peer is
-one process without Dask.
+what they take of the cores for an image is compared with one process without Dask. Where there are cores for
+all of them, the time by the clock is shared among them.
 """
 
 import asyncio
 import logging
 import multiprocessing
+import os
 import subprocess
 import sys
 import time
@@ -25,20 +26,21 @@ from benches import Figure, Reference
 from omniscv.cluster.places import RESOURCE, settings
 from omniscv.cluster.tasks import HOW
 
-EACH = 8  # parts of a worker
+EACH = 5  # parts of a worker
 ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own
 FEW, MANY = 32, 160  # images
 JOB = """
 source: mock://four-wall
-cameras: {{pano: {{model: equirectangular, width: 128, height: 64}}}}
+cameras: {{pano: {{model: equirectangular, width: 32, height: 16}}}}
 poses: {{path: {{waypoints: [[-1, 0.2, 1.5], [1, 0.2, 1.5]], speed: 1, rate: {rate}}}}}
 modes: [lit, object_mask, depth]
+face_size: 16
 out: {out}
 """
 
 
 def measure(quick: bool) -> Iterator[Figure]:
-    part_s, counts = (0.01, (1,)) if quick else (3.0, (1, 4, 16, 64))
+    part_s, counts = (0.01, (1,)) if quick else (3.0, (1, 8, 64))
     for count in counts:
         with waiting(count) as client:
             run(client, count, part_s)  # what is done once
@@ -106,27 +108,30 @@ def wait(part_s: float) -> None:
 
 
 def local() -> Iterator[Figure]:
-    """Yield images a second of local workers, without their start."""
+    """Yield what an image takes of all cores by local workers, without their start."""
     with TemporaryDirectory() as folder:
-        seconds(Path(folder), "warm", FEW)
-        one = rate(Path(folder), "one")
+        processor(Path(folder), "warm", FEW)
+        one = each(Path(folder), "one")
         for workers in (1, 2):
-            ours = rate(Path(folder), f"workers-{workers}", "--cluster", f"local:{workers}")
+            ours = each(Path(folder), f"workers-{workers}", "--cluster", f"local:{workers}")
             other = Reference("one process", one)
-            yield Figure("panoramas of 128 x 64, mock://", f"local:{workers}", "images/s", ours, peer=other)
+            yield Figure(
+                "panoramas of 32 x 16, mock://", f"local:{workers}", "ms of the processor", ours, peer=other
+            )
 
 
-def rate(folder: Path, name: str, *how: str) -> float:
-    """Return images a second of what is made after the first few, whose time that of the start is in."""
-    few, many = (seconds(folder, f"{name}-{count}", count, *how) for count in (FEW, MANY))
-    return (MANY - FEW) / (many - few)
+def each(folder: Path, name: str, *how: str) -> float:
+    """Return ms of the processor for an image after the first few, whose time that of the start is in."""
+    few, many = (processor(folder, f"{name}-{count}", count, *how) for count in (FEW, MANY))
+    return 1e3 * (many - few) / (MANY - FEW)
 
 
-def seconds(folder: Path, name: str, count: int, *how: str) -> float:
-    """Return how long a command takes that makes some images."""
+def processor(folder: Path, name: str, count: int, *how: str) -> float:
+    """Return the processor's seconds, the workers' too, of a command that makes some images."""
     path = folder / f"{name}.yaml"
     path.write_text(JOB.format(out=name, rate=(count - 0.5) / 2))
     command = [sys.executable, "-c", "from omniscv.cli import main; main()", "dataset", "make", path, *how]
-    started = time.perf_counter()
+    before = os.times()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - started
+    after = os.times()
+    return sum(after[2:4]) - sum(before[2:4])  # of children

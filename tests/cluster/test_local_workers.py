@@ -133,7 +133,7 @@ def test_kills_at_ten_moments(what, workers, store, tmp_path, monkeypatch):
                     before = time.perf_counter()
                     if (there := frames_in(out)) >= kill_at:
                         break
-                    time.sleep(0.02 + 5 * (time.perf_counter() - before))  # looking is not to take the time
+                    time.sleep(0.02 + time.perf_counter() - before)  # looking is not to take all the time
                 killed += kill(process, what, draw)
                 _, said = process.communicate(timeout=600)
             if what == "scheduler":
@@ -146,4 +146,4 @@ def test_kills_at_ten_moments(what, workers, store, tmp_path, monkeypatch):
             assert dataset.check(out, deep=number == 0) == []
             print(f"{what} killed ({killed}) at {there} frames of {again.kept}: {said!r}", flush=True)
             assert waited_for(lambda mark=mark: not running(mark)), running(mark)
-    assert killed > kills / 2  # late ones may find that all is done
+    assert killed >= kills / 2  # late ones may find that all is done
