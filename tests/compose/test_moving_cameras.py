@@ -34,7 +34,7 @@ CAMERAS = {
 @cache
 def errors(camera, strategy, pose=POSE):
     """Of labels: the wrong part; of depth: median and 95 % of the relative error; of colours: RMS."""
-    image = omniscv.render(camera, pose, SOURCE, MODES, strategy=strategy, filter="bilinear", face_size=128)
+    image = omniscv.render(camera, pose, SOURCE, MODES, strategy=strategy, filter="bilinear", face_size=192)
     truth, valid = traced(SOURCE.scene, camera, pose), image.valid
     off = np.abs(image.depth - truth.distance)[valid] / truth.distance[valid]
     colour = np.sqrt(((image.lit - truth.color)[valid] ** 2).mean())
