@@ -50,9 +50,12 @@ class Making:
         warn: Callable[[str], None] | None,
     ) -> None:
         self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
-        self._renderer, self._geometry = Renderer(source), source.geometry()
-        # A truth that captures may hide objects: no image is captured beside it.
         wanted = job.recipe.truth
+        # A live source is asked for the shape of each object, at every part: for truths, and for recordings.
+        self._shapes = bool(wanted) or job.record is not None
+        self._geometry = source.geometry() if self._shapes else SceneGeometry()
+        self._renderer = Renderer(source)
+        # A truth that captures may hide objects: no image is captured beside it.
         names = {each for each in wanted if truths.get(each).may_capture(self._geometry, wanted[each])}
         self._alone = {name: options for name, options in wanted.items() if name in names}
         self._beside = {name: options for name, options in wanted.items() if name not in names}
@@ -91,7 +94,7 @@ class Making:
         seen: list[World] = []
 
         def look(source: Source) -> None:
-            geometry = source.geometry() if self._job.moves else self._geometry
+            geometry = source.geometry() if self._job.moves and self._shapes else self._geometry
             seen.append(World(geometry, source.object_poses()))
 
         with self._turn:
