@@ -228,12 +228,13 @@ def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     import cv2
 
     # Not by OpenImageIO: where the disk is full, the library for JPEG that it has ends the process.
-    fits = pixels.shape[2:] == (3,) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
+    grey = pixels.ndim == 2
+    fits = (grey or pixels.shape[2:] == (3,)) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
     if pixels.dtype != np.uint8 or not fits:
-        wanted = f"expected uint8 RGB pixels for JPEG, {_JPEG_LARGEST_PX} a side at most"
+        wanted = f"expected uint8 pixels for JPEG, grey or RGB, {_JPEG_LARGEST_PX} a side at most"
         raise OmniscvError(f"{path.name}: {wanted}; got {pixels.dtype} of shape {pixels.shape}; choose png")
-    quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    path.write_bytes(cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)[1].tobytes())
+    swapped = pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    path.write_bytes(cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
 
 
 def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:

@@ -28,7 +28,18 @@ poses: [{position: [0, 0, 1.5], yaw_deg: 40}]
 modes: [lit, mask]
 face_size: 32
 """
-INDEPENDENT = {"progress", "cluster", "job", "stem", "measure", "overscan", "resume", "shard", "workers"}
+INDEPENDENT = {
+    "progress",
+    "as_json",
+    "cluster",
+    "job",
+    "stem",
+    "measure",
+    "overscan",
+    "resume",
+    "shard",
+    "workers",
+}
 """Options that stand for no key of a job."""
 
 

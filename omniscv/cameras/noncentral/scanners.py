@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, whole_number
-from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
+from omniscv.cameras.base import FARTHEST, Array, Camera, Mask, Viewpoints
 from omniscv.cameras.noncentral.lines import viewpoints_by_line
 from omniscv.cameras.optics import refuse_focal_and_fov, sin_cos_of_half
 from omniscv.cameras.registry import register
@@ -41,6 +41,7 @@ class PushBroom(Camera):
         self.travel = numbers("travel", travel, (3,))
         if not self.travel[0] > 0:
             raise ArgumentError(f"travel: expected x > 0, to the right, got {self.travel.tolist()}")
+        number("travel", float(np.abs(self.travel).max()), most=FARTHEST)
         refuse_focal_and_fov(focal, fov_deg)
         if focal is not None:
             self.focal = number("focal", focal, above=0)
@@ -88,7 +89,7 @@ class Orthographic(Camera):
 
     def __init__(self, width: int, height: int, width_m: float, center: ArrayLike | None = None) -> None:
         super().__init__(width, height, center)
-        self.width_m = number("width_m", width_m, above=0)
+        self.width_m = number("width_m", width_m, above=0, most=FARTHEST)
         self._pixel_m = self.width_m / self.width
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
