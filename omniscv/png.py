@@ -2,7 +2,7 @@
 
 libpng prints its complaints on the standard error, and inflates what lies behind the picture to its end: a
 megabyte can stand for a gigabyte. Here nothing is inflated beyond the size in the header. zlib-ng deflates in
-a third of zlib's time, and inflates in a quarter of it.
+half of zlib's time or less, and inflates in a quarter of it.
 
 A PNG is a signature and chunks: a header, the rows as one zlib stream, and the end. Each row starts with the
 number of its filter, which says what was subtracted from its bytes.
