@@ -13,7 +13,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from omniscv.compose.files import finite, whole_file, write_json
+from omniscv.compose.files import finite, write_json
+from omniscv.storage.local import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.chart.truth import traced
-from omniscv.compose.files import whole_file
 from omniscv.compose.image import OmniImage
+from omniscv.storage.local import whole_file
 
 if TYPE_CHECKING:
     from mock_server import Scene

@@ -17,9 +17,7 @@ A modality that was registered is written as its row of :mod:`omniscv.modalities
 
 import json
 import math
-import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -29,10 +27,10 @@ from numpy.typing import NDArray
 
 from omniscv import modalities, plugins, png
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, OmniscvError, StorageError
+from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
-from omniscv.storage.local import NO_SPACE, refusal
+from omniscv.storage.local import locked, whole_file
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
@@ -97,11 +95,13 @@ def write(
     if not isinstance(stem, str) or not stem or stem != Path(stem).name:
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     check_format(image_format)
-    listed = None if objects is None else _merged(out / OBJECTS, objects)
+    if objects is not None:
+        _merged(out / OBJECTS, objects)  # refused before anything is written
     written = list(write_layers(layers, out, stem, image_format).values())
     written.append(write_json(out / f"{stem}.json", {**description, "versions": versions()}))
-    if listed is not None:
-        written.append(write_json(out / OBJECTS, listed))
+    if objects is not None:
+        with locked(out):  # others may save images into this folder at the same time
+            written.append(write_json(out / OBJECTS, _merged(out / OBJECTS, objects)))
     return written
 
 
@@ -188,25 +188,6 @@ def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -
     if row.file != "picture":
         return row.file
     return "exr" if pixels.dtype.kind == "f" else image_format
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A file to write beside the place, moved there when it is complete: no half file is ever seen.
-
-    Raises:
-        StorageError: there is no space for it.
-    """
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        yield part
-        os.replace(part, path)
-    except OSError as cause:
-        if cause.errno not in NO_SPACE:
-            raise
-        raise StorageError(refusal(cause, path)) from cause
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compose.files import whole_file
 from omniscv.dataset.fetched_files import reference
 from omniscv.dataset.frames import Frame
+from omniscv.storage.local import whole_file
 from omniscv.truth import rle
 from omniscv.truth.classes import SemanticClass
 from omniscv.truth.object_boxes import boxes

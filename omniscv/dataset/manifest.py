@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -281,22 +280,6 @@ def entry_of(name: str, content: bytes) -> FrameEntry:
         entry = FrameEntry.from_dict(json.loads(content)["frame"])
         own = FileEntry(name, len(content), hashlib.sha256(content).hexdigest())
         return replace(entry, files={**entry.files, IMAGE: own})
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder alone among the processes that do so; a process that is killed leaves nothing."""
-    try:
-        import fcntl
-    except ImportError:  # not on Windows: one process at a time there
-        yield
-        return
-    opened = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(opened, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(opened)
 
 
 def checksum(path: Path) -> str:

@@ -13,9 +13,9 @@ from xml.sax.saxutils import quoteattr
 
 from omniscv.arguments import number
 from omniscv.cameras import Camera
-from omniscv.compose.files import whole_file
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.storage.local import whole_file
 
 SUFFIXES = ("png", "jpg")
 """Of the files that can hold the metadata."""

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, from_dict
-from omniscv.compose.files import whole_file, write_picture
+from omniscv.compose.files import write_picture
 from omniscv.dataset.frames import Frame
 from omniscv.modalities import Modality
+from omniscv.storage.local import whole_file
 
 _READABLE = (".png", ".jpg", ".jpeg")
 _MASK = Modality("mask", ("bool",))

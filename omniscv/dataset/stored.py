@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import gettempdir
 
 from omniscv.dataset import manifest
 from omniscv.dataset.manifest import FrameEntry
 from omniscv.errors import DatasetError, MissingFileError
 from omniscv.storage import Folder
+from omniscv.storage.local import locked, remove_parts, remove_scratch, scratch_folder
 
 
 def alone(folder: Folder) -> AbstractContextManager[None]:
     """Hold a folder of this machine alone among processes. A URL is held by nobody: its files are written
     whole, and equal by all."""
-    return nullcontext() if folder.local is None else manifest.locked(folder.local)
+    return nullcontext() if folder.local is None else locked(folder.local)
 
 
 _SCRATCH = ".omniscv-"
@@ -29,8 +29,9 @@ def workplace(folder: Folder) -> Iterator[Path]:
 
     It is the writer's own: two may make one frame, as where a worker that was taken for dead goes on.
     """
-    with TemporaryDirectory(prefix=_SCRATCH, dir=folder.local, ignore_cleanup_errors=True) as scratch:
-        yield Path(scratch)
+    parent = Path(gettempdir()) if folder.local is None else folder.local
+    with scratch_folder(parent, _SCRATCH) as scratch:
+        yield scratch
 
 
 def put(folder: Folder, paths: Iterable[Path]) -> None:
@@ -43,12 +44,14 @@ def put(folder: Folder, paths: Iterable[Path]) -> None:
 
 
 def tidy(folder: Folder) -> None:
-    """Remove what killed writers of frames and manifests have left in a folder of this machine."""
+    """Remove what killed writers have left in a folder of this machine, under :func:`alone`.
+
+    Only names that writers of datasets make are removed; the scratch folders of living writers stay.
+    """
     if folder.local is not None:
-        for path in folder.local.glob(f"{_SCRATCH}*"):
-            shutil.rmtree(path, ignore_errors=True)
-        for path in folder.local.glob(".*.json*"):
-            path.unlink(missing_ok=True)
+        remove_scratch(folder.local, _SCRATCH)
+        for name in (manifest.DATASET, manifest.FRAMES):
+            remove_parts(folder.local / name)
 
 
 def frame_of(folder: Folder, key: str) -> FrameEntry | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.compose.files import whole_file
+from omniscv.storage.local import whole_file
 
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7")
 """Okabe and Ito's, which the colour-blind tell apart."""

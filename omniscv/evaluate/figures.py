@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from omniscv.compose.files import finite, whole_file, write_json
+from omniscv.compose.files import finite, write_json
+from omniscv.storage.local import whole_file
 
 
 @dataclass(frozen=True)

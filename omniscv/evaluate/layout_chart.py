@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omniscv.compose.files import whole_file
 from omniscv.evaluate.layout_drawing import curves_of
 from omniscv.evaluate.layout_set import Shot
 from omniscv.evaluate.layout_table import MAP_SCORES, METHODS, PAPER
 from omniscv.geometry.pose import Array
+from omniscv.storage.local import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from omniscv.compose.files import whole_file
 from omniscv.compose.image import OmniImage
 from omniscv.geometry.pose import Array
+from omniscv.storage.local import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 
 from omniscv.cameras import Camera
-from omniscv.compose.files import whole_file
 from omniscv.errors import ArgumentError
 from omniscv.evaluate import odometry_chart, odometry_sequence, visual_odometry
 from omniscv.evaluate.bearing_features import detect
@@ -29,6 +28,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.planning import densities
 from omniscv.sources.registry import open_source
+from omniscv.storage.local import whole_file
 
 OPTIONS = frozenset({"trajectory"})
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omniscv.compose.files import whole_file
 from omniscv.evaluate.trajectory_errors import TrajectoryErrors
 from omniscv.geometry import Array, Pose
+from omniscv.storage.local import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,19 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 from omniscv.errors import MissingFileError, StorageError
 from omniscv.storage.base import Folder, checked
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_TOKEN_BYTES = 8
+_TOKEN_PATTERN = "[0-9a-f]" * (2 * _TOKEN_BYTES)
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 
@@ -97,11 +105,103 @@ def written_beside(place: Path) -> Iterator[Path]:
     Every writer has a place of its own: several processes may write one file.
     """
     place.parent.mkdir(parents=True, exist_ok=True)
-    part = place.with_name(f".{place.stem}.{secrets.token_hex(8)}{place.suffix}")
+    part = place.with_name(f".{place.stem}.{secrets.token_hex(_TOKEN_BYTES)}{place.suffix}")
     try:
         yield part
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield where to write a file, and move it to ``path`` once it is complete: no half file is ever seen.
+
+    Raises:
+        StorageError: there is no space for it.
+    """
+    try:
+        with written_beside(path) as part:
+            yield part
+            part.replace(path)
+    except OSError as cause:
+        if cause.errno not in NO_SPACE:
+            raise
+        raise StorageError(refusal(cause, path)) from cause
+
+
+def remove_parts(path: Path) -> None:
+    """Remove what killed processes left of a file that was to be moved to ``path``.
+
+    Only for files that one process writes at a time: a living writer's part goes, too.
+    """
+    for part in path.parent.glob(f".{escape(path.stem)}.{_TOKEN_PATTERN}{escape(path.suffix)}"):
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
+    """Yield a new, empty folder ``PREFIX`` + token in ``parent``; it is removed at the end.
+
+    It is locked meanwhile, so that :func:`remove_scratch` of another process or thread leaves it alone.
+    """
+    while True:
+        folder = parent / f"{prefix}{secrets.token_hex(_TOKEN_BYTES)}"
+        folder.mkdir(parents=True)
+        with _try_lock(folder) as held:
+            if not held and fcntl is not None:  # remove_scratch came between the two
+                continue
+            try:
+                yield folder
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
+            return
+
+
+def remove_scratch(parent: Path, prefix: str) -> None:
+    """Remove the scratch folders of a prefix that killed processes left in ``parent``."""
+    for folder in parent.glob(f"{escape(prefix)}{_TOKEN_PATTERN}"):
+        with _try_lock(folder) as held:
+            if held:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder alone, among processes and threads; wait for it. A killed holder leaves no lock.
+
+    Without effect on Windows, where only one process at a time may write a folder.
+    """
+    if fcntl is None:
+        yield
+        return
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(opened)
+
+
+@contextmanager
+def _try_lock(folder: Path) -> Iterator[bool]:
+    """Yield whether a folder is there and was free, held until the end."""
+    if fcntl is None:
+        yield False
+        return
+    try:
+        opened = os.open(folder, os.O_RDONLY)
+    except OSError:
+        yield False
+        return
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        held = folder.exists()
+    except OSError:
+        held = False
+    try:
+        yield held
+    finally:
+        os.close(opened)
 
 
 @contextmanager

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from omniscv.cameras import Camera, Pinhole
-from omniscv.compose.files import whole_file
 from omniscv.dataset import Frame
 from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
+from omniscv.storage.local import whole_file
 
 _MOST_POINTS = 20_000
 """Of a frame: enough to see a room, and small enough to turn it."""

@@ -6,7 +6,8 @@ from threading import Barrier
 
 from support.datasets import job_file, tree
 
-from omniscv import dataset, jobs
+from omniscv import dataset, jobs, storage
+from omniscv.dataset import stored
 
 
 def test_two_makers_of_one_part(tmp_path):
@@ -30,9 +31,32 @@ def test_two_makers_of_one_part(tmp_path):
 def test_what_killed_writers_left_goes_when_the_dataset_is_finished(tmp_path):
     job = jobs.load(job_file(tmp_path))
     jobs.make(replace(job, out=tmp_path / "single"))
-    left = job.out / ".omniscv-killed"
+    left = job.out / ".omniscv-0123456789abcdef"
     left.mkdir(parents=True)
     (left / "pano-0.lit.png").write_bytes(b"half")
+    (job.out / ".dataset.0123456789abcdef.json").write_bytes(b"half")
     jobs.make(job, resume=True)
     assert tree(job.out) == tree(tmp_path / "single")
     assert not left.exists()
+
+
+def test_hidden_files_of_the_user_stay(tmp_path):
+    job = jobs.load(job_file(tmp_path))
+    job.out.mkdir()
+    mine = [job.out / ".settings.json", job.out / ".frames.jsonl.bak", job.out / ".dataset.backup.json"]
+    for path in mine:
+        path.write_text("mine")
+    (job.out / ".omniscv-notes").mkdir()
+    jobs.make(job)
+    assert [path.read_text() for path in mine] == ["mine"] * 3
+    assert (job.out / ".omniscv-notes").is_dir()
+
+
+def test_a_writer_that_finishes_spares_the_scratch_folders_of_others(tmp_path):
+    folder = storage.folder(tmp_path)
+    with stored.workplace(folder) as mine:
+        (mine / "pano-0.lit.png").write_bytes(b"half")
+        with dataset.Writer(tmp_path):
+            pass
+        assert (mine / "pano-0.lit.png").read_bytes() == b"half"
+    assert not mine.exists()

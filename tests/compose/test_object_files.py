@@ -1,6 +1,7 @@
 """``objects.json`` of a folder with several images: each label keeps the object that it was saved with."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -57,3 +58,14 @@ def test_a_list_that_is_none_is_kept(text, tmp_path):
         save(ROOM, tmp_path, "first")
     assert [path.name for path in tmp_path.iterdir()] == ["objects.json"]
     assert (tmp_path / "objects.json").read_text() == text
+
+
+def test_threads_that_save_into_one_folder_lose_nothing(tmp_path):
+    tables = [
+        ObjectTable({f"Object{k:02d}": (k, 0, 0) for k in range(1, count + 1)}) for count in range(1, 25)
+    ]
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda item: save(item[1], tmp_path, str(item[0])), enumerate(tables)))
+    names = [entry["name"] for entry in listed(tmp_path).values()]
+    assert names == tables[-1].names()
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []

@@ -23,13 +23,13 @@ from omniscv import truth
 from omniscv.arguments import Reader, fields, number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.compose.files import whole_file
 from omniscv.dataset.cubemaps import faces
 from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
 from omniscv.planning.viewpoints import unproject
+from omniscv.storage.local import whole_file
 from omniscv.truth import Points
 
 name = "colmap"

@@ -36,13 +36,14 @@ from numpy.typing import NDArray
 from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number, numbers, one_of, whole_number, within
 from omniscv.cameras import Camera, Rays, RollingShutter
-from omniscv.compose.files import whole_file, write_json, write_picture
+from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 from omniscv.planning.viewpoints import unproject
+from omniscv.storage.local import whole_file
 from omniscv.truth.optical_flow import INVALID, Wrap, motion
 
 name = "flow"

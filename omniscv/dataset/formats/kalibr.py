@@ -18,11 +18,11 @@ from omniscv.calibration import write_kalibr
 from omniscv.calibration.rigs import rig_to_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.rigs import rigs
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
+from omniscv.storage.local import whole_file
 
 name = "kalibr"
 

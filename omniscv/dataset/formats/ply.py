@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
-from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
 from omniscv.planning.viewpoints import unproject
+from omniscv.storage.local import whole_file
 from omniscv.texts import printable
 from omniscv.truth import Points
 

@@ -12,10 +12,10 @@ from typing import Any
 
 from omniscv.arguments import Reader, fields, one_of, texts
 from omniscv.cameras import Camera
-from omniscv.compose.files import whole_file
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.sequences import by_camera, trajectory
 from omniscv.geometry.trajectory import Trajectory, write_euroc, write_kitti, write_kitti_times, write_tum
+from omniscv.storage.local import whole_file
 
 name = "poses"
 

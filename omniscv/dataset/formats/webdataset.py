@@ -17,10 +17,11 @@ from typing import Any
 
 from omniscv.arguments import fields, whole_number
 from omniscv.cameras import Camera
-from omniscv.compose.files import whole_file, write_json
+from omniscv.compose.files import write_json
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.manifest import FileEntry
 from omniscv.errors import ArgumentError
+from omniscv.storage.local import whole_file
 
 name = "webdataset"
 

@@ -14,9 +14,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TextIO
 
-from omniscv.compose.files import finite, whole_file
+from omniscv.compose.files import finite
 from omniscv.dataset import Frame
-from omniscv.storage.local import folder_beside, replace_folder
+from omniscv.storage.local import folder_beside, replace_folder, whole_file
 from omniscv.viewing.look import layers, outlines
 from omniscv.viewing.look.directions import describe
 from omniscv.viewing.look.gathering import Gathered
