@@ -1,0 +1,133 @@
+"""Records: frozen dataclasses whose fields are checked and converted where they are declared.
+
+::
+
+    @record
+    class Exposure:
+        seconds: float = checked(number, least=0, default=0.0, help="time that the shutter is open")
+        instants: int = checked(whole_number, most=1000, default=1)
+
+    Exposure(seconds=-1)  # ArgumentError: seconds: expected a finite number >= 0, got -1
+    read(Exposure, {"second": 1}, "exposure")  # ArgumentError: exposure: unknown key 'second'; known keys: ...
+
+A reader must return what it returned before unchanged: :func:`dataclasses.replace` checks again.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from functools import partial
+from typing import Any, TypeVar, dataclass_transform
+
+from omniscv.arguments import Reader, shown
+from omniscv.errors import ArgumentError
+
+T = TypeVar("T")
+_READER, _KEY, _HELP = "omniscv.reader", "omniscv.key", "omniscv.help"
+
+
+def checked(
+    reader: Callable[..., Any],
+    /,
+    *,
+    default: Any = MISSING,
+    default_factory: Any = MISSING,
+    key: str = "",
+    help: str = "",
+    **limits: Any,
+) -> Any:
+    """Return a field of a record that ``reader(name, value, **limits)`` checks and converts.
+
+    Args:
+        reader: such as the functions of :mod:`omniscv.arguments`, :func:`nested`, :func:`listed`.
+        default, default_factory: as :func:`dataclasses.field`; a default is not checked.
+        key: in files, where it is not the field's name, as for a word of Python's.
+        help: one line for the tables of options that are generated.
+        limits: passed on to the reader.
+    """
+    metadata = {_READER: partial(reader, **limits) if limits else reader, _KEY: key, _HELP: help}
+    if default_factory is not MISSING:
+        return field(default_factory=default_factory, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(checked, field))
+def record(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass whose ``checked`` fields are converted before its ``__post_init__``."""
+    after = cls.__dict__.get("__post_init__")
+
+    def check(self: Any) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if _READER in each.metadata and value is not each.default:
+                object.__setattr__(self, each.name, each.metadata[_READER](key_of(each), value))
+        if after is not None:
+            after(self)
+
+    cls.__post_init__ = check  # type: ignore[attr-defined]
+    return dataclass(frozen=True)(cls)
+
+
+def read(cls: type[T], value: object, where: str = "") -> T:
+    """Return the record that a mapping, as of a file, describes.
+
+    Args:
+        cls: a class made by :func:`record`.
+        value: what should be a mapping of keys to values.
+        where: of the mapping in its file, for messages.
+
+    Raises:
+        ArgumentError: no mapping, an unknown or missing key, or as a reader raises.
+    """
+    start = f"{where}: " if where else ""
+    by_key = {key_of(each): each for each in fields(cls)}  # type: ignore[arg-type]
+    given = mapping(where, value, by_key)
+    for key, each in by_key.items():
+        if key not in given and each.default is MISSING and each.default_factory is MISSING:
+            raise ArgumentError(f"{start}missing key {key!r}; known keys: {', '.join(by_key)}")
+    try:
+        return cls(**{by_key[key].name: each for key, each in given.items()})
+    except ArgumentError as cause:
+        raise ArgumentError(f"{where}.{cause.args[0]}" if where else cause.args[0]) from cause
+
+
+def mapping(where: str, value: object, known: Collection[str] | None = None) -> dict[str, Any]:
+    """Return a mapping as a dict; ArgumentError for anything else, or for a key that is not known."""
+    start = f"{where}: " if where else ""
+    if not isinstance(value, Mapping):
+        wanted = f"a mapping with {', '.join(known)}" if known else "a mapping"
+        raise ArgumentError(f"{start}expected {wanted}, got {shown(value)}")
+    for key in value:
+        if known is not None and key not in known:
+            raise ArgumentError(f"{start}unknown key {shown(key)}; known keys: {', '.join(known)}")
+    return dict(value)
+
+
+def nested(cls: type[Any]) -> Reader:
+    """Return a reader of a record inside another: takes the record itself, or its mapping."""
+    return lambda name, value: value if isinstance(value, cls) else read(cls, value, name)
+
+
+def listed(reader: Reader) -> Reader:
+    """Return a reader of lists, as tuples, whose items a reader checks as ``NAME[INDEX]``."""
+
+    def items(name: str, value: object) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            raise ArgumentError(f"{name}: expected a list, got {shown(value)}")
+        return tuple(reader(f"{name}[{i}]", each) for i, each in enumerate(value))
+
+    return items
+
+
+def optional(reader: Reader) -> Reader:
+    """Return a reader that also takes None."""
+    return lambda name, value: None if value is None else reader(name, value)
+
+
+def key_of(of: Field[Any]) -> str:
+    """Return the key of a record's field in files."""
+    return str(of.metadata.get(_KEY)) if of.metadata.get(_KEY) else of.name
+
+
+def help_of(of: Field[Any]) -> str:
+    """Return what a record's field is for, in one line."""
+    return str(of.metadata.get(_HELP, ""))
