@@ -8,7 +8,8 @@
         instants: int = checked(whole_number, most=1000, default=1)
 
     Exposure(seconds=-1)  # ArgumentError: seconds: expected a finite number >= 0, got -1
-    read(Exposure, {"second": 1}, "exposure")  # ArgumentError: exposure: unknown key 'second'; known keys: ...
+    read(Exposure, {"second": 1}, "exposure")
+    # ArgumentError: exposure: unknown key 'second'; known keys: seconds, instants
 
 A reader must return what it returned before unchanged: :func:`dataclasses.replace` checks again.
 """
