@@ -1,24 +1,35 @@
 """numba's decorator, for kernels that are loaded quickly.
 
-numba prepares itself to compile before it looks into its cache: 0.5 s of processor time in each process,
-for SciPy's linear algebra among others. A kernel that is cached needs none of that.
+numba prepares to compile before it looks into its cache, which takes 0.5 s of processor time in each process.
+The cache below reads a kernel's file without that. It overrides private parts of numba; where one of them is
+missing, kernels use numba's own cache: slower to load, the same results.
 """
 
 import os
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, cached_property
+from functools import cache as cached
+from functools import cached_property
 from typing import Any
 
 import numba
-from llvmlite import binding  # type: ignore[import-untyped]
-from numba.core.caching import FunctionCache, NullCache
-from numba.core.runtime import _nrt_python
+
+try:
+    from llvmlite import binding  # type: ignore[import-untyped]
+    from numba.core.caching import FunctionCache, NullCache
+    from numba.core.runtime import _nrt_python
+
+    _ALLOCATORS = dict(_nrt_python.c_helpers)
+    _ = FunctionCache._load_overload, FunctionCache._guard_against_spurious_io_errors, binding.add_symbol
+    FAST = True
+except (ImportError, AttributeError):
+    FunctionCache = NullCache = object
+    FAST = False
 
 
 class _Files(FunctionCache):  # type: ignore[misc]
-    """The files of a kernel, read without what compiles."""
+    """The files of a kernel, read without preparing to compile."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the kernel of a signature from its file, or None."""
@@ -27,16 +38,16 @@ class _Files(FunctionCache):  # type: ignore[misc]
             return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a kernel for later processes; where the disk is full, it serves this one alone."""
+        """Keep a kernel for later processes; where the disk is full, it is not kept."""
         try:
             super().save_overload(sig, data)
-        except OSError:  # the index, written first, would name a file that is not there, or an older one
-            with suppress(OSError):
+        except OSError:  # the index, written first, names a file that is missing or older
+            with suppress(OSError, AttributeError):
                 os.unlink(self._cache_file._index_path)
 
 
 class _Cache(NullCache):  # type: ignore[misc]
-    """A cache that looks for its folder when its kernel is called: most are called by other kernels only."""
+    """A cache that looks for its folder when its kernel is first called: most are called by kernels only."""
 
     def __init__(self, function: Any) -> None:
         self._function = function
@@ -45,7 +56,7 @@ class _Cache(NullCache):  # type: ignore[misc]
     def _files(self) -> Any:
         try:
             return _Files(self._function)
-        except RuntimeError:  # no folder can be written to
+        except RuntimeError:  # no folder is writable
             _warn()
             return NullCache()
 
@@ -72,21 +83,28 @@ def njit(*, cache: bool, **options: Any) -> Callable[[Any], Any]:
 
     def compiled(function: Any) -> Any:
         kernel = numba.njit(**options)(function)
-        if cache and not numba.config.DISABLE_JIT:
+        if not cache or numba.config.DISABLE_JIT:
+            return kernel
+        if FAST and hasattr(kernel, "_cache"):
             kernel._cache = _Cache(function)
-        return kernel
+            return kernel
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # no folder is writable
+            _warn()
+            return kernel
 
     return compiled
 
 
-@cache
+@cached
 def _name_allocators() -> None:
-    """Tell LLVM the addresses of what allocates arrays, which the files of kernels refer to by name."""
-    for name, address in _nrt_python.c_helpers.items():
+    """Tell LLVM the addresses of the functions that allocate arrays: kernels' files refer to them by name."""
+    for name, address in _ALLOCATORS.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
-@cache
+@cached
 def _warn() -> None:
     advice = "set NUMBA_CACHE_DIR to a folder that can be written to"
     warnings.warn(f"compiled code cannot be kept, so each process compiles anew: {advice}", stacklevel=2)

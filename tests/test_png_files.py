@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from PIL import Image
 
-from omniscv import png
+from omniscv.storage import png
 
 sizes = st.tuples(st.integers(1, 9), st.integers(1, 9))
 shapes = sizes.flatmap(lambda size: st.sampled_from((size, (*size, 1), (*size, 3), (*size, 4))))

@@ -10,7 +10,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from omniscv import yaml_text
 from omniscv.arguments import one_of, within
 from omniscv.calibration import nvidia, opencv
 from omniscv.calibration.aria import read_aria, rig_from_aria, rig_to_aria, write_aria
@@ -45,6 +44,7 @@ from omniscv.calibration.rigs import (
 )
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
+from omniscv.storage import bounded
 
 __all__ = [
     "Fit",
@@ -154,7 +154,7 @@ def load(path: str | PathLike[str], format: FormatName | None = None) -> dict[st
             format; the message starts with the path.
     """
     with within(path):
-        text = yaml_text.read_text(Path(path))
+        text = bounded.read_text(Path(path))
         found = [name for name, each in _FORMATS.items() if each.recognises(text)]
         if format is None and len(found) != 1:
             raise ArgumentError(

@@ -3,15 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-from omniscv import arguments, yaml_text
+from omniscv import arguments
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
+from omniscv.storage import bounded
 
 
 def mapping(text: str) -> dict[str, Any]:
     """Return the mapping that a YAML (or JSON) document is; raise ArgumentError for all else."""
-    data = yaml_text.parse(text)
+    data = bounded.parse_yaml(text)
     if not isinstance(data, dict):
         raise ArgumentError(f"expected a YAML mapping, got {shown(data)}")
     return data

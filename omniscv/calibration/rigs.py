@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 import yaml
 
-from omniscv import yaml_text
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration import aria, colmap, kalibr
 from omniscv.calibration.common import field, mapping, whole_number
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.storage import bounded
 
 RigFormat = Literal["json", "kalibr", "colmap", "aria"]
 
@@ -35,8 +35,8 @@ def load_rig(path: str | PathLike[str]) -> Rig:
     path = Path(path)
     with within(path):
         if path.is_dir():
-            return rig_from_colmap(*(yaml_text.read_text(path / name) for name in _COLMAP_FILES))
-        text = yaml_text.read_text(path)
+            return rig_from_colmap(*(bounded.read_text(path / name) for name in _COLMAP_FILES))
+        text = bounded.read_text(path)
         data = mapping(text)
         if "CameraCalibrations" in data:
             return aria.rig_from_aria(text)

@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 
-from omniscv.texts import one_line, printable
+from omniscv.errors import one_line, printable
 
 
 def line(text: object) -> None:

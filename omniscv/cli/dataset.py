@@ -187,12 +187,12 @@ def _shard(text: str) -> tuple[int, int]:
 
 def _options(given: list[str]) -> dict[str, Any]:
     """``NAME=VALUE`` as options; values are YAML."""
-    from omniscv import yaml_text
+    from omniscv.storage import bounded
 
     found = {}
     for each in given:
         name, equals, value = each.partition("=")
         if not (name.isidentifier() and equals):
             raise ArgumentError(f"--option: expected NAME=VALUE, got {each!r}")
-        found[name] = yaml_text.parse(value)
+        found[name] = bounded.parse_yaml(value)
     return found

@@ -124,14 +124,14 @@ def modes(text: str) -> tuple[str, ...]:
 
 def parameter(text: str) -> tuple[str, Any]:
     """``NAME=VALUE``; the value is YAML, or a list separated by commas."""
-    from omniscv import yaml_text
+    from omniscv.storage import bounded
 
     name, equals, value = text.partition("=")
     try:
         if not (equals and name.isidentifier()):
             raise ArgumentError("no name")
-        found = yaml_text.parse(value)
-        return name, yaml_text.parse(f"[{value}]") if isinstance(found, str) and "," in found else found
+        found = bounded.parse_yaml(value)
+        return name, bounded.parse_yaml(f"[{value}]") if isinstance(found, str) and "," in found else found
     except ArgumentError as cause:
         raise _wrong("--param", "NAME=VALUE such as radius=1.0 or k=0.1,0.2", text) from cause
 

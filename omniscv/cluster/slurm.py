@@ -27,10 +27,10 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
-from omniscv import yaml_text
 from omniscv.arguments import Reader, fields, shown, text, texts, whole_number, within
 from omniscv.cluster.places import MOST_WORKERS, settings
 from omniscv.errors import ArgumentError, ClusterError
+from omniscv.storage import bounded
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
@@ -125,7 +125,7 @@ def read(path: Path) -> Slurm:
         ArgumentError: it cannot be read, or a field is unknown, missing or wrong.
     """
     with within(path):
-        given = fields("", yaml_text.parse(yaml_text.read_text(path)), _FIELDS, needed=_NEEDED)
+        given = fields("", bounded.parse_yaml(bounded.read_text(path)), _FIELDS, needed=_NEEDED)
     names = {"directives": "job_extra_directives", "prologue": "job_script_prologue"}
     workers, walltime = given.pop("workers"), given["walltime"]
     options = {names.get(key, key): list(v) if isinstance(v, tuple) else v for key, v in given.items()}

@@ -25,11 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import modalities, plugins, png
+from omniscv import modalities, plugins
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
+from omniscv.storage import png
 from omniscv.storage.local import locked, whole_file
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]

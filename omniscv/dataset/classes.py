@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omniscv import yaml_text
 from omniscv.arguments import shown, within
 from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError
 from omniscv.sources.registry import open_source, scheme_of
-from omniscv.storage import SCHEMES, folder
+from omniscv.storage import SCHEMES, bounded, folder
 from omniscv.truth.classes import ClassRules
 
 
@@ -29,7 +28,7 @@ def class_rules(classes: str | Path | Mapping[str, Any] | ClassRules) -> ClassRu
     if not isinstance(classes, str | Path):
         raise ArgumentError(f"classes: expected a file, or a mapping with 'rules', got {shown(classes)}")
     with within(classes):
-        return ClassRules.from_dict(yaml_text.parse(yaml_text.read_text(Path(classes))))
+        return ClassRules.from_dict(bounded.parse_yaml(bounded.read_text(Path(classes))))
 
 
 def object_names(scene: str | Path) -> tuple[str, ...]:

@@ -20,8 +20,8 @@ import numpy as np
 
 from omniscv.arguments import numbers, shown, within
 from omniscv.errors import ArgumentError
-from omniscv.files import read_bytes
 from omniscv.geometry.pose import Array
+from omniscv.storage.bounded import read_bytes
 from omniscv.truth.cor_id import room_seen
 
 _FORMS = {

@@ -27,9 +27,9 @@ import numpy as np
 
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
-from omniscv.files import read_bytes
 from omniscv.geometry import R_LEVEL, Array, Pose
 from omniscv.geometry.motion import between
+from omniscv.storage.bounded import read_bytes
 
 _NS = 10**9
 _MOST_BYTES = 1 << 28

@@ -29,7 +29,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from omniscv import yaml_text
 from omniscv.arguments import Reader, flag, number, one_of, shown, text, texts, whole_number, within
 from omniscv.arguments import fields as fields_of
 from omniscv.cameras import Camera, from_dict
@@ -43,7 +42,7 @@ from omniscv.jobs.rigs import read_rig, rig_of
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import SourceOptions, scheme_of
 from omniscv.sources.world import Freeze
-from omniscv.storage import is_url, without_secrets
+from omniscv.storage import bounded, is_url, without_secrets
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 """A job with every key, and a comment for each."""
@@ -60,7 +59,7 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Job:
         ArgumentError: the file cannot be read, or a field is unknown, missing or wrong.
     """
     with within(path):
-        data = yaml_text.parse(yaml_text.read_text(path))
+        data = bounded.parse_yaml(bounded.read_text(path))
         return read(overridden(data, overrides or {}), path.parent)
 
 

@@ -87,7 +87,7 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
 def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
     """Bytes and encoding of pixels: PNG for three channels of uint8, NPY for all else; lossless."""
     if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
-        from omniscv import png
+        from omniscv.storage import png
 
         return png.encode(pixels), "png"
     buffer = io.BytesIO()
@@ -132,7 +132,7 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
     """(H, W, 3) RGB; the header is checked first, so that no picture larger than the view is decoded."""
     import cv2
 
-    from omniscv import png
+    from omniscv.storage import png
 
     if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
         raise BadReplyError(f"expected a PNG, got {_start(payload)}")

@@ -6,7 +6,7 @@ which the extra ``cloud`` installs.
 
 from omniscv.storage.base import Folder
 from omniscv.storage.opening import Place, fetch_file, file_at, folder
-from omniscv.storage.urls import SCHEMES, is_url, was_url, without_secrets
+from omniscv.storage.remote import SCHEMES, is_url, was_url, without_secrets
 
 __all__ = [
     "SCHEMES",

@@ -8,8 +8,7 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 from omniscv.storage.base import Folder
 from omniscv.storage.local import LocalFolder
-from omniscv.storage.remote import RemoteFolder
-from omniscv.storage.urls import is_url, scheme_of, was_url
+from omniscv.storage.remote import RemoteFolder, is_url, scheme_of, was_url
 
 
 class Place(NamedTuple):

@@ -1,9 +1,10 @@
-"""A folder of an object store, through fsspec."""
+"""Object stores: folders by URL, through fsspec, and URLs that are safe to print."""
 
 from __future__ import annotations
 
 import os
 import random
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,10 +15,15 @@ from omniscv.errors import ArgumentError, MissingFileError, OmniscvError, Storag
 from omniscv.storage import cache
 from omniscv.storage.base import Folder, checked
 from omniscv.storage.local import NO_SPACE
-from omniscv.storage.urls import without_secrets
 
 T = TypeVar("T")
 
+SCHEMES = ("file", "s3", "gs", "memory")
+"""Stores that are tested; any other scheme that fsspec knows is opened too."""
+
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
+_USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
+_QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
 _ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
 _PATIENCE_S = 20.0
 """No attempt is begun later: the packages of some stores try again for a while themselves."""
@@ -217,3 +223,24 @@ def _failed(place: str, cause: Exception, full: bool) -> StorageError:
     got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
     advice = "; free space there, and run again" if full else ""
     return StorageError(f"{place}: expected to read or write it, got: {without_secrets(got)}{advice}")
+
+
+def is_url(text: object) -> bool:
+    """Return whether a text is a URL, ``scheme://...``; a Path is none."""
+    return isinstance(text, str) and _URL.match(text) is not None
+
+
+def was_url(path: object) -> bool:
+    """Return whether a Path was made of a URL, and so lost a slash: ``s3:/bucket/rooms``."""
+    return isinstance(path, Path) and path.parts[:1] in {(f"{scheme}:",) for scheme in SCHEMES}
+
+
+def scheme_of(url: str) -> str:
+    """Return the scheme of a URL; an empty text for a path."""
+    found = _URL.match(url)
+    return found[1].lower() if found else ""
+
+
+def without_secrets(text: object) -> str:
+    """Return a text whose URLs have no user, password or query: these may be credentials."""
+    return _QUERY.sub("", _USER.sub("", str(text)))

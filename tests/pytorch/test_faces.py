@@ -8,9 +8,9 @@ from support.datasets import CLASSES
 
 import mock_server
 import omniscv
-from omniscv import yaml_text
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.sources import Capabilities, Capture, ObjectTable, Source, SourceWrapper
+from omniscv.storage import bounded
 from omniscv.torch import Faces
 
 CENTER = (0.1, -0.2, 1.4)
@@ -158,7 +158,7 @@ def test_orientations_may_be_tensors(wide):
 
 def test_classes():
     camera = omniscv.cameras.create("equirectangular", width=32, height=16)
-    rules = yaml_text.parse(CLASSES)
+    rules = bounded.parse_yaml(CLASSES)
     with omniscv.open_source("scene://four-wall") as source:
         faces = Faces(source, CENTER, ("object_mask",), face_size=24, classes=rules)
         names = source.objects().names()

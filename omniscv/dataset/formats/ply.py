@@ -23,9 +23,9 @@ from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.dataset.frames import Frame
+from omniscv.errors import printable
 from omniscv.planning.viewpoints import unproject
 from omniscv.storage.local import whole_file
-from omniscv.texts import printable
 from omniscv.truth import Points
 
 name = "ply"

@@ -16,7 +16,6 @@ from omniscv.errors import (
     RecordingError,
     RecordingNotWritableError,
 )
-from omniscv.files import read_bytes
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
@@ -34,6 +33,7 @@ from omniscv.sources.recording.rows import (
 from omniscv.sources.recording.schema import MOST_OBJECTS
 from omniscv.sources.recording.state_table import HeldState, from_dict, to_dict
 from omniscv.sources.recording.store import Store
+from omniscv.storage.bounded import read_bytes
 from omniscv.storage.local import folder_beside, refusal
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"

@@ -16,9 +16,9 @@ from omniscv.dataset import Frame
 from omniscv.dataset.manifest import DATASET, FRAMES
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
-from omniscv.files import read_bytes
 from omniscv.geometry import Pose
 from omniscv.storage import Folder
+from omniscv.storage.bounded import read_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _LARGEST_JSON = 1 << 26
