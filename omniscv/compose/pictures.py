@@ -47,10 +47,17 @@ def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
     return np.where(image.valid[..., None], found, np.array(OUTSIDE, np.uint8))
 
 
+def uint8_colors(colors: NDArray[Any]) -> Picture:
+    """Return colours (...) as uint8: floats from 0 to 1 become 0 to 255, NaN becomes 0."""
+    if colors.dtype == np.uint8:
+        return colors
+    return np.asarray(np.round(255 * np.clip(np.nan_to_num(colors), 0, 1)), np.uint8)
+
+
 def _plain(values: NDArray[Any]) -> Picture:
-    """Colours as they are; other values from black to white."""
+    """Return RGB as uint8, and other values as grey, from black at 0 to white at the largest."""
     if values.ndim == 3 and values.shape[2] == 3:
-        return values if values.dtype == np.uint8 else np.round(255 * np.clip(values, 0, 1)).astype(np.uint8)
+        return uint8_colors(values)
     grey = np.where(np.isfinite(values), values, 0).astype(np.float64)
     grey = grey if grey.ndim == 2 else grey[..., 0]
     scaled = np.round(255 * grey / (grey.max() or 1)).clip(0, 255).astype(np.uint8)

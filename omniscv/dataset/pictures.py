@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import write_picture
+from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset.frames import Frame
 from omniscv.modalities import Modality
 from omniscv.storage.local import whole_file
@@ -40,10 +41,7 @@ def write_color(path: Path, frame: Frame) -> Path:
     """
     own = frame.files.get("lit")
     if own is None or own.suffix != path.suffix:
-        lit = frame.layer("lit")
-        return write_pixels(
-            path, lit if lit.dtype == np.uint8 else np.round(255 * np.clip(lit, 0, 1)).astype(np.uint8)
-        )
+        return write_pixels(path, uint8_colors(frame.layer("lit")))
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as part:
         shutil.copyfile(own, part)

@@ -14,7 +14,7 @@ from omniscv.arguments import Reader, fields, number, one_of, shown, whole_numbe
 from omniscv.dataset.manifest import check_key
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.geometry.places import joined
+from omniscv.geometry.clusters import cluster_starts
 
 _SHARES = 1e-6  # how far their sum may be off 1
 
@@ -74,7 +74,7 @@ class Split:
         given = given or [""] * len(positions_w)
         free = [i for i, place in enumerate(given) if not place]
         positions = dict.fromkeys(map(tuple, positions_w[free].tolist()))  # many poses may share one
-        first = dict(zip(positions, joined(np.array(list(positions)), self.distance_m), strict=True))
+        first = dict(zip(positions, cluster_starts(np.array(list(positions)), self.distance_m), strict=True))
         found = list(given)
         for i in free:
             found[i] = ",".join(f"{each:.3f}" for each in first[tuple(positions_w[i].tolist())])

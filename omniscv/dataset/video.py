@@ -9,11 +9,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from omniscv import storage
 from omniscv.arguments import number, whole_number
+from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset import photo_sphere, spherical_video
 from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
@@ -74,17 +72,13 @@ def _encoded(
         )
         stream.options = {"crf": str(quality), "preset": "medium"}
         for done, frame in enumerate(frames, start=1):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(_colors(frame), format="rgb24")))
+            container.mux(
+                stream.encode(av.VideoFrame.from_ndarray(uint8_colors(frame.layer("lit")), format="rgb24"))
+            )
             if progress:
                 progress(done, len(frames))
         container.mux(stream.encode())
     return file.getvalue()
-
-
-def _colors(frame: Frame) -> NDArray[np.uint8]:
-    """(H, W, 3) the colours of a frame; floats are 0..1."""
-    pixels = frame.layer("lit")
-    return pixels if pixels.dtype == np.uint8 else np.round(255 * np.clip(pixels, 0, 1)).astype(np.uint8)
 
 
 def _library() -> ModuleType | Any:

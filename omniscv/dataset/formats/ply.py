@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
+from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset.frames import Frame
 from omniscv.errors import printable
 from omniscv.planning.viewpoints import unproject
@@ -98,8 +99,8 @@ def points_of(frame: Frame, rays: Rays, max_error_m: float | None = None) -> Poi
         ArgumentError: a layer that is needed is missing.
     """
     layers = frame.has("normals", "lit", "labels", "classes")
-    if "lit" in layers and layers["lit"].dtype.kind == "f":
-        layers["lit"] = np.rint(255 * layers["lit"].clip(0, 1)).astype(np.uint8)
+    if "lit" in layers:
+        layers["lit"] = uint8_colors(layers["lit"])
     unsure = frame.has("unsure").get("unsure")
     if max_error_m is not None:
         off = frame.layer("depth_error") > max_error_m

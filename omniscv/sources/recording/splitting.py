@@ -10,7 +10,7 @@ import numpy as np
 from omniscv import storage
 from omniscv.arguments import number, one_of
 from omniscv.errors import ArgumentError
-from omniscv.geometry.places import joined
+from omniscv.geometry.clusters import cluster_starts
 from omniscv.sources.recording.adding import opened_whole
 from omniscv.sources.recording.rows import Row, view_from_json
 from omniscv.sources.recording.store import Store
@@ -62,7 +62,7 @@ def _places(rows: Sequence[Row], distance_m: float) -> list[str]:
     """The place of each capture: the view that was requested decides."""
     centers = [tuple(view_from_json(row.asked).pose.position.tolist()) for row in rows]
     distinct = list(dict.fromkeys(centers))
-    place_of = dict(zip(distinct, joined(np.array(distinct), distance_m).tolist(), strict=True))
+    place_of = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
     return [",".join(f"{each + 0.0:.3f}" for each in place_of[center]) for center in centers]
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
+from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset import Frame
 from omniscv.errors import ArgumentError
 from omniscv.parallel import side_by_side
@@ -77,5 +78,4 @@ def _packed(frame: Frame, name: str) -> dict[str, Any]:
 
 
 def _png(values: NDArray[Any]) -> bytes:
-    shown = values if values.dtype == np.uint8 else np.rint(255 * np.clip(np.nan_to_num(values), 0, 1))
-    return cv2.imencode(".png", np.ascontiguousarray(shown[..., ::-1].astype(np.uint8)))[1].tobytes()
+    return cv2.imencode(".png", np.ascontiguousarray(uint8_colors(values)[..., ::-1]))[1].tobytes()
