@@ -218,7 +218,7 @@ class Renderer:
             return TiledSampler(rays, R_w_d, views)
         if camera is None:
             return self._sampler(rays, R_w_d, views)
-        turned = tuple(view.key()[:2] + view.key()[5:] for view in views)
+        turned = tuple(view.key()._replace(position=()) for view in views)
         key = ("sampler", camera, R_w_d.tobytes(), turned)
         return self._cache.get(key, lambda: self._sampler(rays, R_w_d, views), keep_at_once=False)
 

@@ -1,24 +1,18 @@
 """Captures that several images need, held from one to the next."""
 
 from abc import abstractmethod
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
+from omniscv.sources.ordered import Held, in_order
 
 
 class HeldCaptures(SourceWrapper):
     """A source of which some captures are held, and given again in place of new ones."""
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        coming, waiting = iter(requests), deque[Capture | None]()
-        for fresh in self._source.capture(self._missing(coming, waiting)):
-            while held := waiting.popleft():
-                yield held
-            self._hold(fresh)
-            yield fresh
-        while waiting and (held := waiting.popleft()):
-            yield held
+        return in_order(requests, self._held_capture, self._capture_and_hold)
 
     @abstractmethod
     def _find(self, request: Request) -> Capture | None:
@@ -28,13 +22,14 @@ class HeldCaptures(SourceWrapper):
     def _hold(self, capture: Capture) -> None:
         """Take a new capture."""
 
-    def _missing(self, coming: Iterator[Request], waiting: deque[Capture | None]) -> Iterator[Request]:
-        """The requests that are captured now; to ``waiting`` go the captures held, and None for these."""
-        for request in coming:
-            held = self._find(request)
-            waiting.append(held)
-            if held is None:
-                yield request
+    def _held_capture(self, request: Request) -> Held | None:
+        capture = self._find(request)
+        return None if capture is None else lambda: capture
+
+    def _capture_and_hold(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for capture in self._source.capture(requests):
+            self._hold(capture)
+            yield capture
 
 
 class SharedCaptures(HeldCaptures):

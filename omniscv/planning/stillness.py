@@ -159,12 +159,12 @@ class StillSet(SourceWrapper):
 
 
 def _center(view: View) -> Any:
-    return view.key()[2:5]
+    return view.key().position
 
 
 def _sight(view: View) -> Any:
     """Where a view looks from and to, whatever its size: ground truth may be finer."""
-    return view.key()[2:]
+    return view.key()._replace(width=0, height=0)
 
 
 def _digest(capture: Capture) -> bytes:

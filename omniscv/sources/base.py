@@ -1,12 +1,18 @@
-"""The interface of every source: views, requests, captures, capabilities, the objects of a scene."""
+"""The interface of every source: views, requests, captures, capabilities, the objects of a scene.
+
+**A live source belongs to the process that opened it**, because two processes cannot share a connection. In
+a forked child it raises SourceError, and closing it there leaves the server alone: :class:`ProcessBound`.
+Scenes and recordings hold no connection and work in forked children.
+"""
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, fields
-from typing import Self
+from typing import NoReturn, Self
 
 from omniscv import modalities
 from omniscv.arguments import shown
@@ -305,6 +311,60 @@ class SourceView(SourceWrapper):
 
     def close(self) -> None:
         pass
+
+
+class ProcessBound(SourceWrapper):
+    """A live source in the process that opened it; other processes cannot use, pickle or close it.
+
+    Args:
+        source: closed with this.
+        address: of the source, for messages.
+    """
+
+    def __init__(self, source: Source, address: str) -> None:
+        super().__init__(source)
+        self._address, self._process = address, os.getpid()
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        self._check_process()
+        return super().capture(requests)
+
+    def objects(self) -> ObjectTable:
+        self._check_process()
+        return super().objects()
+
+    def geometry(self) -> SceneGeometry:
+        self._check_process()
+        return super().geometry()
+
+    def without(self, objects: Iterable[str]) -> Source:
+        self._check_process()
+        return ProcessBound(super().without(objects), self._address)
+
+    def at(self, instant: Instant) -> Source:
+        self._check_process()
+        return ProcessBound(super().at(instant), self._address)
+
+    def command(self, text: str) -> str:
+        self._check_process()
+        return super().command(text)
+
+    @property
+    def world(self) -> World:
+        self._check_process()
+        return super().world
+
+    def close(self) -> None:
+        if self._process == os.getpid():
+            super().close()
+
+    def __reduce__(self) -> NoReturn:
+        raise not_picklable(self._address)
+
+    def _check_process(self) -> None:
+        if self._process != os.getpid():
+            wanted = "expected to be used by the process that opened it, got a fork of that process"
+            raise SourceError(f"{self._address}: {wanted}; open it again there")
 
 
 def closed_error(what: str) -> SourceError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,21 @@ _POSE_DECIMALS = 7
 ten-thousandth of a pixel at f = 1024; servers print three decimals of a centimetre."""
 
 LONGEST_STATE = 100  # characters
+
+
+class ViewKey(NamedTuple):
+    """The numbers of a view, rounded: equal views have equal keys.
+
+    Attributes:
+        position: 3 coordinates, metres.
+        rotation: ``R_w_c``, 9 entries row by row.
+    """
+
+    width: int
+    height: int
+    position: tuple[float, ...]
+    rotation: tuple[float, ...]
+    fov_deg: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +76,15 @@ class View:
         """(H, W): length of the ray to each pixel's centre per metre of planar depth, ``|(x/z, y/z, 1)|``."""
         return pinhole.ray_lengths(self.focal_px, self.width, self.height)
 
-    def key(self) -> tuple[Any, ...]:
-        """Width, height, position (3), rotation (9) and ``fov_deg``, rounded: equal views have equal keys."""
+    def key(self) -> ViewKey:
+        """Return the view's numbers, rounded."""
         return self._key
 
     @cached_property
-    def _key(self) -> tuple[Any, ...]:
+    def _key(self) -> ViewKey:
         numbers = np.concatenate([self.pose.position, self.pose.rotation.ravel(), [self.fov_deg]])
-        rounded = np.round(numbers, _POSE_DECIMALS) + 0.0  # + 0.0: no negative zero
-        return (self.width, self.height, *rounded.tolist())
+        rounded = (np.round(numbers, _POSE_DECIMALS) + 0.0).tolist()  # + 0.0: no negative zero
+        return ViewKey(self.width, self.height, tuple(rounded[:3]), tuple(rounded[3:12]), rounded[12])
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, View) and self.key() == other.key()

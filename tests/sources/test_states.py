@@ -183,7 +183,8 @@ def test_a_still_world_is_recorded_as_before(scene, tmp_path):
         columns = [row[1] for row in database.execute("PRAGMA table_info(capture)")]
         rows = database.execute("SELECT * FROM capture ORDER BY number").fetchall()
     assert "state" not in columns
-    assert json.loads(rows[0][1]) == ["lit", *requests(SMALL)[0].view.key()]
+    width, height, position, rotation, fov_deg = requests(SMALL)[0].view.key()
+    assert json.loads(rows[0][1]) == ["lit", width, height, *position, *rotation, fov_deg]
     assert info(path).schema_version == 3
     record(scene, path, [LATER])
     with closing(sqlite3.connect(path)) as database:

@@ -67,7 +67,7 @@ def info(path: Path | str) -> Info:
             bytes=store.path.stat().st_size,
             schema_version=store.version,
             captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
-            centers=len({view.key()[2:5] for view in views}),
+            centers=len({view.key().position for view in views}),
             sizes=dict(Counter(f"{view.width}x{view.height}" for view in views).most_common()),
             servers=known("server"),
             scenes=known("scene"),
@@ -116,7 +116,7 @@ def places(path: Path | str) -> list[Place]:
         found: dict[tuple[object, ...], list[tuple[View, Row]]] = {}
         for row in store.listing():
             view = view_from_json(row.captured)
-            found.setdefault((*view.key()[2:5], row.state), []).append((view, row))
+            found.setdefault((view.key().position, row.state), []).append((view, row))
     return [_place(each) for each in found.values()]
 
 

@@ -56,9 +56,8 @@ def states_in_words(states: Collection[str]) -> str:
 
 
 def _axis_key(view: View) -> tuple[Any, ...]:
-    width, height, *numbers, fov_deg = view.key()
     axis = np.round(view.pose.R_w_c[:, 2], _AXIS_DECIMALS) + 0.0
-    return (width, height, fov_deg, *numbers[:3], *axis.tolist())
+    return view.key()._replace(rotation=tuple(axis.tolist()))
 
 
 def _distances(a: View, b: View) -> tuple[float, float, float, float]:
@@ -78,12 +77,14 @@ def differences(a: View, b: View) -> str:
     angle, opening = np.degrees(radians)
     angles = a.pose.angles(), b.pose.angles()
     parts = (
-        (slice(2, 5), f"position by {metres:.3g} m", (a.pose.position, b.pose.position)),
-        (slice(5, 14), f"orientation by {angle:.3g} deg of yaw, pitch, roll", angles),
-        (slice(14, 15), f"field of view by {opening:.3g} deg", ((a.fov_deg,), (b.fov_deg,))),
+        ("position", f"position by {metres:.3g} m", (a.pose.position, b.pose.position)),
+        ("rotation", f"orientation by {angle:.3g} deg of yaw, pitch, roll", angles),
+        ("fov_deg", f"field of view by {opening:.3g} deg", ((a.fov_deg,), (b.fov_deg,))),
     )
-    found = [text + _both(*both) for part, text, both in parts if a.key()[part] != b.key()[part]]
-    if a.key()[:2] != b.key()[:2]:
+    found = [
+        text + _both(*both) for part, text, both in parts if getattr(a.key(), part) != getattr(b.key(), part)
+    ]
+    if (a.width, a.height) != (b.width, b.height):
         found.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
     return "; ".join(found)
 

@@ -3,8 +3,8 @@
 import contextlib
 import logging
 import threading
-from collections import deque
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -12,12 +12,12 @@ from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, not_picklable
+from omniscv.sources.ordered import Held, in_order
 from omniscv.sources.recording.object_tables import labelled_modes
 from omniscv.sources.recording.replay import sharing
 from omniscv.sources.recording.state_table import HeldState
 from omniscv.sources.recording.store import Store
 
-_RECORDED_AHEAD = 24  # requests in a row that the file holds, which are replayed before more are read
 _log = logging.getLogger("omniscv")
 
 
@@ -55,19 +55,15 @@ class Recording(SourceWrapper):
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; a new capture is in the file before it is yielded."""
-        coming = iter(requests)
-        self._store.set_scene(self._source.scene_identity)  # which a game may have left
-        while True:
-            waiting: deque[Request] = deque()
-            for fresh in self._source.capture(self._missing(coming, waiting)):
-                self._add(fresh)
-                while (request := waiting.popleft()) != fresh.request:
-                    yield self._stored(request)
-                yield fresh
-            if not waiting:
-                return
-            while waiting:
-                yield self._stored(waiting.popleft())
+        captured: set[Request] = set()
+
+        def find(request: Request) -> Held | None:
+            if request.again or not (request in captured or self._holds(request)):
+                captured.add(request)
+                return None
+            return partial(self._stored, request)
+
+        return in_order(requests, find, self._capture_and_add)
 
     def objects(self) -> ObjectTable:
         """The objects, with those that the file had before; written to it by :meth:`Store.set_objects`, and
@@ -113,6 +109,12 @@ class Recording(SourceWrapper):
                 self._renewed, self._objects, self._noted = renewed, None, ""
                 raise
 
+    def _capture_and_add(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        self._store.set_scene(self._source.scene_identity)  # which a game may have left
+        for capture in self._source.capture(requests):
+            self._add(capture)
+            yield capture
+
     def _add(self, fresh: Capture) -> None:
         """Write a new capture, and before it what it depends on."""
         if fresh.request.again:
@@ -157,21 +159,6 @@ class Recording(SourceWrapper):
 
     def __reduce__(self) -> NoReturn:
         raise not_picklable(str(self._store.path))
-
-    def _missing(self, coming: Iterator[Request], waiting: deque[Request]) -> Iterator[Request]:
-        """The requests that the file does not hold, each once; all that are read go to ``waiting``."""
-        captured: set[Request] = set()
-        in_a_row = 0
-        for request in coming:
-            waiting.append(request)
-            if not request.again and (request in captured or self._holds(request)):
-                in_a_row += 1
-                if in_a_row == _RECORDED_AHEAD:
-                    return
-            else:
-                in_a_row = 0
-                captured.add(request)
-                yield request
 
     def _holds(self, request: Request) -> bool:
         return self._store.holds(request) if self._renewed is None else request in self._renewed

@@ -210,8 +210,10 @@ def write_head(database: sqlite3.Connection, head: Head) -> None:
 def keys(request: Request) -> list[str]:
     """The keys of a request in a file: the one to write, then those by aliases of its mode."""
     names = (request.mode, *modalities.get(request.mode).aliases)
+    width, height, position, rotation, fov_deg = request.view.key()
     state = (request.state,) if request.state else ()
-    return [json.dumps([name, *request.view.key(), *state], separators=(",", ":")) for name in names]
+    numbers = width, height, *position, *rotation, fov_deg, *state
+    return [json.dumps([name, *numbers], separators=(",", ":")) for name in names]
 
 
 def view_to_json(view: View) -> str:

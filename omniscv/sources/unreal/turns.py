@@ -21,7 +21,7 @@ def turns(
     """
     turn: list[Request] = []
     pixels = 0
-    for _, viewpoint in groupby(requests, lambda request: request.view.key()[2:5]):
+    for _, viewpoint in groupby(requests, lambda request: request.view.key().position):
         for request in viewpoint:
             check(request)
             if turn and not alone and pixels + _pixels(request) > _TURN_PX:
