@@ -1,1 +1,1 @@
-"""The paper's evaluations: algorithms that are fed with images whose truth is known, and scored by it."""
+"""The paper's evaluations: algorithms run on images with known truth, and scored by it."""

@@ -1,16 +1,16 @@
 """The evaluations, by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from omniscv.arguments import shown
+from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.figures import Report
+from omniscv.evaluate.report import Report
+
+_NAMES = ("layout", "calibration", "lines", "odometry")
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Settings:
     """How an evaluation runs.
 
     Attributes:
-        out: folder for pictures, which is there.
-        quick: small images and few of them: within a minute.
-        source: an address; the evaluation's own scenes of the mock if not given.
+        out: an existing folder for the pictures.
+        quick: render fewer and smaller images, to finish within a minute.
+        source: an address; None for the evaluation's own scenes of the mock.
         options: of this evaluation alone, such as ``predictions``.
         progress: called with (steps done, steps in all).
     """
@@ -33,7 +33,7 @@ class Settings:
 
 
 class Evaluation(Protocol):
-    """What an evaluation is: a module with a function. ``OPTIONS`` names the options that it takes."""
+    """A module with a function; ``OPTIONS`` are the names of the options that it takes."""
 
     OPTIONS: frozenset[str]
 
@@ -41,31 +41,21 @@ class Evaluation(Protocol):
         """Render, run the algorithm, score it, draw the chart into ``settings.out``."""
 
 
-_MODULES = {
-    "layout": "omniscv.evaluate.layout",
-    "calibration": "omniscv.evaluate.calibration",
-    "lines": "omniscv.evaluate.lines",
-    "odometry": "omniscv.evaluate.odometry",
-}
-"""Imported when used."""
-
-
 def names() -> tuple[str, ...]:
     """Return the names of all evaluations."""
-    return tuple(_MODULES)
+    return _NAMES
 
 
 def run(name: str, settings: Settings) -> Report:
-    """Run an evaluation.
+    """Run an evaluation; its module is imported here.
 
     Raises:
-        ArgumentError: no evaluation has that name, or it does not take an option.
+        ArgumentError: unknown name, or an option that the evaluation does not take.
         OmniscvError: of its source.
     """
-    if name not in _MODULES:
-        raise ArgumentError(f"evaluation: expected one of {', '.join(names())}; got {shown(name)}")
-    evaluation: Evaluation = import_module(_MODULES[name])
+    one_of("evaluation", name, _NAMES)
+    evaluation: Evaluation = import_module(f"omniscv.evaluate.{name}.evaluation")
     if unknown := sorted(set(settings.options) - evaluation.OPTIONS):
         known = ", ".join(sorted(evaluation.OPTIONS)) or "none"
-        raise ArgumentError(f"{name}: expected options among {known}; got {', '.join(unknown)}")
+        raise ArgumentError(f"{name}: unknown option {unknown[0]!r}; known options: {known}")
     return evaluation.evaluate(settings)

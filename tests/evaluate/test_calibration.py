@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 import omniscv
-from omniscv.evaluate import calibration, calibration_chart
-from omniscv.evaluate.edges import EdgePoints, find_edges
-from omniscv.evaluate.line_calibration import calibrate
-from omniscv.evaluate.line_grouping import group_lines
-from omniscv.evaluate.line_images import models
+from omniscv.evaluate.calibration import chart as calibration_chart
+from omniscv.evaluate.calibration import evaluation as calibration
+from omniscv.evaluate.calibration.edges import EdgePoints, find_edges
+from omniscv.evaluate.calibration.estimation import calibrate
+from omniscv.evaluate.calibration.grouping import group_lines
+from omniscv.evaluate.calibration.line_images import models
 from omniscv.evaluate.registry import Settings, run
 
 UNIT = 512

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.figures import Figure, Report
 from omniscv.evaluate.registry import Settings, names, run
+from omniscv.evaluate.report import Figure, Report
 
 FIGURES = [Figure("edges F1", 0.71, paper=0.642, n=10), Figure("ATE", 3.1, "mm")]
 ROWS = [{"image": "a, 1", "error": 0.125, "n": 3}, {"image": 'b "2"', "error": 2.5e-9, "n": 4}]
@@ -51,6 +51,6 @@ def test_an_unknown_evaluation_is_refused(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["calibration", "lines"])
 def test_options_of_other_evaluations_are_refused(name, tmp_path):
-    with pytest.raises(ArgumentError, match=f"{name}: expected options among none; got predictions"):
+    with pytest.raises(ArgumentError, match=f"{name}: unknown option .predictions.; known options: none"):
         run(name, Settings(tmp_path, options={"predictions": tmp_path}))
     assert not list(tmp_path.iterdir())

@@ -10,9 +10,8 @@ from support.rooms import L_SHAPE, PLAIN, room_of_plan
 
 from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import layout_set
-from omniscv.evaluate.layout_drawing import maps_of
-from omniscv.evaluate.layout_predictions import read
+from omniscv.evaluate.layout import panoramas
+from omniscv.evaluate.layout.predictions import draw_maps, read
 from omniscv.truth.cor_id import cor_id
 
 WIDTH = 256
@@ -34,7 +33,7 @@ def as_txt(corners, path):
 
 
 def as_maps(corners, path, suffix="png"):
-    for kind, drawn in zip(("EM", "CM"), maps_of(corners, WIDTH), strict=True):
+    for kind, drawn in zip(("EM", "CM"), draw_maps(corners, WIDTH), strict=True):
         Image.fromarray(drawn).save(f"{path}_{kind}.{suffix}")
 
 
@@ -58,7 +57,7 @@ def test_maps_come_back_as_they_were_written(tmp_path, suffix, off, mean_off):
     found = read(tmp_path, list(CORNERS), WIDTH)
     for name, corners in CORNERS.items():
         assert found[name].corners is None
-        for read_back, drawn in zip(found[name].maps, maps_of(corners, WIDTH), strict=True):
+        for read_back, drawn in zip(found[name].maps, draw_maps(corners, WIDTH), strict=True):
             change = np.abs(255 * read_back - drawn)
             assert change.max() <= off + 1e-9
             assert change.mean() <= mean_off + 1e-9
@@ -75,8 +74,8 @@ def test_deep_and_coloured_maps_are_read_too(tmp_path):
 
 def test_the_truth_that_is_written_can_be_read_as_a_prediction(tmp_path):
     lit = np.zeros((WIDTH // 2, WIDTH, 3), np.uint8)
-    shot = layout_set.known_shot("shot", lit, room_of_plan(L_SHAPE), PANORAMA, POSE)
-    layout_set.write(shot, tmp_path)
+    shot = panoramas.with_truth("shot", lit, room_of_plan(L_SHAPE), PANORAMA, POSE)
+    panoramas.write(shot, tmp_path)
     found = read(tmp_path, ["shot"], WIDTH)["shot"]
     assert found.corners == pytest.approx(shot.corners, abs=5e-4)  # three decimals
     for read_back, drawn in zip(found.maps, shot.maps, strict=True):

@@ -6,10 +6,10 @@ import pytest
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import lines
-from omniscv.evaluate.label_boundaries import boundary, outline
+from omniscv.evaluate.lines import evaluation as lines
+from omniscv.evaluate.lines.boundaries import boundary, outline
+from omniscv.evaluate.lines.true_edges import room_edges, seen_edges
 from omniscv.evaluate.registry import Settings, run
-from omniscv.evaluate.true_edges import room_edges, seen_edges
 
 
 def test_boundaries_lie_between_the_pixels_of_two_labels():

@@ -7,9 +7,10 @@ import pytest
 from scipy.optimize import minimize
 
 import omniscv
-from omniscv.evaluate import line_priors, plucker
-from omniscv.evaluate.line_refinement import ObservedLine
-from omniscv.evaluate.noncentral_lines import effective_baseline, free_line, level_line, line_along
+from omniscv.evaluate.lines import plucker
+from omniscv.evaluate.lines import priors as line_priors
+from omniscv.evaluate.lines.noncentral import effective_baseline, free_line, level_line, line_along
+from omniscv.evaluate.lines.refinement import ObservedLine
 
 PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
 CAMERAS = {

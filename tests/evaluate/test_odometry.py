@@ -12,15 +12,17 @@ from PIL import Image
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, OmniscvError
-from omniscv.evaluate import odometry, odometry_sequence, registry
-from omniscv.evaluate.bearing_features import detect, inner_mask
+from omniscv.evaluate import registry
+from omniscv.evaluate.odometry import evaluation as odometry
+from omniscv.evaluate.odometry import sequence
+from omniscv.evaluate.odometry.features import detect, inner_mask
+from omniscv.evaluate.odometry.structure_from_motion import reconstruct
+from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors
 from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.structure_from_motion import reconstruct
-from omniscv.evaluate.trajectory_errors import path_length, rms, trajectory_errors
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.sources.registry import open_source
 
-ARC = odometry_sequence.flight(60)[:15:3]
+ARC = sequence.flight(60)[:15:3]
 RIG = Rig(
     {
         "panorama": RigCamera(create("equirectangular", 512, 256)),
@@ -33,7 +35,7 @@ RIG = Rig(
 def images(tmp_path_factory):
     with open_source("scene://four-wall") as source:
         done = []
-        yield odometry_sequence.shoot(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
+        yield sequence.shoot(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
     assert done == [1, 2, 3, 4, 5]
 
 
@@ -58,11 +60,11 @@ def test_the_same_images_give_the_same_poses(images):
 
 
 def test_the_flight_is_a_loop_of_even_times():
-    flight = odometry_sequence.flight(60)
+    flight = sequence.flight(60)
     steps = [path_length(pair) for pair in zip(flight, [*flight[1:], flight[0]], strict=True)]
     assert max(steps) < 1.3 * min(steps)
     assert 6.3 < sum(steps) < 7.0
-    np.testing.assert_allclose(np.diff(flight.times), odometry_sequence.SECONDS / 60)
+    np.testing.assert_allclose(np.diff(flight.times), sequence.SECONDS / 60)
 
 
 def test_the_bearing_of_a_feature_is_that_of_the_place_where_it_is():
@@ -135,7 +137,7 @@ def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
     script = (
         "import os, signal, sys\n"
         "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))\n"
-        "from omniscv.evaluate.structure_from_motion import load_pycolmap\n"
+        "from omniscv.evaluate.odometry.structure_from_motion import load_pycolmap\n"
         "load_pycolmap()\n"
         "os.kill(os.getpid(), signal.SIGTERM)\n"
     )
@@ -150,7 +152,7 @@ def test_a_trajectory_that_is_none(tmp_path):
 
 def test_colours_of_floating_point_are_refused(tmp_path):
     with open_source("scene://four-wall?lit=float32") as source, pytest.raises(ArgumentError, match="bytes"):
-        odometry_sequence.shoot(RIG, ARC[:1], source, tmp_path, lambda done: None)
+        sequence.shoot(RIG, ARC[:1], source, tmp_path, lambda done: None)
 
 
 @pytest.mark.soak

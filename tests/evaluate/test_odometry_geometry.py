@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from omniscv.evaluate.bearing_adjustment import Observations, adjust, meeting_points, resect
-from omniscv.evaluate.bearing_features import Features
-from omniscv.evaluate.trajectory_errors import trajectory_errors
-from omniscv.evaluate.two_views import epipolar_angles, essential, pose_of, ray_depths, relative_pose
-from omniscv.evaluate.visual_odometry import estimate
+from omniscv.evaluate.odometry.adjustment import Observations, adjust, meeting_points, resect
+from omniscv.evaluate.odometry.features import Features
+from omniscv.evaluate.odometry.trajectory_errors import trajectory_errors
+from omniscv.evaluate.odometry.two_views import epipolar_angles, essential, pose_of, ray_depths, relative_pose
+from omniscv.evaluate.odometry.visual_odometry import estimate
 from omniscv.geometry import Pose
 
 LIMIT = np.radians(0.4)

@@ -1,7 +1,7 @@
 """The parameter r_vl of an uncalibrated camera of revolution, from the images of straight lines.
 
 For a candidate each line's plane normal follows linearly from its points; how far the points are from the
-line image that this gives says how well the candidate fits. See :mod:`omniscv.evaluate.line_images`.
+line image that this gives says how well the candidate fits. See ``line_images.py``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from omniscv.evaluate.line_images import LineImages
+from omniscv.evaluate.calibration.line_images import LineImages
 from omniscv.geometry.pose import Array
 
 _CANDIDATES = 60

@@ -21,7 +21,7 @@ from omniscv.calibration.colmap import camera_line
 from omniscv.cameras import Camera
 from omniscv.compose.files import write_picture
 from omniscv.errors import OmniscvError
-from omniscv.evaluate.bearing_features import inner_mask
+from omniscv.evaluate.odometry.features import inner_mask
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 

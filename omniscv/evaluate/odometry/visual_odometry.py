@@ -1,10 +1,10 @@
 """Visual odometry on bearings: the motion of any central camera from its images.
 
-1. Features are followed from frame to frame (:mod:`omniscv.evaluate.tracks`).
+1. Features are followed from frame to frame (:mod:`omniscv.evaluate.odometry.tracks`).
 2. The first frame with enough parallax to frame 0 gives the first points, and the unit of length.
 3. A further frame is turned as its essential matrix says; how far it moved follows from points that are
    known, and its pose is fitted to them. Tracks seen from far enough apart become points, and the last frames
-   are adjusted together (:mod:`omniscv.evaluate.bearing_adjustment`).
+   are adjusted together (:mod:`omniscv.evaluate.odometry.adjustment`).
 
 No loop is closed: what drifts stays. Cameras whose rays do not share one origin are not served: the bearing
 alone does not fix the line on which a point lies.
@@ -17,10 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.evaluate.bearing_adjustment import Observations, adjust, meeting_points, resect, residuals
-from omniscv.evaluate.bearing_features import Features
-from omniscv.evaluate.tracks import FEWEST, Tracks, follow
-from omniscv.evaluate.two_views import relative_pose
+from omniscv.evaluate.odometry.adjustment import Observations, adjust, meeting_points, resect, residuals
+from omniscv.evaluate.odometry.features import Features
+from omniscv.evaluate.odometry.tracks import FEWEST, Tracks, follow
+from omniscv.evaluate.odometry.two_views import relative_pose
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.motion import between
 

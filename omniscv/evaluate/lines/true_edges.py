@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from omniscv.cameras import Camera
-from omniscv.evaluate import plucker
-from omniscv.evaluate.label_boundaries import Labels, boundary, outline
-from omniscv.evaluate.line_refinement import ObservedLine
+from omniscv.evaluate.lines import plucker
+from omniscv.evaluate.lines.boundaries import Labels, boundary, outline
+from omniscv.evaluate.lines.refinement import ObservedLine
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import BOX_EDGES, Room, SceneGeometry

@@ -1,6 +1,6 @@
 """Visual odometry on images of a flight, scored by the true poses: the paper's evaluation with OpenVSLAM.
 
-COLMAP reconstructs panoramas and fisheyes. The odometry of :mod:`omniscv.evaluate.visual_odometry` uses the
+COLMAP reconstructs panoramas and fisheyes. The odometry of ``visual_odometry.py`` uses the
 bearings of these, and of a camera with a mirror, which COLMAP does not have. Cameras without a single optical
 centre are left out: both methods assume that all rays of an image start at one point.
 
@@ -18,12 +18,13 @@ import numpy as np
 
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import odometry_chart, odometry_sequence, visual_odometry
-from omniscv.evaluate.bearing_features import detect
-from omniscv.evaluate.figures import Figure, Report
+from omniscv.evaluate.odometry import chart as odometry_chart
+from omniscv.evaluate.odometry import sequence, visual_odometry
+from omniscv.evaluate.odometry.features import detect
+from omniscv.evaluate.odometry.structure_from_motion import load_pycolmap, reconstruct
+from omniscv.evaluate.odometry.trajectory_errors import TrajectoryErrors, path_length, rms, trajectory_errors
 from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.structure_from_motion import load_pycolmap, reconstruct
-from omniscv.evaluate.trajectory_errors import TrajectoryErrors, path_length, rms, trajectory_errors
+from omniscv.evaluate.report import Figure, Report
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.planning import densities
@@ -73,12 +74,10 @@ def evaluate(settings: Settings) -> Report:
     pycolmap = load_pycolmap()
     count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
     trajectory = _flight(settings, count)
-    rig, folder = odometry_sequence.eyes(width, edge), settings.out / "odometry"
+    rig, folder = sequence.eyes(width, edge), settings.out / "odometry"
     total = len(trajectory) * (1 + len(RUNS))
     with open_source(settings.source or SOURCE) as source:
-        images = odometry_sequence.shoot(
-            rig, trajectory, source, folder, lambda done: settings.progress(done, total)
-        )
+        images = sequence.shoot(rig, trajectory, source, folder, lambda done: settings.progress(done, total))
     written = [_write(folder / "truth.tum", trajectory)]
     scores: dict[tuple[str, str], TrajectoryErrors | None] = {}
     for i, ((name, method), estimate) in enumerate(RUNS.items(), start=1):
@@ -108,7 +107,7 @@ def _flight(settings: Settings, count: int) -> Trajectory:
     """The loop of so many poses, or those of a file; ``quick``: not more of these either."""
     path = settings.options.get("trajectory")
     if path is None:
-        return odometry_sequence.flight(count)
+        return sequence.flight(count)
     read = read_trajectory(Path(path))
     return read[:: -(-len(read) // count)] if settings.quick else read
 

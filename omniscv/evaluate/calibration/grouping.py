@@ -1,9 +1,9 @@
 """Edge points, grouped by straight line, in an image of unknown calibration: RANSAC with three points.
 
-Three points determine r_vl and a line's image (:meth:`omniscv.evaluate.line_images.LineImages.of_three`). In
+Three points determine r_vl and a line's image (``LineImages.of_three``). In
 every chain of edge points the triple that most points agree with takes those points away, until too few are
 left. A triple's own r_vl only groups; what all groups say of r_vl together is
-:mod:`omniscv.evaluate.line_calibration`.
+:mod:`omniscv.evaluate.calibration.estimation`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.evaluate.edges import EdgePoints
-from omniscv.evaluate.line_images import LineImages
+from omniscv.evaluate.calibration.edges import EdgePoints
+from omniscv.evaluate.calibration.line_images import LineImages
 from omniscv.geometry.pose import Array
 
 _TRIPLES = 48

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from omniscv.cameras import Camera
-from omniscv.evaluate import plucker
+from omniscv.evaluate.lines import plucker
 from omniscv.geometry.pose import Array
 
 _STEP_PX = 0.05  # of the differences that are the gradient
@@ -31,7 +31,7 @@ class ObservedLine:
     Attributes:
         pixels: as given, those with rays.
         origins, directions: (N, 3) of their rays, camera frame.
-        rows: (N, 6) of their rays: :func:`omniscv.evaluate.plucker.incidence`.
+        rows: (N, 6) of their rays: :func:`omniscv.evaluate.lines.plucker.incidence`.
         gradients: (N, 2, 6) the derivatives of the rows by the pixel.
     """
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
-from omniscv.evaluate import calibration_chart
-from omniscv.evaluate.edges import find_edges
-from omniscv.evaluate.figures import Figure, Report
-from omniscv.evaluate.line_calibration import calibrate
-from omniscv.evaluate.line_grouping import group_lines
-from omniscv.evaluate.line_images import LineImages, models
+from omniscv.evaluate.calibration import chart as calibration_chart
+from omniscv.evaluate.calibration.edges import find_edges
+from omniscv.evaluate.calibration.estimation import calibrate
+from omniscv.evaluate.calibration.grouping import group_lines
+from omniscv.evaluate.calibration.line_images import LineImages, models
 from omniscv.evaluate.registry import Settings
+from omniscv.evaluate.report import Figure, Report
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.planning import RenderOptions

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omniscv.evaluate.line_refinement import ObservedLine
-from omniscv.evaluate.noncentral_lines import effective_baseline, free_line, level_line, line_along
+from omniscv.evaluate.lines.noncentral import effective_baseline, free_line, level_line, line_along
+from omniscv.evaluate.lines.refinement import ObservedLine
 from omniscv.geometry.pose import Array
 
 _HEADINGS = 36

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omniscv.evaluate import plucker
+from omniscv.evaluate.lines import plucker
 from omniscv.geometry.pose import Array
 
 
@@ -22,7 +22,7 @@ def free_line(rows: Array, axis: Array) -> Array:
     ``L = b + t A``, and ``l . m = 0`` gives ``t = -(l_b . m_b) / (a . m_b)``.
 
     Args:
-        rows: (N, 6), N >= 4, of rays: :func:`omniscv.evaluate.plucker.incidence`.
+        rows: (N, 6), N >= 4, of rays: :func:`omniscv.evaluate.lines.plucker.incidence`.
         axis: (3,) unit, through the origin: every ray meets it.
     """
     line = np.concatenate([axis, np.zeros(3)])

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.evaluate.bearing_adjustment import Observations
-from omniscv.evaluate.bearing_features import Features, match
-from omniscv.evaluate.two_views import relative_pose
+from omniscv.evaluate.odometry.adjustment import Observations
+from omniscv.evaluate.odometry.features import Features, match
+from omniscv.evaluate.odometry.two_views import relative_pose
 from omniscv.geometry import Pose
 
 FEWEST = 15

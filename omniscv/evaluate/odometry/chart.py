@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omniscv.evaluate.trajectory_errors import TrajectoryErrors
+from omniscv.evaluate.odometry.trajectory_errors import TrajectoryErrors
 from omniscv.geometry import Array, Pose
 from omniscv.storage.local import whole_file
 

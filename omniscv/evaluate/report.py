@@ -1,15 +1,25 @@
-"""What an evaluation finds: figures beside the paper's, raw values, and files of both."""
+"""What evaluations return and write: figures beside the paper's, raw values, charts."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omniscv.compose.files import finite, write_json
 from omniscv.storage.local import whole_file
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+INK = "#1c2330"
+BLUE, ORANGE, GREEN, RED, SKY, PINK = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7"
+"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+
+Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -17,11 +27,11 @@ class Figure:
     """A number of an evaluation.
 
     Attributes:
-        name: what it is, such as ``edges F1, 4-wall rooms``.
+        name: such as ``edges F1, 4-wall rooms``.
         value: ours; NaN where nothing could be measured.
         unit: such as ``deg`` or ``%``; empty for a ratio.
         paper: the paper's, if it prints one.
-        n: of how many images, segments or poses it is the mean or the worst.
+        n: number of images, segments or poses of which the value is the mean or the worst.
     """
 
     name: str
@@ -37,13 +47,13 @@ class Report:
 
     Attributes:
         figures: for the table, and for ``NAME.json``.
-        rows: the raw values, a mapping per row with the same keys, for ``NAME.json`` and ``NAME.csv``.
-        about: how they came about: sizes, seeds, noise; plain JSON values.
-        written: pictures that the evaluation has drawn into the output folder.
+        rows: the raw values, for ``NAME.json`` and ``NAME.csv``; all rows have the same keys.
+        about: sizes, seeds, noise; plain JSON values.
+        written: files in the output folder.
     """
 
     figures: Sequence[Figure]
-    rows: Sequence[Mapping[str, Any]]
+    rows: Sequence[Row]
     about: Mapping[str, Any] = field(default_factory=dict)
     written: Sequence[Path] = ()
 
@@ -51,7 +61,7 @@ class Report:
         """Write ``NAME.json`` and ``NAME.csv`` into a folder; return all files of the report."""
         content = {
             "evaluation": name,
-            "figures": [asdict(each) for each in self.figures],
+            "figures": [asdict(figure) for figure in self.figures],
             "about": dict(self.about),
             "raw": [dict(row) for row in self.rows],
         }
@@ -62,3 +72,14 @@ class Report:
             writer.writeheader()
             writer.writerows(self.rows)
         return [as_json, as_csv, *self.written]
+
+
+@contextmanager
+def chart(path: Path, width: int, height: int) -> Iterator[matplotlib.figure.Figure]:
+    """Yield an empty drawing of a size in px, and write it as a PNG at the end."""
+    from matplotlib.figure import Figure as Drawing
+
+    drawing = Drawing(figsize=(width / 100, height / 100), dpi=100, layout="constrained")
+    yield drawing
+    with whole_file(path) as part:
+        drawing.savefig(part)

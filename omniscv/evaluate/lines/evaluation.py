@@ -15,11 +15,12 @@ from omniscv import cameras
 from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import line_priors, lines_chart, plucker
-from omniscv.evaluate.figures import Figure, Report
-from omniscv.evaluate.noncentral_lines import effective_baseline, free_line
+from omniscv.evaluate.lines import chart as lines_chart
+from omniscv.evaluate.lines import plucker, priors
+from omniscv.evaluate.lines.noncentral import effective_baseline, free_line
+from omniscv.evaluate.lines.true_edges import Seen, room_edges, seen_edges
 from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.true_edges import Seen, room_edges, seen_edges
+from omniscv.evaluate.report import Figure, Report
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -100,11 +101,11 @@ def evaluate(settings: Settings) -> Report:
 def reconstructed(seen: Seen, shot: Shot) -> Mapping[str, list[Array]]:
     """Return the lines (6,), camera frame, by what is known beforehand."""
     observed = [each for _, each in seen]
-    level = [line_priors.with_gravity(each, shot.gravity) for each in observed]
+    level = [priors.with_gravity(each, shot.gravity) for each in observed]
     return {
-        "free": [line_priors.free(each, shot.axis) for each in observed],
+        "free": [priors.free(each, shot.axis) for each in observed],
         "gravity": level,
-        "Manhattan": line_priors.manhattan(observed, level, shot.gravity),
+        "Manhattan": priors.manhattan(observed, level, shot.gravity),
     }
 
 

@@ -1,0 +1,1 @@
+"""Calibration of cameras of revolution from the images of straight lines."""

@@ -1,0 +1,1 @@
+"""Room layouts in panoramas: scores of predictions, beside the paper's of CFL."""

@@ -1,0 +1,1 @@
+"""Lines in space from one non-central image."""

@@ -1,0 +1,1 @@
+"""Visual odometry on images of a flight."""
