@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from omniscv.errors import OmniscvError
     from omniscv.geometry import Pose
     from omniscv.geometry.instant import Instant
-    from omniscv.geometry.motions import Motion, object_pose
+    from omniscv.geometry.motion import Motion, object_pose
     from omniscv.planning import RenderOptions
     from omniscv.sources.recording import record
     from omniscv.sources.registry import open_source
@@ -24,7 +24,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Instant": "omniscv.geometry.instant:Instant",
-    "Motion": "omniscv.geometry.motions:Motion",
+    "Motion": "omniscv.geometry.motion:Motion",
     "OmniImage": "omniscv.compose.image:OmniImage",
     "OmniscvError": "omniscv.errors:OmniscvError",
     "Pose": "omniscv.geometry:Pose",
@@ -35,7 +35,7 @@ _HOMES = {
     "cameras": "omniscv.cameras",
     "dataset": "omniscv.dataset",
     "modalities": "omniscv.modalities",
-    "object_pose": "omniscv.geometry.motions:object_pose",
+    "object_pose": "omniscv.geometry.motion:object_pose",
     "open_source": "omniscv.sources.registry:open_source",
     "planning": "omniscv.planning",
     "record": "omniscv.sources.recording:record",

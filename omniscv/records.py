@@ -17,9 +17,9 @@ A reader must return what it returned before unchanged: :func:`dataclasses.repla
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any, TypeVar, dataclass_transform, overload
 
-from omniscv.arguments import Reader, shown
+from omniscv.arguments import Reader, shown, text
 from omniscv.errors import ArgumentError
 
 T = TypeVar("T")
@@ -51,9 +51,23 @@ def checked(
     return field(default=default, metadata=metadata)
 
 
+@overload
 @dataclass_transform(frozen_default=True, field_specifiers=(checked, field))
-def record(cls: type[T]) -> type[T]:
-    """Make a class a frozen dataclass whose ``checked`` fields are converted before its ``__post_init__``."""
+def record(cls: type[T], /) -> type[T]: ...
+@overload
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(checked, field))
+def record(*, eq: bool) -> Callable[[type[T]], type[T]]: ...
+def record(cls: type[T] | None = None, /, *, eq: bool = True) -> Any:
+    """Make a class a frozen dataclass whose ``checked`` fields are converted before its ``__post_init__``.
+
+    Args:
+        cls: the class.
+        eq: whether records of equal fields are equal; False where fields are arrays.
+    """
+    return partial(_record, eq=eq) if cls is None else _record(cls, eq)
+
+
+def _record(cls: type[T], eq: bool) -> type[T]:
     after = cls.__dict__.get("__post_init__")
 
     def check(self: Any) -> None:
@@ -65,7 +79,7 @@ def record(cls: type[T]) -> type[T]:
             after(self)
 
     cls.__post_init__ = check  # type: ignore[attr-defined]
-    return dataclass(frozen=True)(cls)
+    return dataclass(frozen=True, eq=eq)(cls)
 
 
 def read(cls: type[T], value: object, where: str = "") -> T:
@@ -115,6 +129,16 @@ def listed(reader: Reader) -> Reader:
         if not isinstance(value, list | tuple):
             raise ArgumentError(f"{name}: expected a list, got {shown(value)}")
         return tuple(reader(f"{name}[{i}]", each) for i, each in enumerate(value))
+
+    return items
+
+
+def named(reader: Reader) -> Reader:
+    """Return a reader of mappings by names, as dicts, whose values a reader checks as ``FIELD.NAME``."""
+
+    def items(name: str, value: object) -> dict[str, Any]:
+        entries = mapping(name, value)
+        return {text(name, key): reader(f"{name}.{key}", entry) for key, entry in entries.items()}
 
     return items
 

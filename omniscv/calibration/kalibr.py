@@ -36,7 +36,7 @@ import yaml
 from omniscv.arguments import numbers, shown, within
 from omniscv.calibration.common import field, mapping, whole_number
 from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, read_numbers
-from omniscv.cameras import Camera, mirrors
+from omniscv.cameras import Camera, central_mirrors
 from omniscv.errors import ArgumentError
 
 _TABLE = """
@@ -120,18 +120,18 @@ def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float,
         )
     focal, center = abs(fx), (cx, cy)
     if xi == 0:
-        return mirrors.CatadioptricPlanar(width, height, focal=focal, center=center)
+        return central_mirrors.CatadioptricPlanar(width, height, focal=focal, center=center)
     if xi == 1:
-        return mirrors.CatadioptricParabolic(width, height, 1.0, focal=focal, center=center)
+        return central_mirrors.CatadioptricParabolic(width, height, 1.0, focal=focal, center=center)
     # focal is -eta f here; xi = d / D and -eta = 2p / D with D^2 = d^2 + (2p)^2; we take d = 1.
     minus_eta = math.sqrt((1 - xi) * (1 + xi))
-    return mirrors.CatadioptricHyperbolic(
+    return central_mirrors.CatadioptricHyperbolic(
         width, height, 1.0, minus_eta / xi, focal=focal / minus_eta, center=center
     )
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
-    if isinstance(camera, mirrors.SphereModel):
+    if isinstance(camera, central_mirrors.SphereModel):
         row, values = _MODELS["omni", "none"], _mirror_values(camera)
     elif found := fit_format(camera, _MODELS.values(), HALF_PIXEL):
         row, values = found
@@ -149,9 +149,9 @@ def _entry(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _mirror_values(camera: mirrors.SphereModel) -> list[float]:
+def _mirror_values(camera: central_mirrors.SphereModel) -> list[float]:
     """xi, fu, fv, pu, pv of a mirror's picture."""
-    if isinstance(camera, mirrors.CatadioptricHyperbolic) and camera.xi == 1:
+    if isinstance(camera, central_mirrors.CatadioptricHyperbolic) and camera.xi == 1:
         raise ArgumentError(
             "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi rounds "
             f"to 1: distance {camera.distance!r}, semi_latus_rectum {camera.semi_latus_rectum!r}"

@@ -6,22 +6,20 @@ from omniscv.cameras.registry import create, from_dict, model, names, register
 # isort: off
 # Modules register their models: the order of the documentation.
 from omniscv.cameras.panoramas import Cylindrical, Equirectangular
-from omniscv.cameras.cube_maps import CubeMap, EquiangularCube
-from omniscv.cameras.octahedral import Octahedral
+from omniscv.cameras.cube_maps import CubeMap, EquiangularCube, Octahedral
 from omniscv.cameras.fisheyes import (
     FisheyeEquidistant,
     FisheyeEquisolid,
     FisheyeOrthographic,
     FisheyeStereographic,
 )
-from omniscv.cameras.mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
+from omniscv.cameras.central_mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.polynomials import Fisheye624, FTheta, KannalaBrandt, Scaramuzza
 from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, Unified
-from omniscv.cameras.noncentral.panorama import NoncentralPanorama, OmnidirectionalStereo
-from omniscv.cameras.noncentral.vr180 import Vr180
-from omniscv.cameras.noncentral.mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
-from omniscv.cameras.noncentral.rolling_shutter import RollingShutter
-from omniscv.cameras.noncentral.scanners import Orthographic, PushBroom
+from omniscv.cameras.circle_panoramas import NoncentralPanorama, OmnidirectionalStereo, Vr180
+from omniscv.cameras.noncentral_mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
+from omniscv.cameras.rolling_shutter import RollingShutter
+from omniscv.cameras.parallel_rays import Orthographic, PushBroom
 from omniscv.cameras.pinhole import Pinhole
 # isort: on
 

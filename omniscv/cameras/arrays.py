@@ -1,7 +1,10 @@
-"""Arrays of pixels and vectors: grids, parts, and rows that do not count."""
+"""Arrays of pixels and vectors: grids, radius and azimuth, rows that are not valid."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,8 +33,34 @@ def replaced(keep: Mask, rows: Array, instead: ArrayLike) -> Array:
 def blanked(rows: Array, keep: Mask) -> Array:
     """``rows`` (..., 3), an array that nothing else uses, with NaN where ``keep`` (...) is False."""
     if not keep.all():
-        from omniscv.cameras import kernels  # slow to load
+        from omniscv.cameras import camera_kernels  # slow to load
 
         rows = np.require(rows, requirements=("C", "W"))
-        kernels.blank(rows.reshape(-1, 3), keep.reshape(-1))
+        camera_kernels.blank(rows.reshape(-1, 3), keep.reshape(-1))
     return rows
+
+
+_NO_RADIUS = float(np.finfo(np.float64).tiny)  # of what is nearer, float64 drops digits
+
+
+def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
+    """Raise ArgumentError where both of two ways to give one number are used."""
+    if focal is not None and fov_deg is not None:
+        got = f"both ({shown(focal)} px and {shown(fov_deg)} deg)"
+        raise ArgumentError(f"focal: expected focal or fov_deg, got {got}")
+
+
+def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
+    """Sine and cosine of ``angle_deg / 2``, 0 to 180; exact to the last digits next to 0, 90, 180 degrees."""
+    half = angle_deg / 2
+    return np.sin(np.radians(min(half, 180 - half))), np.sin(np.radians(90 - half))
+
+
+def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Array]:
+    """Radius and the unit vector (cos a, sin a) of the azimuth of (..., 2); (1, 0) at the centre."""
+    offset = xy - np.asarray(center)
+    x, y = offset[..., 0], offset[..., 1]
+    r = np.hypot(x, y)
+    at_center = r < _NO_RADIUS
+    safe = np.where(at_center, 1.0, r)
+    return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)

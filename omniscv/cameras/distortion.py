@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from omniscv.cameras.base import Array
-from omniscv.cameras.increasing import first_positive_root
+from omniscv.cameras.monotone import first_positive_root
 
 _TABLE = 512  # radii whose undistorted ones are known beforehand
 
@@ -31,10 +31,10 @@ class Distortion:
 
     def apply(self, plane: Array) -> Array:
         """Return the places (..., 2) of undistorted places (..., 2)."""
-        from omniscv.cameras import kernels  # slow to load
+        from omniscv.cameras import camera_kernels  # slow to load
 
         flat = np.ascontiguousarray(plane.reshape(-1, 2))
-        return np.asarray(kernels.distorted(flat, self.coefficients).reshape(plane.shape))
+        return np.asarray(camera_kernels.distorted(flat, self.coefficients).reshape(plane.shape))
 
     def ending(self, end: float, beyond: float, rounding: float) -> float:
         """Return the radius of the disc on which the distortion can be undone, and prepare to undo it.
@@ -44,17 +44,17 @@ class Distortion:
             beyond: a distorted radius beyond the image's corners.
             rounding: how far rounding may move a distorted place.
         """
-        from omniscv.cameras import kernels  # slow to load
+        from omniscv.cameras import camera_kernels  # slow to load
 
         end = self._reaching(min(end, self._first_turn()), beyond)
         if not self._radial_only:
-            end = float(kernels.first_turn(self.coefficients, end))
+            end = float(camera_kernels.first_turn(self.coefficients, end))
         radii = np.linspace(0.0, end, _TABLE + 1)
         reached = self._radial(radii)
         last = float(reached[-1])
         table = np.interp(np.linspace(0.0, last, _TABLE + 1), reached, radii)
         table.flags.writeable = False
-        farthest = float(kernels.farthest_of_rim(self.coefficients, end))
+        farthest = float(camera_kernels.farthest_of_rim(self.coefficients, end))
         self.solver = (self.coefficients, end, last, farthest, 4 * rounding, table)
         return end if np.isfinite(table).all() and last > 0 else np.nan
 

@@ -6,9 +6,8 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 
 from omniscv.arguments import number, one_of
-from omniscv.cameras.arrays import grid_axes, vectors
+from omniscv.cameras.arrays import grid_axes, sin_cos_of_half, vectors
 from omniscv.cameras.base import Array, Camera, CentralCamera, Mask
-from omniscv.cameras.optics import sin_cos_of_half
 from omniscv.cameras.registry import register
 
 Profile = Literal["angular", "perspective", "mercator", "miller", "equal-area"]

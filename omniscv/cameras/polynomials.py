@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers, one_of, optional_number, shown
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
-from omniscv.cameras.increasing import Increasing, first_positive_root
-from omniscv.cameras.lens import FocalLens, Lens
-from omniscv.cameras.radial import BEFORE_TURN, Meridian
+from omniscv.cameras.monotone import Increasing, first_positive_root
+from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Lens, Meridian
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
 

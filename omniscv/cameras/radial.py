@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import number
-from omniscv.cameras.base import Array, Camera, Mask
-from omniscv.cameras.optics import polar, refuse_focal_and_fov
+from omniscv.arguments import number, optional_number
+from omniscv.cameras.arrays import polar, refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.base import Array, Camera, CentralCamera, Mask
+from omniscv.cameras.distortion import Distortion
 
 ROUNDING = 1e-12  # relative: what rounding may add to a radius
 BEFORE_TURN = 1 - 1e-7
@@ -37,10 +38,10 @@ def rays_about_axis(
     Args:
         pixels: (..., 2) px.
         find: enters which of some pixels (N, 2) have a radius within the domain, with their radius and
-            azimuth, into arrays of N; returns how many. See ``kernels.polar_within``.
+            azimuth, into arrays of N; returns how many. See ``camera_kernels.polar_within``.
         meridian: the rays of radii, in the half-plane of their azimuth.
     """
-    from omniscv.cameras import kernels  # slow to load
+    from omniscv.cameras import camera_kernels  # slow to load
 
     flat = np.require(pixels.reshape(-1, 2), requirements=("C", "W"))
     directions, heights = np.empty((len(flat), 3)), np.zeros(len(flat))
@@ -51,7 +52,7 @@ def rays_about_axis(
         count = find(flat[part], found)
         where, r, cos_a, sin_a = (each[:count] for each in found)
         across, along, z = meridian(r)
-        kernels.turn(where, across, along, cos_a, sin_a, directions[part], valid[part])
+        camera_kernels.turn(where, across, along, cos_a, sin_a, directions[part], valid[part])
         heights[part][where] = z
     shape = pixels.shape[:-1]
     return directions.reshape(*shape, 3), heights.reshape(shape), valid.reshape(shape)
@@ -97,12 +98,12 @@ class CircleCamera(Camera):
         """The normalised radius whose ray comes from a point at rho >= 0; NaN where there is none."""
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
-        from omniscv.cameras import kernels  # slow to load
+        from omniscv.cameras import camera_kernels  # slow to load
 
         center, plane = tuple(self.center.tolist()), (1.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
         def find(some: Array, found: Any) -> int:
-            return int(kernels.polar_within(some, center, plane, self._reach_px, found))
+            return int(camera_kernels.polar_within(some, center, plane, self._reach_px, found))
 
         def meridian(r_px: Array) -> Meridian:
             return self._meridian(np.minimum(r_px / self.focal, self._edge))
@@ -133,3 +134,96 @@ class RadialCamera(CircleCamera):
     def _radius_seeing(self, rho: Array, z: Array) -> Array:
         length = np.hypot(rho, z)
         return self._radius(rho / length, z / length)
+
+
+class Lens(CentralCamera):
+    """A camera of revolution about +z behind a matrix and, if there is one, a distortion.
+
+    Domain. What the model has: angles up to ``_theta_end``, radii up to ``_r_end``; less where the field of
+    view ``fov_deg`` is limited, or where the distortion turns back.
+    """
+
+    _A: Array  # (2, 2) px: from the plane to the image
+    _theta_end: float = np.pi
+    _r_end: float = np.inf
+    _distortion: Distortion | None = None
+
+    def _see_through(self, fov_deg: float | None) -> None:
+        """End the domain; the matrix and the model's own numbers are already set."""
+        self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
+        self._rounding = self._pixel_rounding / float(np.linalg.svd(self._A, compute_uv=False)[-1])
+        beyond = 2.0 * self._farthest_corner()
+        if self.fov_deg is not None and np.radians(self.fov_deg) / 2 < self._theta_end:
+            self._theta_end = float(np.radians(self.fov_deg) / 2)
+            across, along = sin_cos_of_half(self.fov_deg)
+            self._r_end = min(self._r_end, float(self._radius(np.array(across), np.array(along))))
+        if self._distortion is None:
+            self._r_end = min(self._r_end, beyond)
+        else:
+            self._r_end = self._distortion.ending(self._r_end, beyond, self._rounding)
+            across, along, _ = self._meridian(np.array(self._r_end))
+            self._theta_end = min(self._theta_end, float(np.arctan2(across, along)))
+
+    def _farthest_corner(self) -> float:
+        """The radius in the plane of the image's farthest corner; infinity if the matrix is singular."""
+        corners = np.array([[0, 0], [self.width, 0], [0, self.height], [self.width, self.height]])
+        try:
+            return float(np.hypot(*np.linalg.solve(self._A, (corners - self.center).T)).max())
+        except np.linalg.LinAlgError:
+            return np.inf
+
+    @abstractmethod
+    def _meridian(self, r: Array) -> Meridian:
+        """The rays of radii 0 <= r <= ``_r_end`` in the plane; directions unit."""
+
+    @abstractmethod
+    def _radius(self, across: Array, along: Array) -> Array:
+        """The radius in the plane of a unit direction within ``_theta_end``."""
+
+    def _plane(self) -> tuple[float, ...]:
+        """What takes a pixel's offset to the plane: see ``camera_kernels.in_plane``."""
+        return (*np.linalg.inv(self._A).ravel().tolist(), 1.0, 1.0)
+
+    def _directions(self, pixels: Array) -> tuple[Array, Mask]:
+        from omniscv.cameras import camera_kernels  # slow to load
+
+        center, plane = tuple(self.center.tolist()), self._plane()
+
+        def find(some: Array, found: Any) -> int:
+            if self._distortion is None:
+                return int(camera_kernels.polar_within(some, center, plane, self._r_end, found))
+            return int(camera_kernels.undistorted_within(some, center, plane, self._distortion.solver, found))
+
+        directions, _, valid = rays_about_axis(pixels, find, self._meridian)
+        return directions, valid
+
+    def _project(self, points: Array) -> tuple[Array, Mask]:
+        rho, cos_a, sin_a = polar(points[..., :2])
+        z = points[..., 2]
+        seen = np.arctan2(rho, z) <= self._theta_end * (1 + ROUNDING)
+        distance = np.hypot(rho, z)
+        r = self._radius(rho / distance, z / distance)
+        # Inside the end by what rounding may add, so that the pixel that comes out is one that has a ray.
+        r = np.minimum(r, max(min(self._r_end * (1 - 0.1 * ROUNDING), self._r_end - self._rounding), 0.0))
+        plane = np.stack([r * cos_a, r * sin_a], axis=-1)
+        if self._distortion is not None:
+            plane = self._distortion.apply(plane)
+        return self.center + plane @ self._A.T, seen & (r >= 0)
+
+
+class FocalLens(Lens):
+    """A lens by ``u = cx + fx (x + skew y)``, ``v = cy + fy y``, (x, y) in the plane."""
+
+    def _see_through_focal(
+        self, fx: float, fy: float, cx: float | None, cy: float | None, skew: float, fov_deg: float | None
+    ) -> None:
+        self.fx, self.fy = number("fx", fx, above=0), number("fy", fy, above=0)
+        self.cx = number("cx", self.width / 2 if cx is None else cx)
+        self.cy = number("cy", self.height / 2 if cy is None else cy)
+        self.skew = number("skew", skew)
+        self.center = np.array([self.cx, self.cy])
+        self._A = np.array([[self.fx, self.fx * self.skew], [0.0, self.fy]])
+        self._see_through(fov_deg)
+
+    def _plane(self) -> tuple[float, ...]:
+        return (1.0, -self.fx * self.skew / self.fy, 0.0, 1.0, self.fx, self.fy)

@@ -60,7 +60,7 @@ class RigCamera:
         Args:
             position: (3,) in the rig's frame, metres.
         """
-        R_rig_cam = R_LEVEL.T @ Pose.from_angles((0, 0, 0), yaw_deg, pitch_deg, roll_deg).R_w_c
+        R_rig_cam = R_LEVEL.T @ Pose.from_angles((0, 0, 0), yaw_deg, pitch_deg, roll_deg).rotation
         return cls(camera, Pose(position, R_rig_cam), time_offset)
 
 

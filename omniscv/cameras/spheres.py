@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
-from omniscv.cameras.lens import FocalLens
-from omniscv.cameras.radial import BEFORE_TURN, ROUNDING, Meridian
+from omniscv.cameras.radial import BEFORE_TURN, ROUNDING, FocalLens, Meridian
 from omniscv.cameras.registry import register
 
 _NO_DIRECTION = 1e-300  # of the way from the second sphere's centre, which is on the first one for xi = 1

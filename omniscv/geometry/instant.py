@@ -1,53 +1,59 @@
-"""The world at one instant: where its moving objects are, and which objects are hidden."""
+"""The state of the world at one instant: poses of moving objects, and objects that are hidden."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from types import MappingProxyType
+from functools import cached_property
 from typing import Any, Self
 
-from omniscv.arguments import Reader, fields, numbers, optional_number, shown, text, texts
-from omniscv.errors import ArgumentError
+from omniscv.arguments import optional_number, text, texts
 from omniscv.geometry.pose import Pose
+from omniscv.records import checked, named, nested, read, record
 
 _DECIMALS = 7
-"""Of metres and matrix entries: what servers are sent has three decimals of a centimetre."""
+"""Of metres and matrix entries in ``state``: servers are sent three decimals of a centimetre."""
 
 
-@dataclass(frozen=True, eq=False)
+def _hidden(name: str, value: Any) -> frozenset[str]:
+    return frozenset(texts(name, list(value) if isinstance(value, frozenset) else value) if value else ())
+
+
+def _name(name: str, value: Any) -> str:
+    return text(name, value) if value else ""
+
+
+@record(eq=False)
 class Instant:
-    """What was set in a world that moves, or was read back from it.
+    """What was set in a moving world, or was read back from it.
 
     Attributes:
         poses: by object, from the object's frame to the world: its position, and ``R_w_o``, the identity for
             an object that is turned as the engine's axes are (X forward, Y left, Z up in our frame).
         hidden: names of objects that are not shown.
-        time: seconds on the scene's own clock; None where it is not known, or nothing follows it.
-        name: of a state that neither poses nor time describe, such as of a light.
+        time: seconds on the scene's own clock; None if it is unknown or nothing depends on it.
+        name: of a state that neither poses nor time describe, such as a light's.
     """
 
-    poses: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
-    hidden: frozenset[str] = frozenset()
-    time: float | None = None
-    name: str = ""
+    poses: Mapping[str, Pose] = checked(named(nested(Pose)), default_factory=dict)
+    hidden: frozenset[str] = checked(_hidden, default=frozenset())
+    time: float | None = checked(optional_number, default=None)
+    name: str = checked(_name, default="")
 
-    @property
+    @cached_property
     def state(self) -> str:
-        """The state of the world by which requests, plans and recordings tell instants apart.
+        """The key by which requests, plans and recordings tell states of the world apart.
 
-        Empty for a world in which nothing was changed, so that it is the one state of a world that is still;
-        else 16 hexadecimal digits of a hash of all that is known. Equal instants have equal states in every
-        process: a job that is replayed computes the states of its recording.
+        Empty for an unchanged world, so that a still world has one state; else 16 hexadecimal digits of a
+        hash of all fields. Equal instants have equal states in every process, so a replayed job computes the
+        states of its recording.
         """
         if not (self.poses or self.hidden or self.name) and self.time is None:
             return ""
-        poses = {name: _numbers(pose) for name, pose in self.poses.items()}
-        known = [poses, sorted(self.hidden), None if self.time is None else round(self.time, 9), self.name]
-        return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:16]
+        poses = {name: _rounded(pose) for name, pose in self.poses.items()}
+        fields = [poses, sorted(self.hidden), None if self.time is None else round(self.time, 9), self.name]
+        return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -56,33 +62,9 @@ class Instant:
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
-        """Return the inverse of :meth:`to_dict`; ArgumentError for anything else."""
-        found = fields("", data, _FIELDS, needed=tuple(_FIELDS))
-        return cls(MappingProxyType(found["poses"]), found["hidden"], found["time"], found["name"])
+        """Return the instant that :meth:`to_dict` described; ArgumentError for anything else."""
+        return read(cls, data)
 
 
-def _poses(name: str, value: object) -> dict[str, Pose]:
-    if not isinstance(value, Mapping):
-        raise ArgumentError(f"{name}: expected a mapping of object names to poses, got {shown(value)}")
-    return {text(name, key): _pose(f"{name}: {shown(key)}", each) for key, each in value.items()}
-
-
-def _pose(name: str, value: object) -> Pose:
-    found = fields(name, value, _POSE, needed=tuple(_POSE))
-    return Pose(found["position"], found["rotation"])
-
-
-def _hidden(name: str, value: object) -> frozenset[str]:
-    return frozenset(texts(name, value) if value else ())
-
-
-def _name(name: str, value: object) -> str:
-    return text(name, value) if value else ""
-
-
-_POSE = {"position": partial(numbers, shape=(3,)), "rotation": partial(numbers, shape=(3, 3))}
-_FIELDS: Mapping[str, Reader] = {"poses": _poses, "hidden": _hidden, "time": optional_number, "name": _name}
-
-
-def _numbers(pose: Pose) -> list[float]:
+def _rounded(pose: Pose) -> list[float]:
     return [round(float(x), _DECIMALS) + 0.0 for x in (*pose.position, *pose.rotation.ravel())]

@@ -1,20 +1,101 @@
-"""Poses between two poses: positions linearly, rotations along the shortest turn (slerp)."""
+"""Motions of objects: the pose of an object at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from omniscv.geometry.pose import Array, Pose
+from omniscv.arguments import one_of
+from omniscv.errors import ArgumentError
+from omniscv.geometry.pose import R_LEVEL, Pose
+from omniscv.geometry.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import RotationSpline
+
+Curve = Literal["linear", "spline"]
 
 
-def rotation_vector(start: Pose, end: Pose) -> Array:
-    """(3,) the turn from one pose to another in the first one's camera frame: axis times angle, radians."""
-    from scipy.spatial.transform import Rotation  # loaded when something moves
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The motion of a rigid object. It rests before its first waypoint and after its last one.
 
-    return np.asarray(Rotation.from_matrix(start.R_w_c.T @ end.R_w_c).as_rotvec())
+    Args:
+        waypoints: poses from the object's frame to the world (``R_w_o`` and position) at times in seconds;
+            a single waypoint without a time is the object's pose at all times.
+        curve: between waypoints: ``linear`` interpolates as :meth:`Pose.interpolate`; ``spline`` uses cubic
+            splines of positions and rotations, whose velocities are continuous.
+
+    Raises:
+        ArgumentError: several waypoints without times, or another curve.
+    """
+
+    waypoints: Trajectory
+    curve: Curve = "linear"
+
+    def __post_init__(self) -> None:
+        one_of("curve", self.curve, get_args(Curve))
+        if self.waypoints.times is None and len(self.waypoints) > 1:
+            raise ArgumentError(f"waypoints: expected times, got {len(self.waypoints)} poses without times")
+
+    @classmethod
+    def through(cls, poses: Mapping[float, Pose], curve: Curve = "linear") -> Motion:
+        """Return the motion through poses by their times, seconds.
+
+        Raises:
+            ArgumentError: no pose, or another curve.
+        """
+        times = sorted(poses)
+        return cls(Trajectory(tuple(poses[time] for time in times), tuple(map(float, times))), curve)
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """The times of the first and the last waypoint, seconds; None for an object that never moves."""
+        times = self.waypoints.times
+        return (times[0], times[-1]) if times is not None and len(times) > 1 else None
+
+    def at(self, time: float | None) -> Pose:
+        """Return the pose at a time, seconds.
+
+        Raises:
+            ArgumentError: the object moves, and the time is None.
+        """
+        if self.span is None:
+            return self.waypoints[0]
+        if time is None:
+            raise ArgumentError("time: expected seconds for an object that moves, got None")
+        first, last = self.span
+        time = min(max(time, first), last)
+        if self.curve == "linear":
+            return self.waypoints.at(time)
+        positions, rotations = self._splines
+        return Pose(positions(time), rotations(time).as_matrix())
+
+    @cached_property
+    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
+        from scipy.interpolate import CubicSpline  # slow to load
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        times = self.waypoints.times or ()
+        rotations = Rotation.from_matrix(np.stack([pose.rotation for pose in self.waypoints]))
+        positions = CubicSpline(times, np.stack([pose.position for pose in self.waypoints]))
+        return positions, RotationSpline(times, rotations)
 
 
-def between(start: Pose, end: Pose, part: float) -> Pose:
-    """Return the pose at a part of the way from one to another: 0 to 1, or beyond them."""
-    from scipy.spatial.transform import Rotation
+def object_pose(
+    position: ArrayLike, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
+) -> Pose:
+    """Return the pose of an object; with angles 0 its axes are the world's: X forward, Y left, Z up.
 
-    turn = Rotation.from_rotvec(part * rotation_vector(start, end)).as_matrix()
-    return Pose(start.t_w_c + part * (end.t_w_c - start.t_w_c), start.R_w_c @ turn)
+    Args:
+        position: (3,) metres, world frame.
+        yaw_deg, pitch_deg, roll_deg: left +, nose up +, right side down +.
+    """
+    camera_pose = Pose.from_angles(position, yaw_deg, pitch_deg, roll_deg)
+    return Pose(camera_pose.position, camera_pose.rotation @ R_LEVEL.T)

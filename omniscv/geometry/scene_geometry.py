@@ -1,19 +1,17 @@
-"""What is known of the shapes in a scene beyond its pictures: boxes of objects, and the room."""
+"""Shapes of a scene that a source knows beyond its pictures: boxes of objects, and the room."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from types import MappingProxyType
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
-from omniscv.arguments import Reader, fields, number, numbers, one_of, shown, text, texts
+from omniscv.arguments import number, numbers, one_of, shown, text, texts
 from omniscv.errors import ArgumentError
-from omniscv.geometry.pose import Array
+from omniscv.geometry.pose import Array, rotation_reader
+from omniscv.records import checked, named, nested, optional, read, record
 
 BoxSource = Literal["scene", "vertices", "bounds", "points"]
 
@@ -21,28 +19,20 @@ _CORNERS = 0.5 * np.array(
     [(x, y, z) for z in (-1.0, 1.0) for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))]
 )
 BOX_EDGES = np.array([e for i in range(4) for e in ((i, (i + 1) % 4), (4 + i, 4 + (i + 1) % 4), (i, 4 + i))])
-"""(12, 2): which of the corners of :meth:`ObjectBox.corners_w` are joined."""
+"""(12, 2): the pairs of corners of :meth:`ObjectBox.corners_w` that are joined by an edge."""
 
 _ORDERS = tuple(itertools.permutations(range(3)))
 _SIGNS = tuple(itertools.product((1.0, -1.0), repeat=3))
-_ORTHONORMAL = 1e-6
-_BOX: Mapping[str, Reader] = {
-    "center": partial(numbers, shape=(3,)),
-    "rotation": partial(numbers, shape=(3, 3)),
-    "size": partial(numbers, shape=(3,)),
-    "source": partial(one_of, words=get_args(BoxSource)),
-}
-_ROOM: Mapping[str, Reader] = {
-    "corners": partial(numbers, shape=(None, 2)),
-    "floor_z": number,
-    "ceiling_z": number,
-    "walls": texts,
-    "floor": text,
-    "ceiling": text,
-}
 
 
-@dataclass(frozen=True, eq=False)
+def _size(name: str, value: Any) -> Array:
+    size = numbers(name, value, (3,))
+    if (size < 0).any():
+        raise ArgumentError(f"{name}: expected lengths of at least 0, got {shown(size)}")
+    return size
+
+
+@record(eq=False)
 class ObjectBox:
     """An oriented box around an object.
 
@@ -51,25 +41,30 @@ class ObjectBox:
         R_w_b: (3, 3) from the box's frame to the world.
         size: (3,) metres along the box's axes.
         source: where it comes from: an analytic scene, an object's vertices, an engine's bounds along the
-            world's axes, or points that were seen, which may be a part of the object.
+            world's axes, or points that were seen, which may cover only a part of the object.
     """
 
-    center_w: Array
-    R_w_b: Array
-    size: Array
-    source: BoxSource
+    center_w: Array = checked(numbers, shape=(3,), key="center")
+    R_w_b: Array = checked(rotation_reader, key="rotation")
+    size: Array = checked(_size)
+    source: BoxSource = checked(one_of, words=get_args(BoxSource))
 
     @classmethod
     def of(cls, center_w: Array, axes_w: Array, size: Array, source: BoxSource) -> Self:
-        """Return a box of its axes, (3, 3) unit rows in any order and sense: its frame is the one of them
-        that is turned the least from the world's."""
-        turns = [np.array(signs)[:, None] * axes_w[list(order)] for order in _ORDERS for signs in _SIGNS]
-        R_b_w = max((turn for turn in turns if np.linalg.det(turn) > 0), key=np.trace)
+        """Return a box of axes, (3, 3) unit rows in any order and sense.
+
+        Of the frames that have these axes, the box has the one that is turned the least from the world's.
+        """
+        frames = [np.array(signs)[:, None] * axes_w[list(order)] for order in _ORDERS for signs in _SIGNS]
+        R_b_w = max((R for R in frames if np.linalg.det(R) > 0), key=np.trace)
         return cls(center_w, R_b_w.T, np.abs(R_b_w @ axes_w.T) @ size, source)
 
     def corners_w(self) -> Array:
-        """Return (8, 3) metres, world frame, in the order of Omni3D: around the side of least z of the box's
-        frame (x, y least; x greatest; both; y), then around that of greatest z."""
+        """Return the corners, (8, 3) metres, world frame, in the order of Omni3D.
+
+        In the box's frame: around the side of least z ((x, y) least; x greatest; both greatest; y greatest),
+        then around the side of greatest z.
+        """
         return self.center_w + (_CORNERS * self.size) @ self.R_w_b.T
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,35 +72,29 @@ class ObjectBox:
         numbers = {"center": self.center_w.tolist(), "rotation": self.R_w_b.tolist()}
         return {**numbers, "size": self.size.tolist(), "source": self.source}
 
-    @classmethod
-    def from_dict(cls, name: str, data: object) -> Self:
-        """Return the inverse of :meth:`to_dict`; ArgumentError, which begins with ``name``, for all else."""
-        found = fields(name, data, _BOX, needed=tuple(_BOX))
-        if (found["size"] < 0).any():
-            raise ArgumentError(f"{name}.size: expected lengths of at least 0, got {shown(found['size'])}")
-        R_w_b = found["rotation"]
-        if np.abs(R_w_b @ R_w_b.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R_w_b) < 0:
-            raise ArgumentError(f"{name}.rotation: expected a rotation matrix, got {shown(R_w_b)}")
-        return cls(found["center"], R_w_b, found["size"], found["source"])
 
-
-@dataclass(frozen=True, eq=False)
+@record(eq=False)
 class Room:
     """A room with upright walls between a level floor and a level ceiling.
 
     Attributes:
         corners_w: (N, 2) metres, X and Y of the floor's corners, counterclockwise from above.
         floor_z, ceiling_z: metres, world frame.
-        walls: N names, of the wall from corner i to corner i + 1.
+        walls: N names; wall i goes from corner i to corner i + 1.
         floor, ceiling: names.
     """
 
-    corners_w: Array
-    floor_z: float
-    ceiling_z: float
-    walls: tuple[str, ...]
-    floor: str
-    ceiling: str
+    corners_w: Array = checked(numbers, shape=(None, 2), key="corners")
+    floor_z: float = checked(number)
+    ceiling_z: float = checked(number)
+    walls: tuple[str, ...] = checked(texts)
+    floor: str = checked(text)
+    ceiling: str = checked(text)
+
+    def __post_init__(self) -> None:
+        if not len(self.corners_w) == len(self.walls) >= 3:
+            got = f"{len(self.corners_w)} corners and {len(self.walls)} walls"
+            raise ArgumentError(f"room: expected at least 3 corners and as many walls, got {got}")
 
     @property
     def surfaces(self) -> tuple[str, ...]:
@@ -117,28 +106,18 @@ class Room:
         numbers = {"corners": self.corners_w.tolist(), "floor_z": self.floor_z, "ceiling_z": self.ceiling_z}
         return {**numbers, "walls": list(self.walls), "floor": self.floor, "ceiling": self.ceiling}
 
-    @classmethod
-    def from_dict(cls, name: str, data: object) -> Self:
-        """Return the inverse of :meth:`to_dict`; ArgumentError, which begins with ``name``, for all else."""
-        found = fields(name, data, _ROOM, needed=tuple(_ROOM))
-        corners, walls = found["corners"], found["walls"]
-        if not len(corners) == len(walls) >= 3:
-            got = f"{len(corners)} corners and {len(walls)} walls"
-            raise ArgumentError(f"{name}: expected as many walls as corners, at least 3; got {got}")
-        return cls(corners, *(found[key] for key in list(_ROOM)[1:]))
 
-
-@dataclass(frozen=True, eq=False)
+@record(eq=False)
 class SceneGeometry:
-    """What a source knows of the shapes in its scene; empty where it knows nothing.
+    """The shapes that a source knows in its scene; empty if it knows none.
 
     Attributes:
         boxes: by object name.
         room: the room around the cameras.
     """
 
-    boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
-    room: Room | None = None
+    boxes: Mapping[str, ObjectBox] = checked(named(nested(ObjectBox)), default_factory=dict)
+    room: Room | None = checked(optional(nested(Room)), default=None)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, the boxes in the order of their names."""
@@ -147,21 +126,8 @@ class SceneGeometry:
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
-        """Return the inverse of :meth:`to_dict`; ArgumentError for anything else."""
-        found = fields("", data, {"boxes": _boxes, "room": _room}, needed=("boxes", "room"))
-        return cls(MappingProxyType(found["boxes"]), found["room"])
+        """Return the shapes that :meth:`to_dict` described; ArgumentError for anything else."""
+        return read(cls, data)
 
     def __bool__(self) -> bool:
         return bool(self.boxes) or self.room is not None
-
-
-def _boxes(name: str, value: object) -> dict[str, ObjectBox]:
-    if not isinstance(value, Mapping):
-        raise ArgumentError(f"{name}: expected a mapping of object names to boxes, got {shown(value)}")
-    return {
-        text(name, key): ObjectBox.from_dict(f"{name}: {shown(key)}", each) for key, each in value.items()
-    }
-
-
-def _room(name: str, value: object) -> Room | None:
-    return None if value is None else Room.from_dict(name, value)

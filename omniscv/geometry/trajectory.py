@@ -1,16 +1,15 @@
-"""Trajectories: sequences of poses, with their times where they have some, as files of SLAM benchmarks.
+"""Trajectories: sequences of poses, timed or not, and the files of SLAM benchmarks that hold them.
 
-Positions are the camera's in the world, metres; rotations turn camera to world, both frames as in
-:mod:`omniscv.geometry`, so that a trajectory estimated from the images compares directly. ``#`` starts a
-comment.
+Files hold the camera's positions in the world, metres, and rotations from camera to world, in the frames of
+:mod:`omniscv.geometry`: a trajectory estimated from the images compares directly. ``#`` starts a comment.
 
 TUM
     ``time tx ty tz qx qy qz qw``, seconds, separated by single spaces.
 KITTI odometry
-    the 3x4 matrix of T_0_i row by row, from camera i to the first camera; no times, which are a file of
-    one number a line.
+    the 3x4 matrix of T_0_i row by row, from camera i to the first camera. Times are in another file, one
+    number per line.
 EuRoC
-    ``time,px,py,pz,qw,qx,qy,qz``, the time in whole nanoseconds; further columns are not read.
+    ``time,px,py,pz,qw,qx,qy,qz``, the time in whole nanoseconds; further columns are ignored.
 """
 
 from __future__ import annotations
@@ -27,27 +26,26 @@ import numpy as np
 
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import R_LEVEL, Array, Pose
-from omniscv.geometry.motion import between
+from omniscv.geometry import R_LEVEL, Pose
 from omniscv.storage.bounded import read_bytes
 
 _NS = 10**9
 _MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _KITTI_ROUNDING = 1e-4
-"""Of R R^T: KITTI's own files have seven digits."""
+"""Largest entry of |R R^T - I| in a file: those of KITTI have seven digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Sequence[Pose]):
-    """Poses in their order, and the times they belong to.
+    """Poses in order, and their times.
 
     Args:
         poses: at least one.
-        times: seconds, increasing, one a pose; None where they are not known.
+        times: seconds, increasing, one per pose; None if they are unknown.
 
     Raises:
-        ArgumentError: no pose, another number of times, or times that do not increase.
+        ArgumentError: no pose, not one time per pose, or times that do not increase.
     """
 
     poses: tuple[Pose, ...]
@@ -60,7 +58,7 @@ class Trajectory(Sequence[Pose]):
             return
         if len(self.times) != len(self.poses):
             got = f"{len(self.times)} for {len(self.poses)} poses"
-            raise ArgumentError(f"times: expected one a pose, got {got}")
+            raise ArgumentError(f"times: expected one per pose, got {got}")
         for before, after in zip(self.times, self.times[1:], strict=False):
             if not before < after:
                 raise ArgumentError(f"times: expected increasing seconds, got {after!r} after {before!r}")
@@ -81,54 +79,55 @@ class Trajectory(Sequence[Pose]):
         return iter(self.poses)
 
     def at(self, time: float, steps_beyond: float = 0.0) -> Pose:
-        """Return the pose at a time: positions linear, rotations at constant speed (slerp) in between.
+        """Return the pose at a time, interpolated between two poses: see :meth:`Pose.interpolate`.
 
         Args:
             time: seconds.
-            steps_beyond: how far before the first pose or after the last one the time may lie, as a part of
-                the step between the two poses there, which goes on.
+            steps_beyond: how far outside the trajectory the time may lie, as a multiple of the first or the
+                last step, whose motion is then continued.
 
         Raises:
             ArgumentError: the trajectory has no times, or the time lies outside them.
         """
         if self.times is None:
-            raise ArgumentError("trajectory: expected poses with times to interpolate, got none with times")
+            raise ArgumentError("trajectory: expected poses with times, got poses without times")
         first, last = self.times[0], self.times[-1]
         if first == last == time:
             return self.poses[0]
         i = min(max(bisect_right(self.times, time), 1), len(self.times) - 1)
         start, end = self.times[i - 1], self.times[i]
-        part = (time - start) / (end - start) if end > start else math.nan
-        if not -steps_beyond <= part <= 1 + steps_beyond:
+        fraction = (time - start) / (end - start) if end > start else math.nan
+        if not -steps_beyond <= fraction <= 1 + steps_beyond:
             beyond = ", or a step beyond" if steps_beyond else ""
             raise ArgumentError(f"time: expected {first:.15g} to {last:.15g} s{beyond}, got {time:.15g}")
-        return between(self.poses[i - 1], self.poses[i], part)
+        return self.poses[i - 1].interpolate(self.poses[i], fraction)
 
 
 def read_trajectory(path: Path, first: Pose = _FIRST) -> Trajectory:
-    """Return the poses of a TUM, KITTI or EuRoC file, recognised by what is on its lines, in its order.
+    """Return the poses of a TUM, KITTI or EuRoC file in its order. The format is recognised by the lines.
 
     Args:
-        path: the file. KITTI's times are in a file beside it: of the same name with the suffix ``.times``,
-            or ``times.txt``.
-        first: of KITTI's first camera, which its poses are relative to; level at the origin if not given.
+        path: the file. KITTI's times are read from a file beside it: the same name with the suffix
+            ``.times``, or ``times.txt``.
+        first: the pose of KITTI's first camera, to which its poses are relative; level at the origin if not
+            given.
 
     Raises:
-        ArgumentError: the file cannot be read, a line is not the finite numbers of a pose, or times do not
-            increase.
+        ArgumentError: the file cannot be read, a line does not hold the finite numbers of a pose, or times
+            do not increase.
     """
     rows = list(_rows(path))
     if not rows:
         raise ArgumentError(f"{path}: expected lines 'time tx ty tz qx qy qz qw', got none")
     (_, words, commas), *_ = rows
-    wanted, read = _EUROC if commas else _KITTI if len(words) == 12 else _TUM
+    columns, read = _EUROC if commas else _KITTI if len(words) == 12 else _TUM
     times, poses = [], []
     for line, words, _ in rows:
         try:
             time, pose = read(words)
         except (ValueError, OverflowError) as cause:
             got = shown(" ".join(words))
-            raise ArgumentError(f"{path}, line {line}: expected {wanted}, got {got}") from cause
+            raise ArgumentError(f"{path}, line {line}: expected {columns}, got {got}") from cause
         times.append(time)
         poses.append(pose)
     with within(path):
@@ -139,16 +138,17 @@ def read_trajectory(path: Path, first: Pose = _FIRST) -> Trajectory:
 
 def write_tum(trajectory: Trajectory) -> str:
     """Return the text of a TUM file; poses without times are numbered from 0."""
-    rows = zip(_times(trajectory), _positions(trajectory), _quaternions(trajectory), strict=True)
-    return _lines("# time tx ty tz qx qy qz qw", ([time, *p, *q] for time, p, q in rows))
+    return _lines("# time tx ty tz qx qy qz qw", _timed_rows(trajectory))
 
 
 def write_euroc(trajectory: Trajectory) -> str:
     """Return the text of a EuRoC ``data.csv``; poses without times are numbered from 0, in seconds."""
-    rows = zip(_times(trajectory), _positions(trajectory), _quaternions(trajectory), strict=True)
     names = "p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
-    wanted = ([round(Fraction(time) * _NS), *p, w, x, y, z] for time, p, (x, y, z, w) in rows)
-    return _lines(f"#timestamp [ns],{names}", wanted, ",")
+    rows = (
+        [round(Fraction(time) * _NS), *position, w, x, y, z]
+        for time, *position, x, y, z, w in _timed_rows(trajectory)
+    )
+    return _lines(f"#timestamp [ns],{names}", rows, ",")
 
 
 def write_kitti(trajectory: Trajectory) -> str:
@@ -162,24 +162,17 @@ def write_kitti(trajectory: Trajectory) -> str:
 
 
 def write_kitti_times(trajectory: Trajectory) -> str:
-    """Return the text of KITTI's ``times.txt``: seconds, one a pose; without times, numbers from 0."""
+    """Return the text of KITTI's ``times.txt``: seconds, one per pose; without times, numbers from 0."""
     return _lines("", ([time] for time in _times(trajectory)))
 
 
-def quaternion(rotation: Array) -> list[float]:
-    """Return x, y, z, w of a rotation (3, 3), w >= 0."""
-    from scipy.spatial.transform import Rotation
-
-    return list(Rotation.from_matrix(rotation).as_quat(canonical=True).tolist())
-
-
 def plain(value: float) -> str:
-    """Return the shortest text that reads back as the number; whole numbers without ``.0``."""
+    """Return the shortest text that is read back as the same number; whole numbers without ``.0``."""
     return str(value + 0).removesuffix(".0")
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str], bool]]:
-    """Line number, words and whether commas separate them, of lines that are not only comments."""
+    """Yield line number, words, and whether commas separate them, of lines that are more than a comment."""
     try:
         content = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except ValueError as cause:
@@ -190,23 +183,23 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str], bool]]:
 
 
 def _tum(words: list[str]) -> tuple[float, Pose]:
-    time, x, y, z, *turn = map(float, words)
-    return number("time", time), _pose((x, y, z), turn)
+    time, x, y, z, *quaternion = map(float, words)
+    return number("time", time), Pose.from_quaternion((x, y, z), quaternion)
 
 
 def _euroc(words: list[str]) -> tuple[float, Pose]:
     x, y, z, qw, qx, qy, qz = map(float, words[1:8])
-    return int(words[0]) / _NS, _pose((x, y, z), (qx, qy, qz, qw))
+    return int(words[0]) / _NS, Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
 
 
 def _kitti(words: list[str]) -> tuple[float, Pose]:
     from scipy.spatial.transform import Rotation
 
     matrix = np.array([float(word) for word in words]).reshape(3, 4)
-    turned = matrix[:, :3]
-    if not np.abs(turned @ turned.T - np.eye(3)).max() < _KITTI_ROUNDING:
+    rotation = matrix[:, :3]
+    if not np.abs(rotation @ rotation.T - np.eye(3)).max() < _KITTI_ROUNDING:
         raise ValueError("expected a rotation")
-    return math.nan, Pose(matrix[:, 3], Rotation.from_matrix(turned).as_matrix())
+    return math.nan, Pose(matrix[:, 3], Rotation.from_matrix(rotation).as_matrix())  # the nearest rotation
 
 
 _TUM = ("'time tx ty tz qx qy qz qw'", _tum)
@@ -221,26 +214,16 @@ def _kitti_times(path: Path) -> tuple[float, ...] | None:
     return None
 
 
-def _pose(position: Sequence[float], turn: Sequence[float]) -> Pose:
-    from scipy.spatial.transform import Rotation
-
-    if len(turn) != 4:
-        raise ValueError("expected four numbers of a quaternion")
-    return Pose(np.array(position), Rotation.from_quat(turn).as_matrix())
-
-
 def _times(trajectory: Trajectory) -> Sequence[float]:
     return range(len(trajectory)) if trajectory.times is None else trajectory.times
 
 
-def _positions(trajectory: Trajectory) -> list[list[float]]:
-    return [pose.position.tolist() for pose in trajectory]
-
-
-def _quaternions(trajectory: Trajectory) -> list[list[float]]:
-    return [quaternion(pose.rotation) for pose in trajectory]
+def _timed_rows(trajectory: Trajectory) -> Iterator[list[float]]:
+    """Yield time, position and quaternion (x, y, z, w) of each pose."""
+    for time, pose in zip(_times(trajectory), trajectory, strict=True):
+        yield [time, *pose.position.tolist(), *pose.quaternion()]
 
 
 def _lines(header: str, rows: Iterable[Iterable[float]], separator: str = " ") -> str:
-    found = [header] if header else []
-    return "\n".join([*found, *(separator.join(map(plain, row)) for row in rows)]) + "\n"
+    lines = [separator.join(map(plain, row)) for row in rows]
+    return "\n".join([header, *lines] if header else lines) + "\n"

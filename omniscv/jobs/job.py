@@ -19,7 +19,7 @@ from omniscv.dataset.writer import Shot
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
-from omniscv.geometry.motions import Motion
+from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.jobs.moments import Exposure, Moment, Picture, Take
 from omniscv.jobs.motions import check_times

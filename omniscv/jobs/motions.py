@@ -21,7 +21,7 @@ from typing import Literal, NamedTuple
 from omniscv.arguments import Reader, fields, number, numbers, shown, text, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.motions import Curve, Motion, object_pose
+from omniscv.geometry.motion import Curve, Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory
 from omniscv.jobs.poses import Posed
 

@@ -13,7 +13,7 @@ from support.datasets import tree
 import mock_server
 from mock_server.motion import turned
 from omniscv import dataset, jobs
-from omniscv.geometry.motions import Motion
+from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
 
 WORKSHOP = mock_server.load_scene("workshop")

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from mock_server.motion import turned
 from omniscv import Pose
 from omniscv.errors import ArgumentError
-from omniscv.geometry.motions import Motion, object_pose
+from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory
 
 TIMES = (0.0, 0.7, 1.5, 2.0, 3.1)

@@ -116,7 +116,7 @@ def test_a_part_keeps_its_times():
     ("poses", "times", "says"),
     [
         ((), None, "at least one pose"),
-        (STEPS.poses, (1.0,), "one a pose, got 1 for 2"),
+        (STEPS.poses, (1.0,), "one per pose, got 1 for 2"),
         (STEPS.poses, (1.0, 1.0), "increasing"),
         (STEPS.poses, (1.0, float("nan")), "increasing"),
     ],

@@ -9,7 +9,7 @@ import mock_server
 import omniscv
 from omniscv import Pose, RenderOptions, jobs
 from omniscv.errors import ArgumentError
-from omniscv.geometry.motions import Motion, object_pose
+from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory, write_tum
 from omniscv.jobs.moments import Exposure
 from omniscv.sources.scene import SceneSource

@@ -262,7 +262,6 @@ def test_an_instant_is_the_same_when_it_was_written(instant):
     "data",
     [
         [],
-        {"poses": {}, "hidden": [], "time": None},
         {"poses": {"Crate": {}}, "hidden": [], "time": None, "name": ""},
         {"poses": {}, "hidden": [], "time": "soon", "name": ""},
         {"poses": {}, "hidden": "Crate", "time": None, "name": ""},

@@ -22,7 +22,6 @@ from omniscv.evaluate.odometry.features import Features
 from omniscv.evaluate.odometry.tracks import FEWEST, Tracks, follow
 from omniscv.evaluate.odometry.two_views import relative_pose
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.motion import between
 
 _PARALLAX = np.radians(2.0)
 _WINDOW = 8  # frames that are adjusted together
@@ -73,7 +72,7 @@ class Chain:
                 break
         else:
             return False
-        self.poses += [between(self.poses[0], found.T_1_2, i / frame) for i in range(1, frame + 1)]
+        self.poses += [self.poses[0].interpolate(found.T_1_2, i / frame) for i in range(1, frame + 1)]
         self._triangulate(np.concatenate([rows[found.agree], others[found.agree]]))
         for i in range(1, frame):
             self.poses[i] = self._fitted(i, self.poses[i])

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, whole_number
-from omniscv.cameras.base import FARTHEST, Array, Camera, Mask, Viewpoints
-from omniscv.cameras.noncentral.lines import viewpoints_by_line
-from omniscv.cameras.optics import refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.arrays import refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.base import FARTHEST, Array, Camera, Mask, Viewpoints, viewpoints_by_line
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
 

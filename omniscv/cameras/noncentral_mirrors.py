@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, optional_number, whole_number
+from omniscv.cameras.arrays import polar
 from omniscv.cameras.base import Array, Viewpoints
-from omniscv.cameras.optics import polar
 from omniscv.cameras.radial import ROUNDING, CircleCamera, Meridian
 from omniscv.cameras.registry import register
 

@@ -40,11 +40,11 @@ class Increasing:
 
     def inverse(self, y: Array) -> Array:
         """The x of values 0 <= y <= ``last``."""
-        from omniscv.cameras import kernels  # slow to load
+        from omniscv.cameras import camera_kernels  # slow to load
 
         flat = np.require(np.asarray(y).reshape(-1), requirements=("C", "W"))
         return np.asarray(
-            kernels.invert(flat, self._coefficients, self._table, self.last).reshape(np.shape(y))
+            camera_kernels.invert(flat, self._coefficients, self._table, self.last).reshape(np.shape(y))
         )
 
 

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.cameras.base import Array, Camera, Mask, Viewpoints
-from omniscv.cameras.noncentral.lines import viewpoints_by_line
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, viewpoints_by_line
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from omniscv.geometry import Pose
-from omniscv.geometry.motion import rotation_vector
+from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
@@ -99,8 +95,8 @@ class RollingShutter(Camera):
             scan: where the first line is.
         """
         readout = number("readout", readout, above=0)
-        velocity = start.R_w_c.T @ (end.t_w_c - start.t_w_c) / readout
-        angular_velocity_deg = np.degrees(rotation_vector(start, end)) / readout
+        velocity = start.rotation.T @ (end.position - start.position) / readout
+        angular_velocity_deg = np.degrees(start.rotation_vector_to(end)) / readout
         camera = cls(base.width, base.height, base, readout, velocity, angular_velocity_deg, scan)
         return camera, start
 

@@ -1,1 +1,0 @@
-"""Cameras whose rays do not meet in one point."""
