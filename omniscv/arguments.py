@@ -1,4 +1,4 @@
-"""Checks of arguments, for every layer: errors of one line, what was expected and what came."""
+"""Checks of arguments, for every layer. Errors are one line: "NAME: expected X, got Y"."""
 
 import math
 import reprlib
@@ -17,16 +17,16 @@ Reader = Callable[[str, Any], Any]
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 80, 80
 _LONGEST_SHOWN = 120
-_LONGEST_NUMBER = 64  # characters: of any float64, 25 are enough
+_LONGEST_NUMBER = 64  # characters; a float64 needs at most 25
 
 
 @contextmanager
 def within(where: object) -> Iterator[None]:
-    """Start the messages of errors raised inside with ``where``."""
+    """Prefix the messages of argument errors with ``where``."""
     try:
         yield
     except ArgumentError as cause:
-        raise ArgumentError(f"{where}: {cause}") from cause
+        raise ArgumentError(f"{where}: {cause.message}") from cause
 
 
 def shown(value: object) -> str:
@@ -35,7 +35,7 @@ def shown(value: object) -> str:
         value = value.tolist() if value.size <= 100 else f"array of shape {value.shape}"
     try:
         text = " ".join(_SHORT.repr(value).split())
-    except ValueError:  # a whole number of more digits than Python writes
+    except ValueError:  # an int of more digits than Python prints
         return f"a value of type {type(value).__name__}"
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
@@ -49,17 +49,17 @@ def number(
     below: float = math.inf,
     most: float = math.inf,
 ) -> float:
-    """Return ``value``, a number or a text, as a finite float within its limits, or raise ArgumentError.
+    """Return a number, or the text of one, as a finite float within its limits, or raise ArgumentError.
 
-    ``above`` and ``below`` exclude the limit. A truth value is no number.
+    ``above`` and ``below`` exclude the limit. A bool is not a number.
     """
-    found = _as_float(value)
-    if not (math.isfinite(found) and above < found < below and least <= found <= most):
+    result = _as_float(value)
+    if not (math.isfinite(result) and above < result < below and least <= result <= most):
         bounds = ((">", above), (">=", least), ("<", below), ("<=", most))
         limits = " and ".join(f"{sign} {bound:.15g}" for sign, bound in bounds if math.isfinite(bound))
         wanted = f"a finite number {limits}".rstrip()
         raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
-    return found + 0.0  # -0.0 becomes 0.0: numbers that are equal look equal
+    return result + 0.0  # -0.0 becomes 0.0: equal numbers have equal texts
 
 
 def optional_number(name: str, value: object, **limits: float) -> float | None:
@@ -68,9 +68,11 @@ def optional_number(name: str, value: object, **limits: float) -> float | None:
 
 
 def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of finite numbers of a shape, in which None stands for any size >= 1;
-    raise ArgumentError for all else."""
-    if _plain(value, shape):  # what is an array already is not looked at number by number
+    """Return finite numbers of a shape as a read-only float64 copy; ArgumentError for anything else.
+
+    None in the shape is any size >= 1.
+    """
+    if _fits(value, shape):  # without a loop over its numbers
         array = np.ascontiguousarray(value) + 0.0
         array.flags.writeable = False
         return array
@@ -84,7 +86,7 @@ def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np
 
 
 def whole_number(name: str, value: object, unit: str = "", *, least: int = 1, most: int | None = None) -> int:
-    """Return ``value``, a whole number of ``unit``, as an int within its limits, or raise ArgumentError."""
+    """Return a whole number of ``unit`` as an int within its limits, or raise ArgumentError."""
     wanted = f"{name}: expected a whole number{unit and ' of '}{unit}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ArgumentError(f"{wanted} >= {least}, got {shown(value)}")
@@ -94,7 +96,7 @@ def whole_number(name: str, value: object, unit: str = "", *, least: int = 1, mo
 
 
 def one_of(name: str, value: object, words: Iterable[str]) -> Any:
-    """Return ``value``, one of a few words, or raise ArgumentError."""
+    """Return one of a few words, or raise ArgumentError."""
     known = list(words)
     if not isinstance(value, str) or value not in known:
         raise ArgumentError(f"{name}: expected one of {', '.join(known)}; got {shown(value)}")
@@ -102,21 +104,21 @@ def one_of(name: str, value: object, words: Iterable[str]) -> Any:
 
 
 def flag(name: str, value: object) -> bool:
-    """Return ``value``, True or False, or raise ArgumentError."""
+    """Return True or False, or raise ArgumentError."""
     if not isinstance(value, bool):
         raise ArgumentError(f"{name}: expected true or false, got {shown(value)}")
     return value
 
 
 def text(name: str, value: object) -> str:
-    """Return ``value``, a text that can name a file: not empty, no NUL in it; else raise ArgumentError."""
+    """Return a text that is not empty and has no NUL, or raise ArgumentError."""
     if not isinstance(value, str) or not value or "\0" in value:
         raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
     return value
 
 
 def texts(name: str, value: object) -> tuple[str, ...]:
-    """Return ``value``, a list of at least one text, or raise ArgumentError."""
+    """Return a list of at least one text as a tuple, or raise ArgumentError."""
     if not isinstance(value, list | tuple) or not value:
         raise ArgumentError(f"{name}: expected a list of texts, got {shown(value)}")
     return tuple(text(f"{name}[{i}]", each) for i, each in enumerate(value))
@@ -148,7 +150,7 @@ def fields(name: str, value: object, readers: Mapping[str, Reader], needed: Coll
 
 
 def _as_float(value: Any) -> float:
-    """The number that a scalar or a text is; NaN for all else."""
+    """Return the number of a scalar or a text; NaN for anything else."""
     if getattr(value, "ndim", 0) or isinstance(value, bool | np.bool_):
         return math.nan
     if isinstance(value, str | bytes) and len(value) > _LONGEST_NUMBER:
@@ -159,8 +161,8 @@ def _as_float(value: Any) -> float:
         return math.nan
 
 
-def _plain(value: object, shape: Sequence[int | None]) -> bool:
-    """Whether a value is an array of finite float64 numbers of a shape."""
+def _fits(value: object, shape: Sequence[int | None]) -> bool:
+    """Return whether a value is an array of finite float64 numbers of a shape."""
     if type(value) is not np.ndarray or value.dtype != np.float64 or value.ndim != len(shape):
         return False
     sizes = all(
@@ -171,8 +173,10 @@ def _plain(value: object, shape: Sequence[int | None]) -> bool:
 
 
 def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:
-    """The numbers of a nested sequence, row by row; NaN in place of what does not fit the shape."""
-    # Reads no more than the shape holds: YAML's aliases can nest one short list into billions of numbers.
+    """Return the numbers of a nested sequence, row by row; NaN where it does not fit the shape.
+
+    It reads no more than the shape holds: YAML's aliases can nest a short list into billions of numbers.
+    """
     if not shape:
         return [_as_float(value)]
     if hasattr(value, "__array__"):
@@ -180,4 +184,4 @@ def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:
     listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
     if not listed or len(value) != (max(1, len(value)) if shape[0] is None else shape[0]):
         return [math.nan]
-    return [leaf for part in value for leaf in _leaves(part, shape[1:])]
+    return [leaf for row in value for leaf in _leaves(row, shape[1:])]

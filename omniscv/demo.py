@@ -27,34 +27,32 @@ _POSES = {
     90.0: Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0, pitch_deg=90.0),
     -90.0: Pose.from_angles((1.4, 0.5, 1.5), yaw_deg=20.0, pitch_deg=-90.0),
 }
-"""By a model's usual pitch: mirrors hang above a camera that looks up at them, and show the room as a ring
-around it; plans are of what the others look at."""
+"""Camera poses by a model's usual pitch: mirrors hang above a camera that looks up, plans look down."""
 
 _SQUARE_PX, _WIDE_PX = 256, 512
 """Widths of square images and of panoramas."""
 _FACE_PX = {True: 256, False: 128}
-"""Of a face of 90 degrees, of central and of other cameras: these take many, and still one for each of their
-own pixels."""
+"""Width of a 90 degree face for central cameras, and for others, which have many viewpoints."""
 
 
 def demo_cameras(scale: int = 1) -> dict[str, tuple[Camera, Pose]]:
     """Return an example of every registered model and its pose, by name.
 
     Args:
-        scale: how many times larger than usual the images are.
+        scale: factor of the images' sizes.
     """
-    found = {}
+    examples = {}
     for name in cameras.names():
         model = cameras.model(name)
         camera = model.example(scale * _SQUARE_PX)
         camera = camera if camera.width < 2 * camera.height else model.example(scale * _WIDE_PX)
-        found[name] = camera, _POSES[model.typical_pitch_deg]
-    return found
+        examples[name] = camera, _POSES[model.typical_pitch_deg]
+    return examples
 
 
 @dataclass
 class DemoReport:
-    """What a demo did."""
+    """Counts and files of a demo."""
 
     out: Path
     sheets: list[Path] = field(default_factory=list)
@@ -72,7 +70,7 @@ class DemoReport:
 
 @dataclass(frozen=True)
 class _Room:
-    """What was made of one room."""
+    """Counts and files of one room."""
 
     sheet: Path
     captures: int
@@ -85,8 +83,8 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
 
     Args:
         out: folder for the recordings, the images of each room, and the contact sheets.
-        progress: called with how far the images have come; each counts twice, captured and recomposed.
-        scale: how many times larger than usual the images are.
+        progress: called with the progress; each image counts twice, captured and recomposed.
+        scale: factor of the images' sizes.
 
     Raises:
         OmniscvError: an image recomposed from the recording differs from the one that was captured.
@@ -106,39 +104,39 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
 
 
 def _room(name: str, out: Path, meter: Meter, scale: int) -> _Room:
-    """Capture and compose all images of a room, and compare them with those of its recording alone."""
+    """Capture and compose all images of a room, and compare them with those recomposed from its recording."""
     recording, images = out / f"{name}.sqlite", {}
     with open_source(f"mock://{name}") as live, record(live, recording) as source:
-        for stem, image in _composed(source, meter, scale):
+        for stem, image in _compose(source, meter, scale):
             image.save(out / name, stem=stem)
             images[stem] = image
         objects = source.objects()
     compared = 0
     with open_source(str(recording)) as replay:
-        for stem, image in _composed(replay, meter, scale):
+        for stem, image in _compose(replay, meter, scale):
             compared += _compare(images[stem], image, stem)
     title = f"omniscv: every camera in the room '{name}'"
     sheet = contact_sheet(images, objects, out / f"{name}.png", title)
     return _Room(sheet, sum(info(recording).captures.values()), len(images), compared)
 
 
-def _composed(source: Source, meter: Meter, scale: int) -> Iterator[tuple[str, OmniImage]]:
-    """Name and image of every camera; those that share their captures together."""
+def _compose(source: Source, meter: Meter, scale: int) -> Iterator[tuple[str, OmniImage]]:
+    """Yield name and image of every camera; cameras of one pose and kind share their captures."""
     renderer = Renderer(source)
     groups: dict[tuple[float, bool], dict[str, tuple[Camera, Pose]]] = {}
-    for name, shot in demo_cameras(scale).items():
+    for name, camera_and_pose in demo_cameras(scale).items():
         model = cameras.model(name)
-        groups.setdefault((model.typical_pitch_deg, model.central), {})[name] = shot
-    for (_, central), shots in groups.items():
+        groups.setdefault((model.typical_pitch_deg, model.central), {})[name] = camera_and_pose
+    for (_, central), group in groups.items():
         options = RenderOptions("adaptive", face_size=scale * _FACE_PX[central])
-        images = renderer.render_together([*shots.values()], MODES, options, progress=meter.part())
-        yield from zip(shots, images, strict=True)
+        images = renderer.render_together([*group.values()], MODES, options, progress=meter.part())
+        yield from zip(group, images, strict=True)
 
 
 def _compare(captured: OmniImage, replayed: OmniImage, name: str) -> int:
-    """Return the number of layers that agree: all, or an error that names the first that does not."""
+    """Return the number of layers; OmniscvError names the first layer that differs."""
     if list(captured.layers) != list(replayed.layers):
-        raise OmniscvError(f"{name}: expected the layers {', '.join(captured.layers)} of the recording, too")
+        raise OmniscvError(f"{name}: expected the layers {', '.join(captured.layers)} of the recording too")
     for layer, pixels in captured.layers.items():
         again = replayed.layers[layer]
         if (pixels.dtype, pixels.shape, pixels.tobytes()) != (again.dtype, again.shape, again.tobytes()):

@@ -1,30 +1,30 @@
-"""The family of errors: arguments, sources, recordings, storage, clusters, datasets."""
+"""The family of errors, and texts of others made safe to print: printable, one line, bounded."""
 
 import re
 from collections.abc import Sequence
 from typing import ClassVar
 
 LONGEST_LINE = 300
-"""Characters of an error, at most."""
+"""The most characters of an error."""
 
 
 def printable(text: object) -> str:
-    """Return text with every character that is not printable as its escape.
+    """Return a text with Python's escapes in place of characters that are not printable.
 
-    Control characters, terminal sequences, line ends, marks that reverse or hide text (bidirectional,
-    zero-width), and bytes that are no UTF-8 (surrogates) become what Python writes for them.
+    These are control characters, terminal sequences, line ends, bidirectional and zero-width marks, and
+    surrogates (bytes that are not UTF-8).
     """
     shown = str(text)
     if shown.isprintable():
         return shown
-    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in shown)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown)
 
 
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^/\s:]+/){2,}")
 
 
 def one_line(text: object, longest: int = LONGEST_LINE) -> str:
-    """Return text in one printable line; of a longer one, folders of paths are left out, then its middle."""
+    """Return a text in one printable line; if it is too long, omit folders of paths, then its middle."""
     line = printable(" ".join(str(text).split()))
     if len(line) > longest:
         line = _FOLDERS.sub(".../", line)
@@ -37,13 +37,19 @@ def one_line(text: object, longest: int = LONGEST_LINE) -> str:
 class OmniscvError(Exception):
     """Any error that omniscv raises on purpose.
 
-    ``str(error)`` is one clear line of at most ``longest`` printable characters, whatever is quoted in it.
+    ``str(error)``, for printing, is one line of at most ``longest`` printable characters; ``message`` is the
+    whole text, for code that adds to it.
     """
 
     longest: ClassVar[int] = LONGEST_LINE
 
+    @property
+    def message(self) -> str:
+        """The whole message."""
+        return super().__str__()
+
     def __str__(self) -> str:
-        return one_line(super().__str__(), self.longest)
+        return one_line(self.message, self.longest)
 
 
 class ArgumentError(OmniscvError, ValueError):
@@ -55,7 +61,7 @@ class SourceError(OmniscvError):
 
 
 class ServerConnectionError(SourceError):
-    """No UnrealCV server reachable at the address, or the connection broke."""
+    """No UnrealCV server is reachable at the address, or the connection broke."""
 
 
 class DeadlineError(SourceError):
@@ -71,7 +77,7 @@ class BadReplyError(SourceError):
 
 
 class TornSetError(SourceError):
-    """The world moved while captures were made that belong together: they do not show one instant."""
+    """The world moved during a set of captures, so that they do not show one instant."""
 
 
 class RecordingError(OmniscvError):
@@ -79,7 +85,7 @@ class RecordingError(OmniscvError):
 
 
 class NotARecordingError(RecordingError):
-    """The file is no recording, or is damaged beyond reading."""
+    """The file is not a recording, or cannot be read."""
 
 
 class DamagedRecordingError(RecordingError):
@@ -105,22 +111,22 @@ class StorageError(OmniscvError):
 
 
 class MissingFileError(StorageError):
-    """There is no file of that name."""
+    """A file does not exist."""
 
 
 class ClusterError(OmniscvError):
-    """A cluster cannot be reached, has lost its scheduler, or cannot do a part of the work."""
+    """A cluster cannot be reached, has lost its scheduler, or failed at a shard."""
 
 
 class DatasetError(OmniscvError):
-    """A dataset cannot be used: files of it are missing, damaged, or not what its manifest lists."""
+    """A dataset cannot be used: its files are missing, damaged, or differ from its manifest."""
 
 
 class UnmatchedNamesError(DatasetError):
     """Objects whose names no rule of ``classes.yaml`` matches.
 
     Attributes:
-        names: of the objects, all of them; the message lists as many as fit.
+        names: of all these objects; the message lists as many as fit.
     """
 
     longest = 2 * LONGEST_LINE

@@ -1,7 +1,4 @@
-"""What an image can show: the one table of modalities and of the layers derived from them.
-
-Sources, composition and files look a modality up here; none of them lists modalities of its own.
-"""
+"""The table of modalities and of the layers derived from them, for sources, composition and files."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -14,34 +11,34 @@ from omniscv import plugins
 from omniscv.errors import ArgumentError
 
 Interpolation = Literal["blended", "nearest", "surface", "direction", "plane"]
-"""How values between pixels are found: ``blended`` by the filter that the user chose; ``nearest``, never
-blended; ``surface``, planar depth along one surface; ``direction``, blended on one surface, and normalised;
-``plane``, the normal of the plane through depth."""
+"""How values between pixels are interpolated: ``blended``, by the user's filter; ``nearest``, never blended;
+``surface``, planar depth along one surface; ``direction``, blended on one surface and normalised; ``plane``,
+the normal of the plane through depth."""
 
 FileForm = Literal["picture", "png", "exr"]
-"""How a layer is written: ``picture`` in the user's format (EXR if it is of floats), PNG, or EXR."""
+"""How a layer is written: ``picture`` in the user's format (EXR for floats), PNG, or EXR."""
 
 
 @dataclass(frozen=True)
 class Modality:
-    """One row of the table; a modality and the layer that shows it have one name.
+    """One row of the table; a modality and its layer have the same name.
 
     Attributes:
         name: of the mode and of the layer.
-        dtypes: what its pixels may be; the first is the usual one.
+        dtypes: of its pixels; the first is the usual one.
         channels: of a pixel; 0 for arrays (H, W).
         interpolation: how composition samples it.
         file: how the layer is written.
         channel_names: of an EXR file.
         attributes: of an EXR file: unit, kind and frame of its values.
         outside: its value outside the field of view.
-        wire_bytes: what a pixel takes on the wire, for estimates: PNG of furnished rooms, raw floats.
+        wire_bytes: bytes of a pixel on the wire, for estimates: PNG of furnished rooms, raw floats.
         captured: whether sources deliver it; else it is derived from captures.
-        derives: the layers that come with it.
-        captured_as: the modality that is captured for it; its own if empty.
-        marked_by: the layer that says where, or by how much, its values may be off.
-        aliases: other words for it, on the command line and in older recordings.
-        doc: what its values mean.
+        derives: the layers derived from it.
+        captured_as: the modality that is captured for it; itself if empty.
+        marked_by: the layer that bounds its errors, or marks where they may be.
+        aliases: other names, on the command line and in files.
+        doc: the meaning of its values.
     """
 
     name: str
@@ -62,11 +59,11 @@ class Modality:
 
     @property
     def truth(self) -> bool:
-        """Whether it is ground truth, which may be captured finer than colours: all that is not blended."""
+        """Whether it is ground truth (not blended), which may be captured finer than colours."""
         return self.interpolation != "blended"
 
     def fits(self, pixels: NDArray[np.generic]) -> bool:
-        """Whether an array (H, W) or (H, W, channels) can hold it."""
+        """Return whether an array (H, W) or (H, W, channels) can hold it."""
         channels = pixels.shape[2:] == ((self.channels,) if self.channels else ())
         return channels and pixels.ndim >= 2 and pixels.dtype.name in self.dtypes
 
@@ -80,7 +77,7 @@ def register(modality: Modality) -> None:
 
 
 def get(name: str) -> Modality:
-    """The row of a modality or derived layer, by its name or an alias.
+    """Return the row of a modality or derived layer, by its name or an alias.
 
     Raises:
         ArgumentError: no row has that name.
@@ -95,29 +92,31 @@ def get(name: str) -> Modality:
 
 
 def names() -> tuple[str, ...]:
-    """The names of all modalities that sources can deliver."""
+    """Return the names of all modalities that sources can deliver."""
     plugins.load()
     return tuple(row.name for row in _TABLE.values() if row.captured)
 
 
 def layers() -> tuple[Modality, ...]:
-    """All rows, derived layers included, in the order of registration."""
+    """Return all rows, derived layers included, in the order of registration."""
     return tuple(_TABLE.values())
 
 
 def chosen(modes: Iterable[str]) -> tuple[str, ...]:
-    """Names of modalities, aliases resolved, each once.
+    """Return the names of modalities, with aliases resolved.
 
     Raises:
-        ArgumentError: no mode, an unknown or derived one, one twice, or a text in place of a sequence.
+        ArgumentError: no mode, an unknown or derived one, a duplicate, or a text in place of a sequence.
     """
-    given = modes if isinstance(modes, str) else list(modes)
-    rows = [get(mode) for mode in given if isinstance(mode, str)] if isinstance(given, list) else []
-    found = tuple(row.name for row in rows if row.captured)
-    if found and len(set(found)) == len(given):
-        return found
-    got = f"{given!r}" if isinstance(given, list) else f"the text {given!r}, write ({given!r},)"
-    raise ArgumentError(f"modes: expected a sequence of some of {', '.join(names())}, each once; got {got}")
+    wanted = f"modes: expected a sequence of some of {', '.join(names())}, each once"
+    if isinstance(modes, str):
+        raise ArgumentError(f"{wanted}; got the text {modes!r}, write ({modes!r},)")
+    listed = list(modes)
+    rows = [get(mode) for mode in listed if isinstance(mode, str)]
+    chosen = tuple(row.name for row in rows if row.captured)
+    if not chosen or len(set(chosen)) != len(listed):
+        raise ArgumentError(f"{wanted}; got {listed!r}")
+    return chosen
 
 
 _CAMERA_FRAME = "camera: x right, y down, z forward"

@@ -1,7 +1,7 @@
-"""Work on all cores, for functions that release the GIL: NumPy, OpenCV, compiled kernels.
+"""Threads on all cores, for functions that release the GIL: NumPy, OpenCV, compiled kernels.
 
-The calling thread works on the items itself; threads of one pool help it as far as they are free. So no call
-waits for work that nobody has started, and calls may be nested, in any thread and in forked children.
+The calling thread works on the items too, and free threads of one pool help. So no call waits for work that
+has not started, and calls may be nested, in any thread and in forked children.
 """
 
 import os
@@ -17,39 +17,39 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _limit = sys.maxsize
-MIN_PARALLEL_ELEMENTS = 1 << 16  # below it, starting another thread costs more time than it saves
+MIN_PARALLEL_ELEMENTS = 1 << 16  # below it, another thread costs more time than it saves
 
 
 def cores() -> int:
-    """How many cores this process may use."""
-    found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(found, _limit)
+    """Return how many cores this process may use."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(available, _limit)
 
 
 def limit(most: int) -> None:
-    """Use no more than so many cores in this process from now on, as one of several that share a machine."""
+    """Limit the cores that this process uses from now on, as one of several processes of a machine."""
     global _limit
     _limit = most
     _pool.cache_clear()
 
 
 def blocks(function: Callable[[slice], R], count: int, elements: int | None = None) -> list[R]:
-    """Results of a function for slices that cover ``range(count)``, computed in parallel, in order.
+    """Return the results of a function for slices that cover ``range(count)``, in order.
 
     Args:
         function: called with each slice.
         count: number of rows.
         elements: number of elements in all rows; the count if not given.
     """
-    parts = cores() if (elements or count) >= MIN_PARALLEL_ELEMENTS else 1
-    edges = [count * i // parts for i in range(parts + 1)]
+    number = cores() if (elements or count) >= MIN_PARALLEL_ELEMENTS else 1
+    edges = [count * i // number for i in range(number + 1)]
     return side_by_side(function, [slice(a, b) for a, b in pairwise(edges)])
 
 
 def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """Results of a function for every item, computed on all cores, in order.
+    """Return the results of a function for every item, computed on all cores, in order.
 
-    After a call that raises, no further item is started; the error of the first such item is raised.
+    After an error no further item is started; the error of the first item that failed is raised.
     """
     helpers = min(cores(), len(items)) - 1
     if helpers < 1:
@@ -81,16 +81,16 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def _renew_locks() -> None:
-    """Free the locks of cached properties in a forked child: until Python 3.12 each class has one, which a
-    thread that does not survive may have held."""
-    modules = [each for name, each in list(sys.modules.items()) if name.partition(".")[0] in _OURS]
-    classes = {each for module in modules for each in vars(module).values() if isinstance(each, type)}
-    for attribute in [each for one in classes for each in vars(one).values()]:
+    """Replace the locks of cached properties in a forked child: before Python 3.12 each has one, which a
+    thread of the parent may hold."""
+    modules = [module for name, module in list(sys.modules.items()) if name.partition(".")[0] in _PACKAGES]
+    classes = {value for module in modules for value in vars(module).values() if isinstance(value, type)}
+    for attribute in [value for cls in classes for value in vars(cls).values()]:
         if isinstance(attribute, cached_property) and hasattr(attribute, "lock"):
             attribute.lock = threading.RLock()
 
 
-_OURS = ("omniscv", "mock_server")
+_PACKAGES = ("omniscv", "mock_server")
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork

@@ -1,7 +1,7 @@
-"""Modules of other packages that register cameras, strategies, modalities, file formats.
+"""Modules of other packages that register cameras, strategies, modalities and file formats.
 
-A package names its module as an entry point of the group ``omniscv.plugins``; it is imported when a name is
-looked up that is not registered, or when all names are listed. Sources have a group of their own, by scheme:
+A package names its module as an entry point of the group ``omniscv.plugins``. The modules are imported when a
+name is not registered, or when all names are listed. Sources have another group, by scheme:
 :mod:`omniscv.sources.registry`.
 """
 

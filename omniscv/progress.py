@@ -1,23 +1,24 @@
-"""How far a long work has come, as data: images, and the captures that they are composed of."""
+"""Progress of long work as data: images, and the captures that they are composed of."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from operator import add, sub
 from threading import Lock
 from typing import Self
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What is done of a work; the sum of its parts' progress is its own.
+    """Counts of work done; the progress of parts adds up.
 
     Attributes:
-        images: that are done.
-        of_images: in all.
-        captures: that came, for these images and those under way; one that several use counts for each.
-        of_captures: known to be needed so far: strategies that look at what came ask for more.
-        nbytes: of the captures, as they were received, or of their pixels where nothing was encoded.
+        images: images done.
+        of_images: images in all.
+        captures: received, for these images and those in progress; a shared capture counts for each image.
+        of_captures: known to be needed so far; adaptive strategies request more later.
+        nbytes: received for the captures; of their pixels where they were not encoded.
     """
 
     images: int = 0
@@ -27,25 +28,21 @@ class Progress:
     nbytes: int = 0
 
     def __add__(self, other: Self) -> Self:
-        return type(self)(*(a + b for a, b in zip(_values(self), _values(other), strict=True)))
+        return type(self)(*map(add, astuple(self), astuple(other)))
 
     def __sub__(self, other: Self) -> Self:
-        return type(self)(*(a - b for a, b in zip(_values(self), _values(other), strict=True)))
-
-
-def _values(each: Progress) -> tuple[int, ...]:
-    return each.images, each.of_images, each.captures, each.of_captures, each.nbytes
+        return type(self)(*map(sub, astuple(self), astuple(other)))
 
 
 Report = Callable[[Progress], None]
-"""What is called, again and again, with how far a work has come since its start."""
+"""A callback, called repeatedly with the progress since the start."""
 
 
 class Meter:
-    """Sums the progress of a work's parts, which may run in threads of their own.
+    """Sums the progress of parts of a work, which may run in several threads.
 
     Args:
-        of_images: the number of images in all, whatever the parts say.
+        of_images: the number of images in all; replaces the parts' sum.
         report: called with the sum after each part's report, by one thread at a time.
     """
 
@@ -53,7 +50,7 @@ class Meter:
         self._sum, self._of_images, self._report, self._lock = Progress(), of_images, report, Lock()
 
     def part(self) -> Report:
-        """Return what a part is to call with its own progress."""
+        """Return the callback of a part, to be called with that part's progress."""
         last = Progress()
 
         def report(now: Progress) -> None:
@@ -67,5 +64,5 @@ class Meter:
 
 
 def without_images(report: Report) -> Report:
-    """Return a report of a part whose captures count, and whose images do not: others are made of them."""
+    """Return the callback of a part of which only the captures count: its images are intermediate."""
     return lambda now: report(replace(now, images=0))

@@ -36,7 +36,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Note whether a test has passed, for the fixtures that are torn down behind it."""
+    """Store whether a test has passed, for the fixtures that are torn down after it."""
     report = yield
     if report.when != "teardown":
         item.stash[_passed] = report.when == "call" and report.passed
@@ -73,8 +73,8 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     rewrite         record a new file
     ==============  =================================================================
 
-    What is recorded goes to a file of its own, and takes the place of the old one if the test passes: a test
-    that fails leaves what was there.
+    New captures are written to a temporary file, which replaces the recording if the test passes. A test that
+    fails leaves the recording unchanged.
     """
     from omniscv.sources.recording import RecordedSource, Recording
     from omniscv.sources.recording.replacing import copy_to_part, part_of, place_of, publish
@@ -99,7 +99,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
 
 
 def _holds_captures(path: Path) -> bool:
-    """Whether a file is there, and holds captures; it has no journal to be undone afterwards."""
+    """Return whether a file exists and holds captures; opening it also applies a journal that is left."""
     from omniscv.sources.recording import RecordedSource
 
     if not path.exists() or path.stat().st_size == 0:
@@ -117,7 +117,7 @@ def _file(request: pytest.FixtureRequest) -> str:
 
 
 def _live(request: pytest.FixtureRequest) -> Source:
-    """The game of ``--unrealcv``, else the mock that the test's marker describes."""
+    """Open the game of ``--unrealcv``, else the mock that the test's marker describes."""
     from omniscv.sources import open_source
 
     if request.config.pluginmanager.has_plugin("recording"):

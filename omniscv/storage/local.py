@@ -1,4 +1,4 @@
-"""A folder on this machine."""
+"""Local folders: atomic writes, locks, and scratch folders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from glob import escape
 from pathlib import Path
 
 from omniscv.errors import MissingFileError, StorageError
-from omniscv.storage.base import Folder, checked
+from omniscv.storage.base import Folder, checked_name
 
 try:
     import fcntl
@@ -28,7 +28,7 @@ _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.E
 
 @dataclass(frozen=True)
 class LocalFolder(Folder):
-    """A folder by its path; it is made with its first file."""
+    """A folder by its path; created with its first file."""
 
     path: Path
 
@@ -41,71 +41,68 @@ class LocalFolder(Folder):
         return self.path
 
     def exists(self, name: str) -> bool:
-        """Return whether there is a file of that name."""
-        with in_one_line(self.path / checked(name)):
+        """Return whether a file of that name exists."""
+        with in_one_line(self.path / checked_name(name)):
             return (self.path / name).is_file()
 
     def names(self, prefix: str = "") -> list[str]:
         """Return the names of all files that start with a prefix, sorted."""
         inner = prefix.rpartition("/")[0]
-        start = self.path / checked(inner) if inner else self.path
-        found = []
+        start = self.path / checked_name(inner) if inner else self.path
+        names = []
         for root, folders, files in os.walk(start):
-            folders[:] = [each for each in folders if not each.startswith(".")]
+            folders[:] = [folder for folder in folders if not folder.startswith(".")]
             below = Path(root).relative_to(self.path)
-            found += [(below / each).as_posix() for each in files if not each.startswith(".")]
-        return sorted(each for each in found if each.startswith(prefix))
+            names += [(below / file).as_posix() for file in files if not file.startswith(".")]
+        return sorted(name for name in names if name.startswith(prefix))
 
     def read(self, name: str) -> bytes:
         """Return the bytes of a file."""
-        with in_one_line(path := self.path / checked(name)):
+        with in_one_line(path := self.path / checked_name(name)):
             return path.read_bytes()
 
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
-        """Write a file beside its place and move it there; with ``first`` by a link, which never replaces."""
+        """Write a temporary file and rename it; with ``first`` link it, which never replaces a file."""
         if first and self.exists(name):
             return False
-        place = self.path / checked(name)
-        with in_one_line(place), written_beside(place) as part:
+        path = self.path / checked_name(name)
+        with in_one_line(path), _temporary(path) as part:
             if isinstance(content, bytes):
                 part.write_bytes(content)
             else:
                 shutil.copyfile(content, part)
             if first:
-                return _linked(part, place)
-            part.replace(place)
+                return _link(part, path)
+            part.replace(path)
         return True
 
     def remove(self, name: str) -> None:
-        """Remove a file, where there is one."""
-        with in_one_line(path := self.path / checked(name)):
+        """Remove a file if it exists."""
+        with in_one_line(path := self.path / checked_name(name)):
             path.unlink(missing_ok=True)
 
     def fetch(self, name: str, checksum: str = "") -> Path:
-        """Return the file itself; its bytes are not read."""
-        path = self.path / checked(name)
+        """Return the file itself, unread."""
+        path = self.path / checked_name(name)
         if not self.exists(name):
             raise MissingFileError(f"{path}: expected a file, it is missing")
         return path
 
     def copy(self, name: str, path: Path) -> None:
         """Write the bytes of a file to a local path."""
-        with in_one_line(place := self.path / checked(name)):
-            shutil.copyfile(place, path)
+        with in_one_line(source := self.path / checked_name(name)):
+            shutil.copyfile(source, path)
 
     def below(self, name: str) -> LocalFolder:
         """Return an inner folder."""
-        return LocalFolder(self.path / checked(name))
+        return LocalFolder(self.path / checked_name(name))
 
 
 @contextmanager
-def written_beside(place: Path) -> Iterator[Path]:
-    """Yield where to write a file that is then moved to its place; nothing is left there at the end.
-
-    Every writer has a place of its own: several processes may write one file.
-    """
-    place.parent.mkdir(parents=True, exist_ok=True)
-    part = place.with_name(f".{place.stem}.{secrets.token_hex(_TOKEN_BYTES)}{place.suffix}")
+def _temporary(path: Path) -> Iterator[Path]:
+    """Yield a unique temporary path beside a file's, so that several processes may write the file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.stem}.{secrets.token_hex(_TOKEN_BYTES)}{path.suffix}")
     try:
         yield part
     finally:
@@ -114,13 +111,13 @@ def written_beside(place: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield where to write a file, and move it to ``path`` once it is complete: no half file is ever seen.
+    """Yield a temporary path to write to, and rename it to ``path`` at the end: the one atomic write.
 
     Raises:
-        StorageError: there is no space for it.
+        StorageError: the disk is full.
     """
     try:
-        with written_beside(path) as part:
+        with _temporary(path) as part:
             yield part
             part.replace(path)
     except OSError as cause:
@@ -130,9 +127,9 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def remove_parts(path: Path) -> None:
-    """Remove what killed processes left of a file that was to be moved to ``path``.
+    """Remove the temporary files that killed processes left of :func:`whole_file`.
 
-    Only for files that one process writes at a time: a living writer's part goes, too.
+    Only for files that one process writes at a time: a running writer's file goes too.
     """
     for part in path.parent.glob(f".{escape(path.stem)}.{_TOKEN_PATTERN}{escape(path.suffix)}"):
         part.unlink(missing_ok=True)
@@ -140,15 +137,15 @@ def remove_parts(path: Path) -> None:
 
 @contextmanager
 def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
-    """Yield a new, empty folder ``PREFIX`` + token in ``parent``; it is removed at the end.
+    """Yield a new, empty folder ``PREFIX`` + token in ``parent``, and remove it at the end.
 
-    It is locked meanwhile, so that :func:`remove_scratch` of another process or thread leaves it alone.
+    It is locked until then, so that :func:`remove_scratch` of another process or thread skips it.
     """
     while True:
         folder = parent / f"{prefix}{secrets.token_hex(_TOKEN_BYTES)}"
         folder.mkdir(parents=True)
         with _try_lock(folder) as held:
-            if not held and fcntl is not None:  # remove_scratch came between the two
+            if not held and fcntl is not None:  # remove_scratch was faster than the lock
                 continue
             try:
                 yield folder
@@ -167,7 +164,7 @@ def remove_scratch(parent: Path, prefix: str) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder alone, among processes and threads; wait for it. A killed holder leaves no lock.
+    """Lock a folder against other processes and threads; wait for it. A killed process leaves no lock.
 
     Without effect on Windows, where only one process at a time may write a folder.
     """
@@ -184,7 +181,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _try_lock(folder: Path) -> Iterator[bool]:
-    """Yield whether a folder is there and was free, held until the end."""
+    """Lock a folder, and yield whether it exists and was free."""
     if fcntl is None:
         yield False
         return
@@ -206,7 +203,7 @@ def _try_lock(folder: Path) -> Iterator[bool]:
 
 @contextmanager
 def folder_beside(target: Path) -> Iterator[Path]:
-    """Yield a new folder beside a place, to be moved there when it is complete; it is removed at the end."""
+    """Yield a new folder beside ``target``, for :func:`replace_folder`, and remove it at the end."""
     part = target.with_name(f".{target.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
@@ -217,14 +214,14 @@ def folder_beside(target: Path) -> Iterator[Path]:
 
 
 def replace_folder(part: Path, target: Path) -> None:
-    """Move a folder to its place; the one that is there is removed."""
+    """Rename a folder to ``target``, in place of the folder that has the name."""
     shutil.rmtree(target, ignore_errors=True)
     part.replace(target)
 
 
 @contextmanager
 def in_one_line(path: Path | str) -> Iterator[None]:
-    """Raise what the system reports as one line that names a file and what helps."""
+    """Raise OSError as StorageError: one line that names a file and what helps."""
     try:
         yield
     except FileNotFoundError as cause:
@@ -234,8 +231,8 @@ def in_one_line(path: Path | str) -> Iterator[None]:
 
 
 def refusal(cause: OSError, path: Path | str | None = None) -> str:
-    """Return what the system refused, in one line that names the file, where it is known, and what helps."""
-    path = path or cause.filename2 or cause.filename  # of a copy or a move: where it goes
+    """Return an OSError in one line that names the file, if known, and what helps."""
+    path = path or cause.filename2 or cause.filename  # of a copy or a move: its target
     got = cause.strerror or str(cause)
     if isinstance(cause, FileExistsError):  # of mkdir
         got = "a file" if os.path.isfile(path or "") else got
@@ -244,23 +241,23 @@ def refusal(cause: OSError, path: Path | str | None = None) -> str:
     return f"{path}: expected to read or write it, got: {got}{advice}" if path else f"{got}{advice}"
 
 
-def _linked(part: Path, place: Path) -> bool:
-    """Whether a whole file was given its place, where none was before."""
+def _link(part: Path, path: Path) -> bool:
+    """Link a temporary file to ``path``; return False if the path exists."""
     try:
-        os.link(part, place)
+        os.link(part, path)
     except FileExistsError:
         return False
     except OSError as cause:
         if cause.errno not in _NO_LINKS:
             raise
-        return _created(part, place)
+        return _create(part, path)
     return True
 
 
-def _created(part: Path, place: Path) -> bool:
-    """As :func:`_linked`, on a file system without hard links: the last of several writers at once wins."""
-    if place.exists():
+def _create(part: Path, path: Path) -> bool:
+    """As :func:`_link`, on a file system without hard links: of simultaneous writers, the last one wins."""
+    if path.exists():
         return False
     content = part.read_bytes()
-    part.replace(place)
-    return place.read_bytes() == content
+    part.replace(path)
+    return path.read_bytes() == content

@@ -1,4 +1,4 @@
-"""Folders and files by path or URL."""
+"""Open folders and files by path or URL."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,18 +11,18 @@ from omniscv.storage.local import LocalFolder
 from omniscv.storage.remote import RemoteFolder, is_url, scheme_of, was_url
 
 
-class Place(NamedTuple):
-    """A file: the folder that holds it, and its name there."""
+class StoredFile(NamedTuple):
+    """A file: its folder, and its name there."""
 
     folder: Folder
     name: str
 
 
 def folder(where: str | Path | Folder) -> Folder:
-    """Return the folder of a path or a URL; ``file://`` is a path. A folder is returned as it is.
+    """Return the folder of a path or a URL; ``file://`` is a path. A Folder is returned unchanged.
 
     Raises:
-        ArgumentError: neither of them, or the packages of its store are missing.
+        ArgumentError: neither a path nor a URL, or the packages of its store are missing.
     """
     if isinstance(where, Folder):
         return where
@@ -37,36 +37,36 @@ def folder(where: str | Path | Folder) -> Folder:
     return RemoteFolder(where)
 
 
-def file_at(where: str | Path) -> Place:
+def file_at(where: str | Path) -> StoredFile:
     """Return the file of a path or a URL.
 
     Raises:
-        ArgumentError: neither of them, or one that ends with a slash.
+        ArgumentError: neither a path nor a URL, or a URL that ends with a slash.
     """
     if isinstance(where, str) and is_url(where) and scheme_of(where) != "file":
         inside, _, name = where.rpartition("/")
         if not name or (inside.endswith("/") and scheme_of(where) != "memory"):
             raise ArgumentError(f"expected the URL of a file, got {shown(str(RemoteFolder(where)))}")
-        return Place(RemoteFolder(inside + "/" if inside.endswith("/") else inside), name)
+        return StoredFile(RemoteFolder(inside + "/" if inside.endswith("/") else inside), name)
     path = _local_path(where) if isinstance(where, str) and is_url(where) else Path(where)
-    return Place(LocalFolder(path.parent), path.name)
+    return StoredFile(LocalFolder(path.parent), path.name)
 
 
 def fetch_file(where: str | Path) -> Path:
-    """Return a local file: a path as it is, and of a URL a copy in the local cache, fetched once.
+    """Return a path unchanged, and for a URL a copy in the local cache, downloaded once.
 
     Raises:
-        MissingFileError: there is no file at the URL.
-        StorageError: it cannot be fetched.
+        MissingFileError: the URL names no file.
+        StorageError: the download fails.
     """
     if not (isinstance(where, str) and is_url(where)):
         return Path(where)
-    found = file_at(where)
-    return found.folder.fetch(found.name)
+    file = file_at(where)
+    return file.folder.fetch(file.name)
 
 
 def _local_path(url: str) -> Path:
-    """The path of ``file:///path`` or ``file://localhost/path``."""
+    """Return the path of ``file:///path`` or ``file://localhost/path``."""
     path = url.partition("://")[2].removeprefix("localhost")
     if not path.startswith("/"):
         raise ArgumentError(f"expected file:///PATH, got {shown(url)}")

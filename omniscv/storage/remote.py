@@ -13,31 +13,31 @@ from typing import Any, TypeVar
 
 from omniscv.errors import ArgumentError, MissingFileError, OmniscvError, StorageError
 from omniscv.storage import cache
-from omniscv.storage.base import Folder, checked
+from omniscv.storage.base import Folder, checked_name
 from omniscv.storage.local import NO_SPACE
 
 T = TypeVar("T")
 
 SCHEMES = ("file", "s3", "gs", "memory")
-"""Stores that are tested; any other scheme that fsspec knows is opened too."""
+"""Tested stores; fsspec opens others too."""
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
 _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
 _ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
 _PATIENCE_S = 20.0
-"""No attempt is begun later: the packages of some stores try again for a while themselves."""
+"""No later attempt is started: the packages of some stores retry too."""
 _FINAL = (
     FileExistsError, FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, TypeError,
     ValueError, NotImplementedError, ImportError,
 )  # fmt: skip
 _FINAL_NAMES = ("NoCredentialsError", "ParamValidationError", "PartialCredentialsError", "ProfileNotFound")
-"""Errors that another attempt does not mend, and those of packages that may be missing, by their names."""
+"""Errors that no retry mends; those of optional packages by name."""
 
 
 @dataclass(frozen=True)
 class RemoteFolder(Folder):
-    """A folder by its URL. S3, Google's store and ``memory://`` write a file whole or not at all."""
+    """A folder by its URL. S3, Google's store and ``memory://`` write files atomically."""
 
     url: str
 
@@ -45,10 +45,10 @@ class RemoteFolder(Folder):
         object.__setattr__(self, "url", self.url.rstrip("/") if "://" in self.url.rstrip("/") else self.url)
         if without_secrets(self.url) != self.url or "?" in self.url or "#" in self.url:
             wanted = (
-                "expected a URL without user and query; credentials and options are the store's own settings"
+                "expected a URL without user and query; set credentials and options in the store's settings"
             )
             shown = without_secrets(self.url).partition("?")[0].partition("#")[0]
-            raise ArgumentError(f"{shown}: {wanted}, got one with them")
+            raise ArgumentError(f"{shown}: {wanted}")
 
     def __str__(self) -> str:
         return self.url
@@ -58,11 +58,11 @@ class RemoteFolder(Folder):
 
     @property
     def local(self) -> None:
-        """None: it is not on this machine."""
+        """None: the folder is not on this machine."""
         return
 
     def exists(self, name: str) -> bool:
-        """Return whether there is a file of that name."""
+        """Return whether a file of that name exists."""
         return self._info(name) is not None
 
     def names(self, prefix: str = "") -> list[str]:
@@ -74,19 +74,18 @@ class RemoteFolder(Folder):
         def find() -> list[str]:
             fs, _ = self._opened("")
             fs.invalidate_cache()
-            return [str(each) for each in fs.find(start)]
+            return [str(path) for path in fs.find(start)]
 
         try:
-            paths = self._tried(inner, find)
+            paths = self._retry(inner, find)
         except MissingFileError:  # some stores have folders
             return []
-        found = [path[len(root.rstrip("/")) :].lstrip("/") for path in paths]
-        shown = (each for each in found if not any(part.startswith(".") for part in each.split("/")))
-        return sorted(each for each in shown if each.startswith(prefix))
+        names = (path[len(root.rstrip("/")) :].lstrip("/") for path in paths)
+        return sorted(name for name in names if name.startswith(prefix) and "/." not in f"/{name}")
 
     def read(self, name: str) -> bytes:
         """Return the bytes of a file."""
-        return self._tried(name, lambda: bytes(self._call(name, "cat_file")))
+        return self._retry(name, lambda: bytes(self._call(name, "cat_file")))
 
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
         """Write a file in one request, or in parts that the store joins at the end."""
@@ -105,30 +104,30 @@ class RemoteFolder(Folder):
             return True
 
         try:
-            self._tried(name, write)
+            self._retry(name, write)
         except MissingFileError as cause:
             raise StorageError(f"{self}: expected a bucket or folder to write to, it is missing") from cause
         except FileExistsError:
-            # The answer to an attempt that succeeded may have been lost: then the bytes are these.
+            # The reply to an attempt that succeeded may have been lost: then the bytes are equal.
             return attempts > 1 and self._holds(name, content)
         return not first or bool(options) or self._holds(name, content)
 
     def remove(self, name: str) -> None:
-        """Remove a file, where there is one."""
+        """Remove a file if it exists."""
         if self.exists(name):
             try:
-                self._tried(name, lambda: self._call(name, "rm_file"))
+                self._retry(name, lambda: self._call(name, "rm_file"))
             except MissingFileError:
                 return
 
     def fetch(self, name: str, checksum: str = "") -> Path:
-        """Return a copy in the local cache, which is compared with its checksum at every call."""
+        """Return a copy in the local cache, compared with its checksum at every call."""
 
-        def download(place: Path) -> None:
-            self.copy(name, place)
+        def download(path: Path) -> None:
+            self.copy(name, path)
 
         if checksum:
-            return cache.by_checksum(f"{self}/{name}", checked(name), checksum, download)
+            return cache.by_checksum(f"{self}/{name}", checked_name(name), checksum, download)
         info = self._info(name)
         if info is None:
             raise MissingFileError(f"{self}/{name}: expected a file, it is missing")
@@ -137,19 +136,19 @@ class RemoteFolder(Folder):
 
     def copy(self, name: str, path: Path) -> None:
         """Write the bytes of a file to a local path."""
-        self._tried(name, lambda: self._call(name, "get_file", str(path)))
+        self._retry(name, lambda: self._call(name, "get_file", str(path)))
 
     def below(self, name: str) -> RemoteFolder:
         """Return an inner folder."""
-        return RemoteFolder(f"{self.url.rstrip('/')}/{checked(name)}")
+        return RemoteFolder(f"{self.url.rstrip('/')}/{checked_name(name)}")
 
     def _opened(self, name: str) -> tuple[Any, str]:
-        """The file system, and the path in it of a name."""
+        """Return the file system, and the path of a name in it."""
         fs, root, process = self.__dict__.get("_held", (None, "", 0))
         if process != os.getpid():  # a file system does not survive a fork
             fs, root = self._file_system()
             self.__dict__["_held"] = fs, root, os.getpid()
-        return fs, f"{root.rstrip('/')}/{checked(name)}" if name else root
+        return fs, f"{root.rstrip('/')}/{checked_name(name)}" if name else root
 
     def _file_system(self) -> tuple[Any, str]:
         try:
@@ -166,23 +165,23 @@ class RemoteFolder(Folder):
         return fs, str(root)
 
     def _call(self, name: str, operation: str, *values: Any, **options: Any) -> Any:
-        fs, path = self._opened(checked(name))
+        fs, path = self._opened(checked_name(name))
         order = (values[0], path) if operation == "put_file" else (path, *values)
         return getattr(fs, operation)(*order, **options)
 
     def _info(self, name: str) -> dict[str, Any] | None:
-        """What the store has of a file; None where there is none.
+        """Return what the store says about a file, None if it does not exist.
 
-        The ``exists`` of fsspec answers False for any error.
+        The ``exists`` of fsspec returns False for any error.
         """
 
         def look() -> dict[str, Any]:
-            fs, path = self._opened(checked(name))
+            fs, path = self._opened(checked_name(name))
             fs.invalidate_cache()
             return dict(fs.info(path))
 
         try:
-            info = self._tried(name, look)
+            info = self._retry(name, look)
         except MissingFileError:
             return None
         return info if info.get("type") == "file" else None
@@ -191,16 +190,16 @@ class RemoteFolder(Folder):
         return self.read(name) == (content if isinstance(content, bytes) else content.read_bytes())
 
     def _writes_once(self) -> bool:
-        """Whether the store refuses in one step to replace a file, as S3 does by ``If-None-Match``."""
+        """Return whether the store can refuse to replace a file, as S3 does by ``If-None-Match``."""
         protocol = self._opened("")[0].protocol
         return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
-    def _tried(self, name: str, action: Callable[[], T]) -> T:
-        """The result of an action, tried again with growing pauses while it fails in a way that may pass.
+    def _retry(self, name: str, action: Callable[[], T]) -> T:
+        """Return the result of an action; retry with exponential backoff where that may help.
 
         FileExistsError passes unchanged.
         """
-        place = f"{self}/{name}" if name else str(self)
+        where = f"{self}/{name}" if name else str(self)
         patient_until = time.monotonic() + _PATIENCE_S
         for attempt in range(_ATTEMPTS):
             try:
@@ -208,39 +207,39 @@ class RemoteFolder(Folder):
             except (OmniscvError, FileExistsError):
                 raise
             except FileNotFoundError as cause:
-                raise MissingFileError(f"{place}: expected a file, it is missing") from cause
-            except Exception as cause:  # of every store's own library
+                raise MissingFileError(f"{where}: expected a file, it is missing") from cause
+            except Exception as cause:  # each store's library has its own
                 full = getattr(cause, "errno", None) in NO_SPACE
                 final = isinstance(cause, _FINAL) or type(cause).__name__ in _FINAL_NAMES
                 late = attempt == _ATTEMPTS - 1 or time.monotonic() > patient_until
                 if final or full or late:
-                    raise _failed(place, cause, full) from cause
+                    raise _failure(where, cause, full) from cause
             time.sleep(_FIRST_WAIT_S * 2**attempt * random.uniform(0.5, 1.5))
         raise AssertionError("the last attempt returns or raises")
 
 
-def _failed(place: str, cause: Exception, full: bool) -> StorageError:
+def _failure(where: str, cause: Exception, full: bool) -> StorageError:
     got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
     advice = "; free space there, and run again" if full else ""
-    return StorageError(f"{place}: expected to read or write it, got: {without_secrets(got)}{advice}")
+    return StorageError(f"{where}: expected to read or write it, got: {without_secrets(got)}{advice}")
 
 
 def is_url(text: object) -> bool:
-    """Return whether a text is a URL, ``scheme://...``; a Path is none."""
+    """Return whether a value is the text of a URL, ``scheme://...``; False for a Path."""
     return isinstance(text, str) and _URL.match(text) is not None
 
 
 def was_url(path: object) -> bool:
-    """Return whether a Path was made of a URL, and so lost a slash: ``s3:/bucket/rooms``."""
+    """Return whether a Path was made from a URL, which loses a slash: ``s3:/bucket/rooms``."""
     return isinstance(path, Path) and path.parts[:1] in {(f"{scheme}:",) for scheme in SCHEMES}
 
 
 def scheme_of(url: str) -> str:
-    """Return the scheme of a URL; an empty text for a path."""
-    found = _URL.match(url)
-    return found[1].lower() if found else ""
+    """Return the scheme of a URL, an empty text for a path."""
+    match = _URL.match(url)
+    return match[1].lower() if match else ""
 
 
 def without_secrets(text: object) -> str:
-    """Return a text whose URLs have no user, password or query: these may be credentials."""
+    """Return a text with user, password and query removed from its URLs: these may be credentials."""
     return _QUERY.sub("", _USER.sub("", str(text)))

@@ -45,7 +45,7 @@ def opened_whole(where: Path | str) -> Iterator[Store]:
 
 
 @contextmanager
-def _opened_remote(place: storage.Place) -> Iterator[Store]:
+def _opened_remote(place: storage.StoredFile) -> Iterator[Store]:
     """As :func:`opened_whole`, of a file in a store: a copy that is put there at the end."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / place.name
