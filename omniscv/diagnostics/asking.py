@@ -3,13 +3,10 @@
 from collections.abc import Iterable, Iterator
 from typing import Unpack
 
-from omniscv.arguments import shown
-from omniscv.errors import ServerRefusedError
 from omniscv.sources.registry import Deadlines
-from omniscv.sources.unreal.exchange import exchanged
+from omniscv.sources.unreal.commands import checked
 from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.replies import described
-from omniscv.sources.unreal.world_commands import checked
 
 
 def replies_to(address: str, commands: Iterable[str], **deadlines: Unpack[Deadlines]) -> Iterator[str]:
@@ -29,8 +26,4 @@ def replies_to(address: str, commands: Iterable[str], **deadlines: Unpack[Deadli
     lines = [checked(command) for command in commands]
     with open_connection(address, **deadlines) as connection:
         for line in lines:
-            reply = exchanged(connection, line)
-            if isinstance(reply, str) and reply.startswith("error"):
-                where = connection.address
-                raise ServerRefusedError(f"{where}: {shown(line)} was refused: {shown(reply)}")
-            yield described(reply)
+            yield described(connection.reply(line))

@@ -16,12 +16,12 @@ from omniscv.geometry import Array
 from omniscv.sources.base import Color
 from omniscv.sources.registry import Deadlines, scheme_of
 from omniscv.sources.unreal import replies
+from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.codecs import SKY
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
-from omniscv.sources.unreal.connection import Connection
-from omniscv.sources.unreal.mask_colors import colors, paint_command, vertex_color_roundtrip
+from omniscv.sources.unreal.driver import SETTLED
+from omniscv.sources.unreal.masks import colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.stale_frames import SETTLED
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)

@@ -9,16 +9,12 @@ from omniscv.diagnostics.finding import Finding
 from omniscv.diagnostics.raw_camera import RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
-from omniscv.sources.unreal.clock import clock_of
-from omniscv.sources.unreal.commands import VERSION
-from omniscv.sources.unreal.connection import Connection
-from omniscv.sources.unreal.exchange import Exchange
-from omniscv.sources.unreal.journal import Journal
-from omniscv.sources.unreal.mask_colors import colors
-from omniscv.sources.unreal.placing import Placing
+from omniscv.sources.unreal.client import Connection
+from omniscv.sources.unreal.commands import VERSION, WORLDS
+from omniscv.sources.unreal.driver import SETTLED
+from omniscv.sources.unreal.instants import clock_of, object_names, object_poses
+from omniscv.sources.unreal.masks import colors
 from omniscv.sources.unreal.replies import numbers
-from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
-from omniscv.sources.unreal.world_commands import TABLES
 
 _TICKS, _FRAMES = 6, 8  # for how long to watch objects, and frames after a move
 _AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface
@@ -30,10 +26,9 @@ class MovingWorld:
     """The objects and the clock of a game that the doctor examines; it is left as it was."""
 
     def __init__(self, connection: Connection, camera: RawCamera) -> None:
-        exchange = Exchange(connection, camera.driver, StaleFrames())
-        self._connection, self._camera, self._placing = connection, camera, Placing(exchange, Journal())
-        self._toggles = TABLES[camera.driver.capabilities.dialect].pause_toggles
-        self._clock = clock_of(exchange, self._toggles)
+        self._connection, self._camera = connection, camera
+        self._toggles = WORLDS[camera.driver.capabilities.dialect].pause_toggles
+        self._clock = clock_of(camera.driver, self._toggles)
         self._stops = False  # whether it moves, but not while it is paused
 
     def findings(self) -> list[Finding]:
@@ -93,12 +88,12 @@ class MovingWorld:
 
     def _moving(self) -> list[str]:
         """Return the names of objects that move while some ticks go by."""
-        names = self._placing.names()
-        seen = [self._placing.poses(names)]
+        names = object_names(self._connection)
+        seen = [object_poses(self._connection, names)]
         for ticks in (_TICKS, 1):  # an object that swings may be back where it was, but not twice
             for _ in range(ticks):
                 self._connection.text(VERSION)
-            seen.append(self._placing.poses(names))
+            seen.append(object_poses(self._connection, names))
         first, *later = seen
         return [name for name in names if any(_differ(first[name], each[name]) for each in later)]
 

@@ -12,11 +12,9 @@ from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import View
 from omniscv.sources.codecs import decode, picture_size
-from omniscv.sources.unreal.client import Reply
-from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.client import Connection, Reply
 from omniscv.sources.unreal.replies import fov
 from omniscv.sources.unreal.source import open_driver
-from omniscv.sources.unreal.stale_frames import StaleFrames
 
 EDGE_PX = 128  # frames are square and of this size, where the server can set it
 _LARGEST_PX = 1 << 13
@@ -41,7 +39,7 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         if position is None:
             position = Pose.from_unreal(self.driver.read("location", 3), (0, 0, 0)).position
         self.position = position
-        self.driver.attach(StaleFrames())
+        self.driver.attach()
         self._view: View | None = None
         self._sizes: dict[str, tuple[int, int]] = {}  # of each mode's pictures
         self.size, self.lag = (EDGE_PX, EDGE_PX), _FRAMES

@@ -28,8 +28,7 @@ from omniscv.sources.base import (
     closed_error,
     not_picklable,
 )
-from omniscv.sources.pool_world import PoolWorld
-from omniscv.sources.world import World
+from omniscv.sources.world import PoolWorld, World
 
 T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
@@ -55,7 +54,7 @@ class SourcePool(Source):
             raise ArgumentError("sources: expected at least one, got none")
         self._sources, self._working = tuple(sources), list(sources)
         self._capabilities = _the_same([source.capabilities for source in sources])
-        self._read_objects()
+        self._objects = _the_same([source.objects() for source in sources])
         self._scene = _the_same([source.scene_identity for source in sources])
         self._fault = closed_error("pool")
         self._lock, self._closed = threading.Lock(), False
@@ -127,7 +126,7 @@ class SourcePool(Source):
     def world(self) -> World:
         """The worlds of the replicas that still work: what is changed is changed in all of them."""
         self._check_working()
-        return PoolWorld([replica.world for replica in self._working], self._read_objects)
+        return PoolWorld([replica.world for replica in self._working])
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""
@@ -190,9 +189,6 @@ class SourcePool(Source):
 
     def __reduce__(self) -> NoReturn:
         raise not_picklable("pool")
-
-    def _read_objects(self) -> None:
-        self._objects = _the_same([source.objects() for source in self._working])
 
     @property
     def _first(self) -> Source:

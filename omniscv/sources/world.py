@@ -1,30 +1,29 @@
-"""The interface of a world that a live source can change: its objects, its clock, its console."""
+"""The interface of a world that a live source can change: its objects and its clock."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Literal
 
-from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import ObjectBox
 
-ExposureMethod = Literal["histogram", "basic", "manual"]
 Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
 """How a live source keeps an instant while it is captured (:meth:`omniscv.sources.Source.at`):
 
-``puppet``: the game is paused, and the instant's objects are placed; ``pause``: the game is paused, and the
+``puppet``: the game is paused, and the instant's objects are moved; ``pause``: the game is paused, and the
 objects' poses are read; ``batch``: the requests of a viewpoint are answered in one tick; ``none``: objects
-are placed, and nothing is kept; ``auto``: the strongest that the server has.
+are moved, and the game runs on; ``auto``: the strongest that the server has.
 """
 
 
 class World(ABC):
     """The running world behind a source: poses in the world frame, metres.
 
-    What the server's dialect cannot do raises ServerRefusedError before anything is sent. Every change gives
-    the world another state (:attr:`omniscv.sources.Source.state`). ArgumentError for names of no object.
+    A dialect that cannot do something raises ServerRefusedError before anything is sent. Every change gives
+    the world another state (:attr:`omniscv.sources.Source.state`). A name of no object is an ArgumentError.
     """
 
     @abstractmethod
@@ -37,7 +36,7 @@ class World(ABC):
 
     @abstractmethod
     def move(self, name: str, pose: Pose) -> None:
-        """Place and turn an object."""
+        """Move and turn an object."""
 
     @abstractmethod
     def bounds(self, name: str) -> ObjectBox:
@@ -52,58 +51,69 @@ class World(ABC):
         """Hide an object."""
 
     @abstractmethod
-    def spawn(self, kind: str, name: str, pose: Pose) -> None:
-        """Make an object of a kind, ``cube`` or an engine's class, under a name that is not taken."""
-
-    @abstractmethod
-    def destroy(self, name: str) -> None:
-        """Remove an object."""
-
-    @abstractmethod
     def pause(self) -> None:
-        """Stop the world's clock; nothing if it stands."""
+        """Stop the world's clock, if it runs."""
 
     @abstractmethod
     def resume(self) -> None:
-        """Let the world's clock run; nothing if it runs."""
+        """Let the world's clock run, if it is stopped."""
 
     @property
     @abstractmethod
     def paused(self) -> bool:
-        """Whether the clock stands."""
-
-    @abstractmethod
-    def console(self, command: str) -> None:
-        """Run a command of the engine's console, such as ``r.MotionBlurQuality 0``."""
-
-    def call(self, name: str, function: str, *arguments: object) -> str:
-        """Call a function of an object's blueprint, and return what the server replies."""
-        raise self._cannot("whose objects have functions")
-
-    def light(
-        self, name: str, pose: Pose, intensity: float, color: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    ) -> None:
-        """Set a light of a world whose blueprints have ``set_light``, as those of UnrealZoo.
-
-        Args:
-            name: of the light.
-            pose: its rotation ``R_w_o`` is the light's; its position is not used.
-            intensity: in the engine's unit for that light.
-            color: RGB, 0 to 1.
-        """
-        raise self._cannot("whose lights can be set")
-
-    def exposure(self, method: ExposureMethod, bias_ev: float | None = None) -> None:
-        """Set how the capture camera is exposed: the method, and the compensation in f-stops if given."""
-        raise self._cannot("whose camera has an exposure")
+        """Whether the clock is stopped."""
 
     @abstractmethod
     def changes(self) -> AbstractContextManager[None]:
         """Return a context at whose end what was changed within is put back, whatever happened.
 
-        What no server reports cannot be put back, and keeps the state another: console commands, functions,
-        lights, and objects that are shown though nothing here had hidden them.
+        What no server reports cannot be put back, and keeps the state another: commands of the plugin that
+        may change the world, and objects that are shown though nothing here had hidden them.
         """
 
-    def _cannot(self, what: str) -> ArgumentError:
-        return ArgumentError(f"world: expected one {what}, got {type(self).__name__}")
+
+class PoolWorld(World):
+    """The worlds of several replicas as one: reads from the first world, and changes all of them."""
+
+    def __init__(self, worlds: Sequence[World]) -> None:
+        self._worlds = tuple(worlds)
+
+    def objects(self) -> list[str]:
+        return self._worlds[0].objects()
+
+    def pose(self, name: str) -> Pose:
+        return self._worlds[0].pose(name)
+
+    def bounds(self, name: str) -> ObjectBox:
+        return self._worlds[0].bounds(name)
+
+    def move(self, name: str, pose: Pose) -> None:
+        self._each(lambda world: world.move(name, pose))
+
+    def show(self, name: str) -> None:
+        self._each(lambda world: world.show(name))
+
+    def hide(self, name: str) -> None:
+        self._each(lambda world: world.hide(name))
+
+    def pause(self) -> None:
+        self._each(lambda world: world.pause())
+
+    def resume(self) -> None:
+        self._each(lambda world: world.resume())
+
+    @property
+    def paused(self) -> bool:
+        """Whether the clocks of all are stopped."""
+        return all(world.paused for world in self._worlds)
+
+    @contextmanager
+    def changes(self) -> Iterator[None]:
+        with ExitStack() as contexts:
+            for world in self._worlds:
+                contexts.enter_context(world.changes())
+            yield
+
+    def _each(self, change: Callable[[World], None]) -> None:
+        for world in self._worlds:
+            change(world)

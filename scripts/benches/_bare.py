@@ -5,11 +5,10 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 from omniscv.sources import Request
+from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
-from omniscv.sources.unreal.connection import Connection
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.modern import ModernDriver
-from omniscv.sources.unreal.stale_frames import StaleFrames
 
 POSE = "vget /camera/0/pose"
 SETTLES = 3  # sequential exchanges that a move of plugin 0.3.10 needs (protocol reference, section 7.2)
@@ -24,7 +23,7 @@ def bare(address: str, dialect: str, stream: Iterable[Request]) -> Iterator[None
     host, _, port = address.removeprefix("unreal://").rpartition(":")
     with contextlib.closing(Connection((host, int(port)))) as connection:
         driver = (LegacyDriver if dialect == "L" else ModernDriver)(connection, dialect)
-        driver.attach(StaleFrames(each_mode=driver.each_mode_lags))
+        driver.attach()
         client = connection.connected()
         yield
         if dialect == "L":

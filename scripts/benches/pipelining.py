@@ -15,8 +15,8 @@ from benches import Figure, Reference
 from benches._views import requests
 from omniscv.sources import Capture, Request, Source
 from omniscv.sources.codecs import decode
+from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import MODERN
-from omniscv.sources.unreal.connection import Connection
 from omniscv.sources.unreal.modern import ModernDriver
 
 BY_COMMAND, BY_CAPTURE = "command by command", "capture by capture"

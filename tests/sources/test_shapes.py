@@ -19,8 +19,8 @@ from omniscv.sources import Request, View
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.registry import open_sources
+from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.shapes import boxes
 
 SCENE = mock_server.load_scene("four-wall")
 SMALL = "mock://four-wall?dialect=0.3.10&size=16x16"

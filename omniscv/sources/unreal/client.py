@@ -1,33 +1,51 @@
-"""One connection to a server: the official client, under deadlines.
+"""Connections to a server: the official client under deadlines, and a new connection after every fault.
 
-Its own ``connect`` and ``request`` block without limit in several places, and read frames of any size
-(protocol reference, sections 6.2 and 6.3). Here it connects, sends and receives under deadlines, checks
-frames, and passes every fault of its receiving thread to the caller. Framing, ids and text stay its own.
+The official client's ``connect`` and ``request`` can block forever, and it reads frames of any size (protocol
+reference, sections 6.2 and 6.3). :class:`Client` replaces how it connects, sends and receives. Framing, ids
+and text stay the official client's.
 """
 
 import contextlib
 import logging
 import math
+import os
 import secrets
 import socket
+import stat
 import struct
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
 
 import unrealcv
 
+from omniscv import arguments
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, DeadlineError, ServerConnectionError, SourceError
+from omniscv.errors import (
+    BadReplyError,
+    DeadlineError,
+    ServerConnectionError,
+    ServerRefusedError,
+    SourceError,
+)
+from omniscv.sources.unreal.commands import VERSION, is_repeatable
 
+T = TypeVar("T")
 Endpoint = tuple[str, int] | str  # (host, port), or the path of a Unix socket
-Reply = str | bytes  # text, or bytes where they are not UTF-8
+Reply = str | bytes  # bytes where the reply is not UTF-8
+
+TIMEOUT_S, PATIENCE_S, RETRIES = 15.0, 10.0, 5
+"""Defaults of :class:`Connection`. A silent server is given up after at most the sum of both times, 25 s."""
+RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
+"""Faults after which a request is sent again over a new connection."""
+_UNREACHABLE = (ConnectionRefusedError, FileNotFoundError, socket.gaierror)
 
 MAGIC = 0x9E2B83C1
-MAX_PAYLOAD = 1 << 30  # bytes, four times the depth of an 8192 x 8192 picture: no reply is larger
-_HEADER = struct.Struct("<II")  # of a frame: magic and payload size, then comes the payload (section 1.1)
-_FIRST_IDS = 90_000_000  # ids have up to 8 digits; a connection has room for ten million requests
-_CLICK = b"clicked"  # what plugin 0.3.10 sends at a mouse click in the game's window: a reply to no request
+MAX_PAYLOAD = 1 << 30  # bytes: four times the depth of an 8192 x 8192 picture
+_HEADER = struct.Struct("<II")  # of a frame: magic and payload size; the payload follows (section 1.1)
+_FIRST_IDS = 90_000_000  # ids have up to 8 digits, so a connection has at least ten million of them
+_CLICK = b"clicked"  # sent by plugin 0.3.10 at a mouse click in the game's window; belongs to no request
 
 logging.getLogger("unrealcv").setLevel(logging.CRITICAL)  # its faults are raised as errors of omniscv
 unrealcv.print = lambda *_: None  # the module's own name, not the builtin
@@ -39,13 +57,18 @@ def address_of(endpoint: Endpoint) -> str:
 
 
 class Client(unrealcv.Client):  # type: ignore[misc]
-    """A client of one connection.
+    """One connection to a server.
 
-    After any fault the replies of a connection may belong to other requests, so the first fault breaks the
-    client for good. Ids start at random: no reply to an earlier client, which servers send to the next, fits.
-    The deadline is for connecting with the greeting, for sending a request, and for each reply; it is never
-    later than ``until()``, of the monotonic clock. Raise ServerConnectionError if no UnrealCV server is
-    reachable, from ConnectionRefusedError if none listens.
+    After a fault, replies may belong to other requests, so the first fault breaks the client for good. Ids
+    start at random, because servers may send replies for an earlier client to the next one.
+
+    Args:
+        endpoint: of the server.
+        timeout_s: for connecting with the greeting, for sending a request, and for each reply.
+        until: returns the latest deadline, by the monotonic clock.
+
+    Raises:
+        ServerConnectionError: no UnrealCV server is reachable; from ConnectionRefusedError if none listens.
     """
 
     def __init__(
@@ -62,14 +85,14 @@ class Client(unrealcv.Client):  # type: ignore[misc]
             why = f"{cause}; is the game running?"
             if isinstance(cause, TimeoutError):
                 why = f"no greeting within {self._allowed_s:.3g} s; is another client connected?"
-            where = address_of(endpoint)
-            raise ServerConnectionError(f"No UnrealCV server reachable at {where}: {why}") from cause
+            address = address_of(endpoint)
+            raise ServerConnectionError(f"No UnrealCV server reachable at {address}: {why}") from cause
 
     def stream(self, commands: Sequence[str]) -> Iterator[Reply]:
-        """Send commands together, and yield their replies as they come.
+        """Send commands together, and yield their replies as they arrive.
 
-        Replies that are not fetched would be taken for those of later requests: closing the iterator early
-        breaks the client, and so does every error.
+        Replies that are not read would be taken for those of later requests. So closing the iterator early
+        breaks the client, as does every error.
         """
         if self.broken:
             broken = "expected a working connection, but an earlier fault broke it"
@@ -84,7 +107,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
             if commands:
                 self.recv_num_q.put(-len(commands))
             for _ in commands:
-                reply = self.recv_data_q.get()  # ends: every receive() has its deadline
+                reply = self.recv_data_q.get()  # returns, because every receive() has a deadline
                 if isinstance(reply, Exception):
                     raise reply
                 if reply is None:
@@ -105,7 +128,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
         self.disconnect()
 
     def receive(self) -> bytes:
-        """Return the next reply's frame; called by the receiving thread."""
+        """Return the payload of the next reply; called by the receiving thread."""
         deadline = self._deadline()
         while (payload := self._frame(deadline)) == _CLICK:
             pass
@@ -160,7 +183,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
 
 
 def _connected(host: str, port: int, deadline: float) -> socket.socket:
-    """Return a connection to the first address of a host that accepts one; the deadline is for all."""
+    """Return a connection to the first address of a host that accepts one, before one deadline for all."""
     fault: OSError = ConnectionRefusedError(f"no address of {host}")
     for *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
         try:
@@ -172,10 +195,11 @@ def _connected(host: str, port: int, deadline: float) -> socket.socket:
 
 
 def read_frame(receive: Callable[[int], bytes]) -> bytes:
-    """Return the next frame's payload, by a function such as ``socket.recv``.
+    """Return the payload of the next frame, by a function such as ``socket.recv``.
 
-    Its header is checked before a byte of it is kept: BadReplyError for wrong magic, an empty payload, or one
-    larger than ``MAX_PAYLOAD``; ConnectionError if the stream ends before the frame does.
+    Raises:
+        BadReplyError: wrong magic, an empty payload, or one larger than ``MAX_PAYLOAD``.
+        ConnectionError: the stream ends before the frame does.
     """
     magic, size = _HEADER.unpack(_read_exactly(receive, _HEADER.size))
     if magic != MAGIC:
@@ -186,7 +210,7 @@ def read_frame(receive: Callable[[int], bytes]) -> bytes:
 
 
 def _read_exactly(receive: Callable[[int], bytes], size: int) -> bytes:
-    """Read so many bytes; memory grows with what comes, not with what the header claims."""
+    """Read so many bytes; memory grows with what arrives, not with what the header claims."""
     data = bytearray()
     while len(data) < size:
         block = receive(min(1 << 20, size - len(data)))
@@ -194,3 +218,169 @@ def _read_exactly(receive: Callable[[int], bytes], size: int) -> bytes:
             raise ConnectionError(f"the stream ended {size - len(data)} bytes before its frame did")
         data += block
     return bytes(data)
+
+
+class Connection:
+    """A connection that is opened at its first use, and opened anew after every fault.
+
+    Args:
+        endpoint: of the server.
+        timeout_s: how long connecting, and each reply, may take.
+        patience_s: for how long after a fault to connect and send again, until there is a reply.
+        retries: how often to try again, with pauses that grow from 0.1 s to 2 s.
+
+    Attributes:
+        address: of the server, for messages.
+        client: the current one, which may be broken; None before the first.
+
+    Raises:
+        ArgumentError: a time that is not above 0, or retries below 0.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        timeout_s: float = TIMEOUT_S,
+        patience_s: float = PATIENCE_S,
+        retries: int = RETRIES,
+    ) -> None:
+        self._endpoint, self.address = endpoint, address_of(endpoint)
+        self._timeout_s = arguments.number("timeout_s", timeout_s, above=0)
+        self._patience_s = arguments.number("patience_s", patience_s, above=0)
+        self._retries = arguments.whole_number("retries", retries, least=0)
+        self._until = math.inf  # when the patience ends, by the monotonic clock
+        self.client: Client | None = None
+
+    def connected(self) -> Client:
+        """Return a client that is not known to be broken; ServerConnectionError if no server is reachable."""
+        if self.client is None or self.client.broken:
+            self.client = self._unix_client() or self._connect(self._endpoint)
+        return self.client
+
+    @contextlib.contextmanager
+    def attempts(self) -> Iterator[Callable[[SourceError | None], None]]:
+        """Yield a function to call after each attempt of an operation, with its fault or None for progress.
+
+        After a fault of ``RETRIED`` the function disconnects and pauses, so that late replies are dropped. It
+        raises the fault after too many without progress, or if no server has ever been reached.
+        """
+        outer, failures = self._until, 0
+
+        def attempted(fault: SourceError | None) -> None:
+            nonlocal failures
+            if fault is None:
+                self._until, failures = outer, 0
+                return
+            if self.client is None and isinstance(fault.__cause__, _UNREACHABLE):
+                raise fault
+            self.close()
+            now, failures = time.monotonic(), failures + 1
+            if failures == 1:
+                self._until = min(outer, now + self._patience_s)
+            pause = min(2.0, 0.1 * 2 ** (failures - 1))
+            if failures > self._retries or now + pause >= self._until:
+                raise type(fault)(f"{fault}; gave up after {failures} attempts") from fault
+            time.sleep(pause)
+
+        try:
+            yield attempted
+        finally:
+            self._until = outer
+
+    def read(self, commands: Sequence[str], reader: Callable[[str, Reply], T]) -> list[T]:
+        """Send commands together, and return ``reader(command, reply)`` for each.
+
+        After a fault, or if ``reader`` raises BadReplyError, the commands without a result are sent again.
+        """
+        results: list[T] = []
+        with self.attempts() as attempted:
+            while len(results) < len(commands):
+                before = len(results)
+                try:
+                    for reply in self.connected().stream(commands[before:]):
+                        results.append(reader(commands[len(results)], reply))
+                except RETRIED as fault:
+                    if len(results) > before:
+                        attempted(None)
+                    attempted(fault)
+        return results
+
+    def texts(self, commands: Sequence[str]) -> list[str]:
+        """Return the replies to repeatable commands, which must be text; errors of the server included."""
+
+        def text(command: str, reply: Reply) -> str:
+            if isinstance(reply, str):
+                return reply
+            raise BadReplyError(
+                f"{self.address}: expected text from {shown(command)}, got {shown(reply[:80])}"
+            )
+
+        return self.read(commands, text)
+
+    def ask(self, commands: Sequence[str]) -> list[str]:
+        """Return the replies to repeatable commands; ServerRefusedError if one is an error."""
+        replies = self.texts(commands)
+        for command, reply in zip(commands, replies, strict=True):
+            self._check_accepted(command, reply)
+        return replies
+
+    def text(self, command: str) -> str:
+        """Return the reply to a repeatable command; ServerRefusedError if it is an error."""
+        return self.ask([command])[0]
+
+    def set(self, commands: Sequence[str]) -> None:
+        """Send commands that set absolute values; ServerRefusedError for a reply other than ok."""
+        for command, reply in zip(commands, self.texts(commands), strict=True):
+            if reply != "ok":
+                expected = f"expected a server that answers {shown(command)} with ok"
+                raise ServerRefusedError(f"{self.address}: {expected}, got {shown(reply)}")
+
+    def reply(self, command: str) -> Reply:
+        """Return the reply to any command; after a fault it is sent again only if it is repeatable.
+
+        Raises:
+            ServerRefusedError: the reply is an error.
+            SourceError: no reply within the deadlines.
+        """
+        if is_repeatable(command):
+            (reply,) = self.read([command], lambda _, reply: reply)
+        else:
+            self.text(VERSION)  # if the connection has broken meanwhile, it is opened anew before the command
+            try:
+                (reply,) = self.connected().stream([command])
+            except RETRIED as fault:
+                message = f"{fault}; it may have been carried out, so it was not sent again"
+                raise type(fault)(message) from fault
+        self._check_accepted(command, reply)
+        return reply
+
+    def close(self) -> None:
+        if self.client is not None:
+            self.client.close()
+
+    def _check_accepted(self, command: str, reply: Reply) -> None:
+        if isinstance(reply, str) and reply.startswith("error"):
+            raise ServerRefusedError(f"{self.address}: {shown(command)} was refused: {shown(reply)}")
+
+    def _unix_client(self) -> Client | None:
+        # Plugin 1.0 on Linux leaves TCP for its Unix socket when its first client disconnects. A TCP
+        # connection then gets no greeting (protocol reference, section 1.2).
+        if isinstance(self._endpoint, str) or self._endpoint[0] not in ("localhost", "127.0.0.1", "::1"):
+            return None
+        # The path is fixed by the plugin. Any user may create a socket there.
+        path = f"/tmp/unrealcv_{self._endpoint[1]}.socket"
+        if _is_own_socket(path):
+            with contextlib.suppress(ServerConnectionError):  # a game that crashed leaves its socket behind
+                return self._connect(path)
+        return None
+
+    def _connect(self, endpoint: Endpoint) -> Client:
+        return Client(endpoint, self._timeout_s, lambda: self._until)
+
+
+def _is_own_socket(path: str) -> bool:
+    try:
+        status = os.lstat(path)
+    except OSError:
+        return False
+    return stat.S_ISSOCK(status.st_mode) and status.st_uid == os.geteuid()

@@ -1,26 +1,49 @@
-"""What plugins 0.3.10 and 1.x answer to, and in which encodings: the one table."""
+"""What plugins 0.3.10 and 1.x answer to, and in which encodings: the tables of cameras and of the world."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.sources.base import Capabilities
 
 VERSION = "vget /unrealcv/version"
 SCENE = "vget /scene/name"
 LEVEL = "vget /level/name"
+OBJECTS = "vget /objects"
 LIT_VIEW_MODE = "vset /viewmode lit"
+IS_PAUSED = "vget /action/game/is_paused"
+PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Switch vignette and auto exposure off (protocol reference, section 7.1)."""
 
+_MAX_COMMAND = 4000  # characters
+_REPEATABLE = re.compile(
+    r"vget |vset /(?:object/\S*/(?:location|rotation|scale|color|show|hide)|viewmode|action/game/resume"
+    r"|camera/\d*/(?!moveto\b)\S+) ?"
+)
+_SHOWS_THE_SAME = re.compile(
+    r"vget |vset /(?:camera/\d*/(?:location|rotation|pose|moveto|fov|horizontal_fieldofview|size) "
+    r"|cameras/spawn|viewmode |action/(?:input|game/(?:pause|resume)))"
+)
+
 
 @dataclass(frozen=True)
-class CommandTable:
-    """What differs between plugin 0.3.10 and 1.x."""
+class CameraTable:
+    """How plugin 0.3.10 and 1.x differ in their cameras.
 
-    images: Mapping[str, tuple[str, str]]  # by mode: the end of the command, the encoding of its reply
-    fov: str  # the name of the horizontal field of view
+    Attributes:
+        images: by mode, the end of the command and the encoding of its reply.
+        fov: name of the horizontal field of view in commands.
+        can_set_size: whether the size of pictures can be set.
+        vertex_colors: whether masks change dark colours.
+    """
+
+    images: Mapping[str, tuple[str, str]]
+    fov: str
     can_set_size: bool
-    vertex_colors: bool  # whether masks change dark colours
+    vertex_colors: bool
 
     def image(self, camera: int, mode: str) -> str:
         """Return the command for a picture."""
@@ -44,6 +67,56 @@ _IMAGES = {
     "depth": ("depth npy", "npy planar cm"),
     "normals": ("normal png", "png normal"),
 }
-MODERN = CommandTable(_IMAGES, "fov", can_set_size=True, vertex_colors=False)
+MODERN = CameraTable(_IMAGES, "fov", can_set_size=True, vertex_colors=False)
 _RAY_DEPTH = {"depth": ("depth npy", "npy ray m")}
-LEGACY = CommandTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False, vertex_colors=True)
+LEGACY = CameraTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False, vertex_colors=True)
+
+
+@dataclass(frozen=True)
+class WorldTable:
+    """What a dialect can do with its world.
+
+    Attributes:
+        plugin: the dialect, as users know it.
+        reads_bounds: whether it has a command for the bounds of an object.
+        pause_toggles: whether the command that pauses a game resumes a paused one.
+        batches: whether it answers a batch of requests in one tick.
+    """
+
+    plugin: str
+    reads_bounds: bool = True
+    pause_toggles: bool = False
+    batches: bool = False
+
+    def check(self, can: bool, what: str) -> None:
+        """Raise ServerRefusedError for what the dialect cannot do."""
+        if not can:
+            raise ServerRefusedError(f"expected a server that can {what}, got {self.plugin}, which cannot")
+
+
+WORLDS: Mapping[str, WorldTable] = {
+    "0.3.10": WorldTable("plugin 0.3.10", reads_bounds=False, pause_toggles=True),
+    "M": WorldTable("plugin 1.x of the branches 4.22 to 4.27"),
+    "N1": WorldTable("plugin 1.0.1"),
+    "N2": WorldTable("plugin 1.0.1 of 2026", batches=True),
+}
+"""By dialect (protocol reference, sections 1.3, 2.1 and 2.7)."""
+
+
+def is_repeatable(command: str) -> bool:
+    """Return whether sending a command twice is harmless: it reads, or sets absolute values."""
+    return _REPEATABLE.match(command) is not None
+
+
+def changes_world(command: str) -> bool:
+    """Return whether captures may show another world after a command; the camera is not part of the world."""
+    return _SHOWS_THE_SAME.match(f"{command} ") is None
+
+
+def checked(text: str) -> str:
+    """Return a command that can be sent alone; ArgumentError for one that would break the stream."""
+    if not isinstance(text, str) or not text.strip() or not text.isprintable() or len(text) > _MAX_COMMAND:
+        raise ArgumentError(f"command: expected one line such as 'vget /objects', got {shown(text)}")
+    if text.split()[0] == "vbatch":
+        raise ArgumentError("command: expected one with its own reply, got vbatch; use freeze='batch'")
+    return text.strip()

@@ -1,60 +1,139 @@
-"""The interface of camera drivers: what a live source and the doctor do with a camera of a game."""
+"""The interface of camera drivers, which aim a game's camera and take pictures; detection of stale frames."""
 
 import contextlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
-from omniscv.sources.unreal.client import Client, Reply
-from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CommandTable
-from omniscv.sources.unreal.connection import Connection
-from omniscv.sources.unreal.mask_colors import paint
+from omniscv.sources.unreal.client import Client, Connection, Reply
+from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
+from omniscv.sources.unreal.masks import paint
 from omniscv.sources.unreal.replies import name, numbers
-from omniscv.sources.unreal.stale_frames import StaleFrames
 
 Requests = Sequence[Request]
 
+SETTLED = 3  # after so many frames in one state of the camera, the next is taken to show it
+_WAITS = (0, 1, SETTLED)  # more frames to skip at each attempt; the frame of the last attempt is accepted
 
-class CameraDriver(ABC):
-    """A camera of a running game, whose vignette and auto exposure it may switch off when attached.
 
-    Its ``camera`` number, its ``capabilities`` and its ``scene_identity`` are complete once it is attached;
-    ``mask_fov_deg`` is the field of view of object masks, where they do not have the view's own.
+class StaleFrames:
+    """Detects stale frames: pictures that still show what a camera saw before it moved.
+
+    Some cameras lag (protocol reference, section 7.2). A stale picture is not marked, but it equals, byte for
+    byte, the frame before the move. So frames are compared with the ones before a move, and the number of
+    stale frames is learned.
+
+    Args:
+        each_mode: whether modes lag independently; otherwise one fresh frame proves that the move has arrived
+            in all modes.
+
+    Attributes:
+        states: by mode, the state of the camera at its last frame: a view, or the pose and field of view that
+            the camera reports.
+        lag: frames after a move that are known to be stale; kept over new connections.
     """
 
-    table: ClassVar[CommandTable]
+    def __init__(self, *, each_mode: bool = False) -> None:
+        self._each_mode = each_mode
+        self.lag = 0
+        self._lookalikes: set[int] = set()  # hashes of frames that two states share
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the connection is new, and the camera may be anywhere."""
+        self.states: dict[str, Hashable] = {}
+        self._payloads: dict[str, bytes] = {}
+        self._arrived: Hashable = None  # the state in which a frame has differed from the one before the move
+        self._rejected = 0
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the last frame that was compared was rejected."""
+        return self._rejected > 0
+
+    def skips(self) -> int:
+        """Return how many frames to drop after the next move, or, if in doubt, now."""
+        # The first frames of a connection may be garbage, and there is none to compare them with.
+        return max(self.lag + _WAITS[self._rejected], 0 if self.states else SETTLED)
+
+    def accepts(self, state: Hashable, payloads: Mapping[str, bytes]) -> bool:
+        """Return whether frames are fresh; if one may be stale, request them again, and skip more.
+
+        Two states may show the same. Then waiting changes nothing, and the frames are accepted in the end.
+        They are remembered, so that the next time they are accepted at once.
+        """
+        arrived = self._arrived == state and not self._each_mode
+        moved = [mode for mode in payloads if not arrived and self.states.get(mode, state) != state]
+        equal = [hash(payloads[mode]) for mode in moved if payloads[mode] == self._payloads[mode]]
+        doubtful = {*equal} - self._lookalikes
+        if doubtful and self._rejected + 1 < len(_WAITS):
+            self._rejected += 1
+            return False
+        self._lookalikes |= doubtful
+        if len(equal) < len(moved):
+            self.lag += _WAITS[self._rejected]  # the frames that were skipped beyond the lag were stale
+            self._arrived = state
+        self._rejected = 0
+        self.note(state, payloads)
+        return True
+
+    def note(self, state: Hashable, payloads: Mapping[str, bytes]) -> None:
+        """Remember frames without comparing them."""
+        if self._arrived != state:
+            self._arrived = None
+        self.states.update(dict.fromkeys(payloads, state))
+        self._payloads.update(payloads)
+
+
+class CameraDriver(ABC):
+    """A camera of a running game.
+
+    Args:
+        connection: to the game.
+        dialect: of its plugin.
+        fix_exposure: whether to switch off vignette and auto exposure of the game.
+
+    Attributes:
+        capabilities, scene_identity, camera: complete once the driver is attached; ``camera`` is its number.
+        mask_fov_deg: field of view of object masks, where they do not have the view's own.
+        spawned: how many cameras were spawned; another one means that the game was restarted.
+        one_tick: whether requests that are sent together are answered in one tick of the game.
+    """
+
+    table: ClassVar[CameraTable]
     each_mode_lags: ClassVar[bool] = False  # whether modes lag independently after a move
 
     def __init__(self, connection: Connection, dialect: str, fix_exposure: bool = False) -> None:
-        self._connection, self._fix_exposure = connection, fix_exposure
+        self.connection, self._fix_exposure = connection, fix_exposure
         self.capabilities = self.table.capabilities(dialect)
+        self.stale_frames = StaleFrames(each_mode=self.each_mode_lags)
         self.camera = 0
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()
-        self.spawned = 0  # how many cameras: another one means that the game was started anew
+        self.spawned = 0
         self._restore: list[str] = []  # the commands that leave the game as it was
-        self.one_tick = False  # whether requests that come together are answered in one tick of the game
+        self.one_tick = False
         self._aimed: View | None = None
 
     @abstractmethod
-    def attach(self, stale_frames: StaleFrames) -> None:
+    def attach(self) -> None:
         """Prepare the game at a new connection, and find or spawn the camera; SourceError if it refuses."""
 
     @abstractmethod
     def aim(self, before: View | None, view: View) -> list[str]:
-        """Return the commands that take the camera from one view, None if unknown, to another."""
+        """Return the commands that turn the camera from one view, None if unknown, to another."""
 
     @abstractmethod
-    def collect(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> Iterator[Capture]:
+    def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         """Yield captures of the first requests, in order; fewer where frames may be stale.
 
-        Of the errors, one of ``RETRIED`` means that the connection cannot be used any more.
+        An error of ``RETRIED`` means that the connection cannot be used any more.
         """
 
     def cover(self, view: View) -> tuple[View, ...]:
@@ -74,42 +153,43 @@ class CameraDriver(ABC):
             raise self._refused(f"a request for {known}, got {request.mode}, which has no picture")
 
     def forget(self) -> None:
-        """Take the camera to be anywhere, and its last frames to show another world."""
+        """Forget where the camera is, so that it is aimed anew."""
         self._aimed = None
 
-    def renew(self) -> None:
-        """Give the camera up, where it was spawned: attaching spawns another."""
-        self.release()
-        self._restore = []
+    def settle(self) -> None:
+        """Wait until captures show what was changed in the world; frames from before are stale."""
+        self.stale_frames.reset()
         self.forget()
+        for _ in range(SETTLED):
+            self.connection.text(VERSION)  # each reply comes at least one frame later
 
     def read(self, what: str, count: int) -> list[float]:
         """Return numbers that the camera reports, such as its ``rotation``."""
-        return numbers(self._connection.text(f"vget /camera/{self.camera}/{what}"), count)
+        return numbers(self.connection.text(f"vget /camera/{self.camera}/{what}"), count)
 
     def release(self) -> None:
-        """Leave the game as it was, where the connection still serves."""
-        client = self._connection.client
+        """Leave the game as it was, if the connection still works."""
+        client = self.connection.client
         if client is not None and not client.broken:
             with contextlib.suppress(SourceError):  # the game may have ended, and the camera with it
                 list(client.stream(self._restore))
 
     def _prepare(self) -> None:
-        """Read what the game is, fix its exposure if that was requested, and make mask colours distinct."""
-        self._version, scene = (name(self._connection.text(command)) for command in (VERSION, SCENE))
-        (level,) = self._connection.texts([LEVEL])  # which some dialects do not know
+        """Read the game's identity, fix its exposure if requested, and make mask colours distinct."""
+        self._version, scene = (name(self.connection.text(command)) for command in (VERSION, SCENE))
+        (level,) = self.connection.texts([LEVEL])  # unknown to some dialects
         self.scene_identity = SceneIdentity(scene, "" if level.startswith("error") else name(level))
         if self._fix_exposure:
-            self._connection.texts(FIX_EXPOSURE)
-        paint(self._connection, self.table.vertex_colors)
+            self.connection.texts(FIX_EXPOSURE)
+        paint(self.connection, self.table.vertex_colors)
 
     def _capture(self, request: Request, view: View, reply: Reply) -> Capture:
-        """Return the capture that a reply is; BadReplyError if it is no picture of the view."""
+        """Return the capture in a reply; BadReplyError if it is no picture of the view."""
         command, (_, encoding) = self.table.image(self.camera, request.mode), self.table.images[request.mode]
         if isinstance(reply, str):
             raise self._bad_reply(f"a picture from {command!r}, got {shown(reply[:100])}")
         provenance = {
-            "server": self._connection.address,
+            "server": self.connection.address,
             "scene": self.scene_identity.name,
             "version": self._version,
             "dialect": self.capabilities.dialect,
@@ -124,7 +204,7 @@ class CameraDriver(ABC):
             raise self._bad_reply(f"{expected} from {command!r}, got {shown(reply[:100])}")
 
     def _bad_reply(self, expected: str) -> BadReplyError:
-        return BadReplyError(f"{self._connection.address}: expected {expected}")
+        return BadReplyError(f"{self.connection.address}: expected {expected}")
 
     def _refused(self, expected: str) -> ServerRefusedError:
-        return ServerRefusedError(f"{self._connection.address}: expected {expected}")
+        return ServerRefusedError(f"{self.connection.address}: expected {expected}")

@@ -16,13 +16,12 @@ from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.client import Client, Reply
 from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
 from omniscv.sources.unreal.driver import CameraDriver, Requests
-from omniscv.sources.unreal.stale_frames import StaleFrames
 
 _POSE = "vget /camera/0/pose"
 _FOV = f"vget /camera/0/{LEGACY.fov}"
-_SETTLED = 3
-"""Consecutive replies behind which a new pose is visible: each is at least a frame later than the one before,
-and rotations take two (protocol reference, section 7.2). The last two show whether the camera rests."""
+_POLLS = 3
+"""Consecutive replies after which a new pose is visible. Each comes at least a frame after the one before;
+rotations take two frames (protocol reference, section 7.2). The last two show whether the camera rests."""
 _MAX_POLLS = 20  # replies after which a pose that still changes counts as moving
 _VERTICAL = float(np.sin(np.radians(89.9)))  # the plugin limits pitch to 89.9 degrees
 _PRINTED = 6e-4  # poses and fields of view are printed with three decimals
@@ -32,46 +31,46 @@ _STRAY_CM = 0.02  # of a pawn from where it was set: single precision, two kilom
 class LegacyDriver(CameraDriver):
     """Drives the player's camera, the only one.
 
-    Its pictures have the size of the plugin's settings; object masks come from the game's window, with its
+    Its pictures have the size of the plugin's settings. Object masks come from the game's window, with its
     size and the field of view of the settings. Pitch and roll are limited to 89.9 degrees: captures carry the
-    view they were taken from. After a move the pose is polled until it rests; it is read again behind the
-    pictures, which count if nothing has moved meanwhile. The window's keys and mouse stay switched off.
+    view they were taken from. After a move the pose is polled until it rests. It is read again after the
+    pictures, which count only if nothing has moved meanwhile. The window's keys and mouse stay switched off.
     """
 
     table = LEGACY
     each_mode_lags = True
 
-    def attach(self, stale_frames: StaleFrames) -> None:
-        self._aimed = None
+    def attach(self) -> None:
+        self.forget()
         self._prepare()
         # A click in the window would send a message that belongs to no request.
-        self._connection.texts(["vset /action/input/disable", LIT_VIEW_MODE])
-        status = self._connection.text("vget /unrealcv/status")
+        self.connection.texts(["vset /action/input/disable", LIT_VIEW_MODE])
+        status = self.connection.text("vget /unrealcv/status")
         settings = re.search(r"^FOV: (\d{1,3}(?:\.\d*)?)$", status, re.MULTILINE | re.ASCII)
         if settings is None:
             raise self._refused(f"a status with a line such as 'FOV: 90.000000', got {shown(status)}")
         self.mask_fov_deg = replies.fov(settings[1])
-        *_, pose = [self._connection.text(_POSE) for _ in range(_SETTLED)]
-        fov = self._connection.text(_FOV)
-        here, fov_deg = replies.numbers(pose, 6), replies.fov(fov)
+        *_, pose = [self.connection.text(_POSE) for _ in range(_POLLS)]
+        fov = self.connection.text(_FOV)
+        player, fov_deg = replies.numbers(pose, 6), replies.fov(fov)
         if not self._restore:
             self._restore = [
                 f"vset /camera/0/{LEGACY.fov} {fov_deg:.3f}",
-                f"vset /camera/0/pose {' '.join(f'{number:.3f}' for number in here)}",
+                f"vset /camera/0/pose {' '.join(f'{number:.3f}' for number in player)}",
                 LIT_VIEW_MODE,
             ]
-        first = {mode: payload for mode in self.table.images if (payload := self._first_picture(mode))}
-        stale_frames.note((pose, fov), first)
-        self._connection.text(LIT_VIEW_MODE)
-        if "lit" not in first:
+        pictures = {mode: picture for mode in self.table.images if (picture := self._first_picture(mode))}
+        self.stale_frames.note((pose, fov), pictures)
+        self.connection.text(LIT_VIEW_MODE)
+        if "lit" not in pictures:
             raise self._refused(f"a picture from {LEGACY.image(0, 'lit')!r}, got none")
-        self._size = self._checked_size(first["lit"])
-        self._window = self._checked_size(first.get("object_mask", first["lit"]))
-        self.capabilities = replace(self.capabilities, modes=frozenset(first), image_size=self._size)
+        self._size = self._checked_size(pictures["lit"])
+        self._window = self._checked_size(pictures.get("object_mask", pictures["lit"]))
+        self.capabilities = replace(self.capabilities, modes=frozenset(pictures), image_size=self._size)
 
     def cover(self, view: View) -> tuple[View, ...]:
-        # Where the plugin limits pitch, the picture is tilted and misses a sliver on one side; the one that
-        # is turned half round about its axis is tilted to that side.
+        # Where the plugin limits pitch, the picture is tilted and misses a sliver on one side. The view that
+        # is turned by half a turn about its axis is tilted to the other side.
         if abs(view.pose.R_w_c[2, 2]) < _VERTICAL:
             return (view,)
         turned = Pose(view.pose.position, view.pose.rotation @ np.diag([-1.0, -1.0, 1.0]))
@@ -83,9 +82,9 @@ class LegacyDriver(CameraDriver):
         pose = "{:.6f} {:.6f} {:.6f} {:.8f} {:.8f} {:.8f}".format(*location, *rotation)
         return [f"vset /camera/0/{LEGACY.fov} {view.fov_deg:.8f}", f"vset /camera/0/pose {pose}"]
 
-    def collect(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> Iterator[Capture]:
+    def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         for (view, _), group in groupby(requests, lambda request: (request.view, request.again)):
-            here = list(group)
+            of_view = list(group)
             if self._aimed != view:
                 self._aimed = None
                 commands = self.aim(None, view)
@@ -93,17 +92,17 @@ class LegacyDriver(CameraDriver):
                     self._expect("ok", command, reply)
             fresh = False
             while not fresh:
-                state, captures = self._pictures(client, view, here)
+                state, captures = self._pictures(client, view, of_view)
                 frames = {capture.mode: capture.payload or b"" for capture in captures}
                 # Colour may be stale where depth is not (protocol reference, section 7.2).
-                fresh = stale_frames.accepts(state, frames)
+                fresh = self.stale_frames.accepts(state, frames)
             self._aimed = view
             yield from captures
 
     def _first_picture(self, mode: str) -> bytes | None:
         """Return what the camera shows before it is moved; None for a mode that does not work."""
         command = LEGACY.image(0, mode)  # the very first may be garbage (protocol reference, section 7.2)
-        *_, reply = [self._connection.read([command], lambda _, reply: reply)[0] for _ in range(2)]
+        *_, reply = [self.connection.read([command], lambda _, reply: reply)[0] for _ in range(2)]
         return reply if isinstance(reply, bytes) else None
 
     def _resting_pose(self, client: Client) -> Reply:
@@ -111,7 +110,7 @@ class LegacyDriver(CameraDriver):
         before: Reply | None = None
         for count in range(1, _MAX_POLLS + 1):
             (reading,) = client.stream([_POSE])
-            if count >= _SETTLED and reading == before:
+            if count >= _POLLS and reading == before:
                 return reading
             before = reading
         raise self._bad_reply(
@@ -131,8 +130,8 @@ class LegacyDriver(CameraDriver):
         if any(request.mode == "object_mask" for request in requests):
             (pictures["object_mask"],) = client.stream([LEGACY.image(0, "object_mask")])
         commands = [LIT_VIEW_MODE, *(LEGACY.image(0, mode) for mode in others), _FOV, _POSE]
-        restored, *found, fov, afterwards = client.stream(commands)
-        pictures.update(zip(others, found, strict=True))
+        restored, *images, fov, afterwards = client.stream(commands)
+        pictures.update(zip(others, images, strict=True))
         self._expect("ok", LIT_VIEW_MODE, restored)
         if afterwards != reading:
             raise self._bad_reply(
@@ -159,17 +158,17 @@ class LegacyDriver(CameraDriver):
         return width, height
 
     def _actual_pose(self, view: View, reading: Reply) -> Pose:
-        """Return the camera's pose: as given where that reads back, else as it reads; not if far away."""
+        """Return the camera's pose: as set where that reads back, else as it reads; not if far away."""
         location_cm, rotation_deg = view.pose.to_unreal()
-        given, read = np.array([*location_cm, *rotation_deg]), np.array(replies.numbers(reading, 6))
-        read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(given[3:], read[3:], strict=True)]
-        off = np.abs(given - read)
+        target, read = np.array([*location_cm, *rotation_deg]), np.array(replies.numbers(reading, 6))
+        read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(target[3:], read[3:], strict=True)]
+        off = np.abs(target - read)
         if off[:3].max() > _STRAY_CM:
             raise self._refused(
                 f"a camera at {location_cm} cm, got {_excerpt(reading)}; a pawn that falls or collides "
                 "cannot be used, nor a level with a CineCameraActor"
             )
-        actual = np.where(off <= _PRINTED, given, read)
+        actual = np.where(off <= _PRINTED, target, read)
         return Pose.from_unreal(actual[:3], actual[3:])
 
 

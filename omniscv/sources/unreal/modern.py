@@ -8,23 +8,24 @@ from omniscv.errors import ServerRefusedError
 from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.commands import MODERN, VERSION
-from omniscv.sources.unreal.driver import CameraDriver, Requests
+from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
 from omniscv.sources.unreal.replies import name, names
-from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
 
 _CAMERAS = "vget /cameras"
 
-Use = Literal["check", "skip", "reference", "keep"]
-
 
 class Step(NamedTuple):
-    """A command, what its reply is for, and the picture that it requests, if any.
+    """A command of a batch.
 
-    It must be ok; may be stale or garbage; shows what the camera sees before it moves; is a capture.
+    Attributes:
+        command: what is sent.
+        use: of the reply. ``check``: it must be ok; ``skip``: it may be stale or garbage; ``reference``: it
+            shows what the camera sees before it moves; ``keep``: it is a capture.
+        request: of the picture; None for a command that moves the camera.
     """
 
     command: str
-    use: Use
+    use: Literal["check", "skip", "reference", "keep"]
     request: Request | None = None
 
 
@@ -33,36 +34,36 @@ class ModernDriver(CameraDriver):
 
     table = MODERN
 
-    def attach(self, stale_frames: StaleFrames) -> None:
-        self._aimed = None
+    def attach(self) -> None:
+        self.forget()
         try:
-            count = len(names(self._connection.text(_CAMERAS)))
+            count = len(names(self.connection.text(_CAMERAS)))
         except ServerRefusedError as no:
             raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {_CAMERAS!r}, got: {no}") from no
-        if count == 0:  # numbers of cameras would start at one that is not there
+        if count == 0:  # numbers of cameras would start at one that does not exist
             raise self._refused(f"the player's camera from {_CAMERAS!r}, got no camera; start the game")
         if not self._restore or self.camera >= count:
             self._prepare()
             self.camera = count
             self.spawned += 1
-            self._restore = [f"vset /object/{name(self._connection.text('vset /cameras/spawn'))}/destroy"]
+            self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
 
     def aim(self, before: View | None, view: View) -> list[str]:
-        had = {} if before is None else _settings(before)
-        changed = [(key, value) for key, value in _settings(view).items() if had.get(key) != value]
+        known = {} if before is None else _settings(before)
+        changed = [(key, value) for key, value in _settings(view).items() if known.get(key) != value]
         return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed]
 
-    def collect(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> Iterator[Capture]:
+    def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         """Yield captures until a frame may be stale.
 
-        A reply that is cut short draws bytes of the next frame in, so a picture counts only once the reply
-        behind it is in step; the version, requested at the end, stands behind the last.
+        A reply that is cut short swallows bytes of the next frame. So a picture counts only once the next
+        reply is in step; the version, requested at the end, follows the last picture.
         """
         if self.one_tick:
-            yield from self._at_once(client, requests, stale_frames)
+            yield from self._captures_of_one_tick(client, requests)
             return
-        batch = requests[:1] if stale_frames.in_doubt else requests
-        steps = self._steps(batch, stale_frames)
+        batch = requests[:1] if self.stale_frames.in_doubt else requests
+        steps = self._steps(batch)
         self._aimed = batch[-1].view
         replies = client.stream([*(step.command for step in steps), VERSION])
         fresh, complete = True, None
@@ -76,15 +77,15 @@ class ModernDriver(CameraDriver):
                 capture = self._capture(step.request, step.request.view, reply)
                 frame = {capture.mode: capture.payload or b""}
                 if fresh and step.use == "reference":
-                    stale_frames.note(capture.view, frame)
-                elif fresh and (fresh := stale_frames.accepts(capture.view, frame)):
+                    self.stale_frames.note(capture.view, frame)
+                elif fresh and (fresh := self.stale_frames.accepts(capture.view, frame)):
                     complete = capture
         self._expect(self._version, VERSION, next(replies))
         if complete is not None:
             yield complete
 
-    def _at_once(self, client: Client, requests: Requests, stale_frames: StaleFrames) -> list[Capture]:
-        """Return the captures of all requests, answered in one tick; in it no frame gets fresher."""
+    def _captures_of_one_tick(self, client: Client, requests: Requests) -> list[Capture]:
+        """Return the captures of all requests, answered in one tick, in which no frame becomes fresher."""
         aimed, commands = self._aimed, list[str]()
         pictures: list[int] = []
         for request in requests:
@@ -104,20 +105,20 @@ class ModernDriver(CameraDriver):
             for request, number in zip(requests, pictures, strict=True)
         ]
         for capture in captures:
-            stale_frames.note(capture.view, {capture.mode: capture.payload or b""})
+            self.stale_frames.note(capture.view, {capture.mode: capture.payload or b""})
         self._aimed = aimed
         return captures
 
-    def _steps(self, requests: Requests, stale_frames: StaleFrames) -> list[Step]:
+    def _steps(self, requests: Requests) -> list[Step]:
         """Return the commands for captures, in order.
 
-        Before a move there must be a frame of the same mode and size, for the next to be compared with.
+        Before a move there must be a frame of the same mode and size, to compare the next one with.
         """
         steps: list[Step] = []
-        aimed, in_doubt = self._aimed, stale_frames.in_doubt
-        states, skips = dict(stale_frames.states), stale_frames.skips()
+        aimed, in_doubt = self._aimed, self.stale_frames.in_doubt
+        states, skips = dict(self.stale_frames.states), self.stale_frames.skips()
 
-        def picture(use: Use, request: Request, count: int = 1) -> None:
+        def picture(use: Literal["skip", "reference", "keep"], request: Request, count: int = 1) -> None:
             steps.extend([Step(self.table.image(self.camera, request.mode), use, request)] * count)
 
         def move(view: View) -> None:
@@ -135,7 +136,7 @@ class ModernDriver(CameraDriver):
                     picture("reference", Request(before, mode))
                 move(view)
                 picture("skip", request, skips)
-                skips = stale_frames.lag
+                skips = self.stale_frames.lag
             picture("keep", request)
             states[mode] = view
         return steps

@@ -16,9 +16,8 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capabilities, ProcessBound, Source
 from omniscv.sources.registry import Opener, read_size, split_address
 from omniscv.sources.scene import room_of
-from omniscv.sources.unreal.client import Endpoint
+from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.commands import MODERN
-from omniscv.sources.unreal.connection import PATIENCE_S, RETRIES, TIMEOUT_S, Connection
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
 from omniscv.sources.unreal.source import connect
 from omniscv.sources.world import Freeze

@@ -1,4 +1,4 @@
-"""What texts from a server must be: numbers and names. Errors are one short line of printable characters."""
+"""Readers of text replies, which check the numbers and names that a server sends."""
 
 import math
 from contextlib import suppress
@@ -9,7 +9,7 @@ from omniscv.sources.codecs import picture_size
 from omniscv.sources.unreal.client import Reply
 
 MAX_NAMES = 65_535
-"""Of objects, or cameras: labels are uint16, and 0 is none of them."""
+"""Of objects, or cameras: labels are uint16, and 0 is the label of no object."""
 
 _MAX_NAME = 1024  # characters, as in the engine
 _MAX_NUMBER = 1e9  # cm, or degrees
@@ -22,7 +22,8 @@ def numbers(reply: Reply, count: int) -> list[float]:
         values = [float(word) for word in reply[:_MAX_NUMBERS].split()]
     except ValueError:
         values = []
-    if len(reply) > _MAX_NUMBERS or len(values) != count or not all(map(_is_small, values)):
+    small = all(math.isfinite(value) and abs(value) <= _MAX_NUMBER for value in values)
+    if len(reply) > _MAX_NUMBERS or len(values) != count or not small:
         raise BadReplyError(f"expected {count} numbers of at most {_MAX_NUMBER:g}, got {shown(reply[:100])}")
     return values
 
@@ -44,24 +45,20 @@ def name(reply: str) -> str:
 
 def names(reply: str) -> list[str]:
     """Return the names, separated by spaces, of a reply; BadReplyError for too many, or what is no name."""
-    found = [] if reply == "ok" else reply.split(maxsplit=MAX_NAMES)  # ok is what an empty text becomes
-    if len(found) > MAX_NAMES:
+    words = [] if reply == "ok" else reply.split(maxsplit=MAX_NAMES)  # servers send ok for an empty text
+    if len(words) > MAX_NAMES:
         raise BadReplyError(f"expected at most {MAX_NAMES} names, got more: {shown(reply[:100])}")
-    return [name(each) for each in found]
+    return [name(word) for word in words]
 
 
 def described(reply: Reply) -> str:
-    """Return a reply that is text; of a binary one its size and kind."""
+    """Return a reply that is text; the size and format of a binary one."""
     if isinstance(reply, str):
         return reply
-    kinds = {b"\x89PNG": "PNG", b"\x93NUM": "NPY", b"BM": "BMP"}
-    kind = next((name for start, name in kinds.items() if reply.startswith(start)), "binary")
+    formats = {b"\x89PNG": "PNG", b"\x93NUM": "NPY", b"BM": "BMP"}
+    form = next((name for start, name in formats.items() if reply.startswith(start)), "binary")
     size = ""
-    if kind in ("PNG", "NPY"):
+    if form in ("PNG", "NPY"):
         with suppress(BadReplyError):
             size = ", {} x {} px".format(*picture_size(reply))
-    return f"{kind}, {len(reply)} bytes{size}"
-
-
-def _is_small(value: float) -> bool:
-    return math.isfinite(value) and abs(value) <= _MAX_NUMBER
+    return f"{form}, {len(reply)} bytes{size}"

@@ -1,13 +1,14 @@
-"""The live source: captures from a UE4/UE5 editor or packaged game, whatever its plugin speaks.
+"""The live source: captures from a UE4/UE5 editor or packaged game, whatever the dialect of its plugin.
 
 The dialect is found by probing: versions do not identify it (protocol reference, section 0).
 """
 
 import contextlib
-import functools
 import re
-from collections.abc import Callable, Iterable, Iterator
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import accumulate, groupby
 from types import MappingProxyType
 
 from omniscv.arguments import shown
@@ -25,56 +26,48 @@ from omniscv.sources.base import (
     View,
     closed_error,
 )
-from omniscv.sources.unreal.client import Client, Reply
-from omniscv.sources.unreal.commands import LEVEL
-from omniscv.sources.unreal.connection import RETRIED, Connection
+from omniscv.sources.unreal.boxes import boxes
+from omniscv.sources.unreal.client import RETRIED, Client, Connection, Reply
+from omniscv.sources.unreal.commands import LEVEL, checked
 from omniscv.sources.unreal.driver import CameraDriver
-from omniscv.sources.unreal.exchange import Exchange
-from omniscv.sources.unreal.freezing import Freezing
-from omniscv.sources.unreal.journal import Journal
+from omniscv.sources.unreal.instants import Journal, Turns, put_back
 from omniscv.sources.unreal.legacy import LegacyDriver
-from omniscv.sources.unreal.mask_colors import colors, object_table
+from omniscv.sources.unreal.masks import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
-from omniscv.sources.unreal.placing import Placing
-from omniscv.sources.unreal.putting_back import put_back
-from omniscv.sources.unreal.shapes import boxes
-from omniscv.sources.unreal.stale_frames import StaleFrames
-from omniscv.sources.unreal.turns import in_flight, turns
 from omniscv.sources.unreal.world import UnrealWorld
-from omniscv.sources.unreal.world_commands import checked
 from omniscv.sources.world import Freeze, World
 
 # The starts of replies to commands that a dialect does not know.
 _UNKNOWN = re.escape("error Can not find a handler for URI '")
 _UNKNOWN_N2 = re.escape("error No handler found for URI '")
 
+_TURN_REQUESTS = 96  # of a turn, at least: enough to hide latency, few enough for others to wait for
+_IN_FLIGHT_PX = 1 << 24  # pixels that are requested together; a larger picture is requested alone
+_TURN_PX = 1 << 27  # pixels of a turn, all of which are held in memory
+
 
 class UnrealSource(Source):
-    """A connection, which is closed with this, a camera driver, and a detector of stale frames.
+    """Captures by a camera driver over a connection, which is closed with this source.
 
-    After a fault the connection is made anew, the camera found and aimed again, and the captures that were
-    in flight are requested again. A picture counts once it has the right id, signature, length and size, the
-    reply behind it is in step, and it is no stale frame. Threads take turns: the captures of a viewpoint, or
-    commands that belong together. Too many faults in a row, or a server that refuses what is needed, raise a
-    SourceError.
+    After a fault the connection is opened anew, the camera is found and aimed again, and the captures that
+    were in flight are requested again. A picture counts once it has the right id, signature, length and size,
+    the next reply is in step, and it is no stale frame. Threads take turns: one captures a viewpoint, or
+    sends commands that belong together. Too many faults in a row, or a server that refuses what is needed,
+    raise a SourceError.
     """
 
     def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
         self._connection, self._driver = connection, driver
-        self._stale_frames = StaleFrames(each_mode=driver.each_mode_lags)
-        self._exchange = Exchange(connection, driver, self._stale_frames)
-        self._journal = Journal()
-        self._world = UnrealWorld(self._exchange, self._journal, self._renew_camera)
-        self._placing = Placing(self._exchange, self._journal)
-        self._freezing = Freezing(self._exchange, self._journal, self._world, freeze or "auto")
+        self._turns, self._journal = Turns(connection.address), Journal()
+        self._world = UnrealWorld(driver, self._turns, self._journal, freeze or "auto")
         self._moves = freeze is not None
-        self._driver.one_tick = self._freezing.how == "batch"
+        self._driver.one_tick = self._world.freeze == "batch"
         self._attached: Client | None = None
         self._client()
 
     @property
     def capabilities(self) -> Capabilities:
-        """Those of the driver; the world moves where it is changed, or is to be frozen."""
+        """Those of the driver; the world moves where it was changed, or is to be frozen."""
         return replace(self._driver.capabilities, moves=self._moves or self.state != "")
 
     @property
@@ -83,10 +76,10 @@ class UnrealSource(Source):
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
-            yield from self._delivered(turn)
+            yield from self._captures_of_turn(turn)
 
     def objects(self) -> ObjectTable:
-        with self._exchange.turn():
+        with self._turns.turn():
             return object_table(self._connection, self._driver.table.vertex_colors)
 
     def cover(self, view: View) -> tuple[View, ...]:
@@ -94,16 +87,16 @@ class UnrealSource(Source):
 
     def geometry(self) -> SceneGeometry:
         """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
-        with self._exchange.turn():
+        with self._turns.turn():
             names = colors(self._connection)
             return SceneGeometry(MappingProxyType(boxes(self._connection, list(names))))
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
-        with self._exchange.turn():
-            wanted = list(dict.fromkeys(objects))
-            self._placing.check(wanted)
-            return self._changed(lambda: self._placing.hide(wanted, "left out"))
+        with self._turns.turn():
+            names = list(dict.fromkeys(objects))
+            self._world.check(names)
+            return self._changed(lambda: self._world.leave_out(names))
 
     @property
     def instant(self) -> Instant:
@@ -114,15 +107,15 @@ class UnrealSource(Source):
         return self._journal.instant.state
 
     def at(self, instant: Instant) -> Source:
-        """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept there."""
-        with self._exchange.turn():
-            return self._changed(lambda: self._freezing.set(instant))
+        """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept at the instant."""
+        with self._turns.turn():
+            return self._changed(lambda: self._world.set_instant(instant))
 
     def command(self, text: str) -> str:
-        """Send a command of the plugin, and return its reply; of a binary one, its size and kind.
+        """Send a command of the plugin, and return its reply; of a binary one, its size and format.
 
-        It is sent between the captures of two viewpoints, and after a fault again only where that is
-        harmless. One that may change the world gives it another state, which is not put back.
+        It is sent between the captures of two viewpoints. After a fault it is sent again only where that is
+        harmless. A command that may change the world gives it another state, which is not put back.
 
         Raises:
             ArgumentError: no single line, or ``vbatch``, whose reply depends on what follows.
@@ -135,74 +128,74 @@ class UnrealSource(Source):
         return self._world
 
     def close(self) -> None:
-        """As :meth:`Source.close`; what is to be put back at an end that has not come is put back first."""
-        with self._exchange.lock:
-            if not self._exchange.closed:
+        """As :meth:`Source.close`; changes that are still in force are put back first."""
+        with self._turns.lock:
+            if not self._turns.closed:
                 with contextlib.suppress(*RETRIED):  # the game may have ended
                     for layer in reversed(self._journal.layers):
                         with contextlib.suppress(ServerRefusedError):
-                            put_back(self._exchange, self._journal, layer)
-                self._exchange.closed = True
+                            put_back(self._driver, self._turns, self._journal, layer)
+                self._turns.closed = True
                 self._driver.release()
                 self._connection.close()
 
     def _changed(self, change: Callable[[], None]) -> Source:
         """Return this source, with a change of the world until it is closed."""
         layer = self._journal.open()
-        undo = functools.partial(put_back, self._exchange, self._journal, layer)
+
+        def undo() -> None:
+            put_back(self._driver, self._turns, self._journal, layer)
+
         try:
             change()
             if layer:
-                self._exchange.settle()
+                self._driver.settle()
         except BaseException:
-            with contextlib.suppress(SourceError):  # the fault that is raised came first
+            with contextlib.suppress(SourceError):  # the first fault is the one to raise
                 undo()
             raise
         return ChangedSource(self, undo)
 
-    def _renew_camera(self) -> None:
-        self._driver.renew()
-        self._attached = None
-        self._client()
-
     def _client(self) -> Client:
+        """Return a working client, with the camera attached and the world as it was set."""
         while self._attached is None or self._attached.broken:
-            self._stale_frames.reset()
+            self._driver.stale_frames.reset()
             spawned = self._driver.spawned
-            self._driver.attach(self._stale_frames)
+            self._driver.attach()
             if self._attached is not None and self._driver.spawned != spawned:
                 self._world.check_lost()
             self._world.set_again()
             self._attached = self._connection.client
         return self._attached
 
-    def _delivered(self, requests: list[Request]) -> Iterator[Capture]:
+    def _captures_of_turn(self, requests: list[Request]) -> Iterator[Capture]:
         """Yield a turn's captures; those from before a fault are kept, and progress resets the retries."""
         captures: list[Capture] = []
         fault: SourceError | None = None
         try:
-            with self._exchange.turn():
+            with self._turns.turn():
                 state = self.state  # which does not change within a turn
                 for request in requests:
                     request.check_state(state, self._connection.address)
                 while len(captures) < len(requests):
                     left = requests[len(captures) :]
-                    some, fault = self._some(left if self._driver.one_tick else in_flight(left), fault)
-                    captures += some
+                    batch = left if self._driver.one_tick else in_flight(left)
+                    collected, fault = self._collect(batch, fault)
+                    captures += collected
         except SourceError as last:
             yield from captures
             raise last
         for capture in captures:
-            if self._exchange.closed:
+            if self._turns.closed:
                 raise closed_error(self._connection.address)
             yield capture
 
-    def _some(
+    def _collect(
         self, batch: list[Request], fault: SourceError | None
     ) -> tuple[list[Capture], SourceError | None]:
         """Return captures of the first requests, one at least, and the fault that came after them.
 
-        A fault from before is recovered from first.
+        Recover from the fault of an earlier call first.
         """
         with self._connection.attempts() as attempted:
             while True:
@@ -211,7 +204,7 @@ class UnrealSource(Source):
                 captures: list[Capture] = []
                 client, fault = self._client(), None
                 try:
-                    for capture in self._driver.collect(client, batch, self._stale_frames):
+                    for capture in self._driver.collect(client, batch):
                         captures.append(capture)
                 except RETRIED as cause:
                     fault = cause
@@ -228,6 +221,42 @@ class ChangedSource(SourceWrapper):
 
     def close(self) -> None:
         self._undo()
+
+
+def turns(
+    requests: Iterable[Request], check: Callable[[Request], None], alone: bool
+) -> Iterator[list[Request]]:
+    """Yield requests in turns, between which the world may be changed; raise what ``check`` raises for one.
+
+    A turn has whole viewpoints: consecutive requests from one optical centre. Small viewpoints share a turn,
+    unless each is ``alone``. One with more pixels than memory should hold is divided.
+    """
+    turn: list[Request] = []
+    pixels = 0
+    for _, viewpoint in groupby(requests, lambda request: request.view.key().position):
+        for request in viewpoint:
+            check(request)
+            if turn and not alone and pixels + _pixels(request) > _TURN_PX:
+                yield turn
+                turn, pixels = [], 0
+            turn.append(request)
+            pixels += _pixels(request)
+        if alone or len(turn) >= _TURN_REQUESTS or pixels >= _IN_FLIGHT_PX:
+            yield turn
+            turn, pixels = [], 0
+    if turn:
+        yield turn
+
+
+def in_flight(requests: Sequence[Request]) -> list[Request]:
+    """Return the first of some requests, as many as are sent together: one at least, and equal shares."""
+    pixels = list(accumulate(map(_pixels, requests)))
+    share = pixels[-1] / -(-pixels[-1] // _IN_FLIGHT_PX)
+    return list(requests[: max(1, bisect_right(pixels, share))])
+
+
+def _pixels(request: Request) -> int:
+    return request.view.width * request.view.height
 
 
 def connect(connection: Connection, fix_exposure: bool = False, freeze: Freeze | None = None) -> UnrealSource:
@@ -250,24 +279,23 @@ def open_driver(connection: Connection, fix_exposure: bool = False) -> CameraDri
     does not know the level's name.
     """
     number = r"\d+\.\d+$"
-    if _form(connection, "vget /omniscv", _UNKNOWN, _UNKNOWN_N2) == _UNKNOWN_N2:
+    if _first_match(connection, "vget /omniscv", _UNKNOWN, _UNKNOWN_N2) == _UNKNOWN_N2:
         dialect = "N2"
-    elif _form(connection, "vget /camera/0/horizontal_fieldofview", _UNKNOWN, number) == number:
+    elif _first_match(connection, "vget /camera/0/horizontal_fieldofview", _UNKNOWN, number) == number:
         return LegacyDriver(connection, "0.3.10", fix_exposure)
     else:
-        dialect = "M" if _form(connection, LEVEL, _UNKNOWN, "") == _UNKNOWN else "N1"
+        dialect = "M" if _first_match(connection, LEVEL, _UNKNOWN, "") == _UNKNOWN else "N1"
     return ModernDriver(connection, dialect, fix_exposure)
 
 
-def _form(connection: Connection, command: str, *forms: str) -> str:
-    """Return which of some patterns, the first that fits, the reply to a command begins with."""
+def _first_match(connection: Connection, command: str, *patterns: str) -> str:
+    """Return the first of some patterns that the reply to a command begins with."""
 
     def match(command: str, reply: Reply) -> str:
-        for form in forms:
-            if isinstance(reply, str) and re.match(form, reply, re.ASCII):
-                return form
+        for pattern in patterns:
+            if isinstance(reply, str) and re.match(pattern, reply, re.ASCII):
+                return pattern
         expected = f"expected plugin 0.3.10 or 1.x to answer {command!r}"
         raise BadReplyError(f"{connection.address}: {expected}, got {shown(reply[:100])}")
 
-    (found,) = connection.read([command], match)
-    return found
+    return connection.read([command], match)[0]

@@ -13,7 +13,7 @@ from omniscv.diagnostics import doctor, seams
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.raw_camera import RawCamera
 from omniscv.sources.unreal.commands import FIX_EXPOSURE
-from omniscv.sources.unreal.mask_colors import colors, paint
+from omniscv.sources.unreal.masks import colors, paint
 from omniscv.sources.unreal.opening import open_connection
 
 

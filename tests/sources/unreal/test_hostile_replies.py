@@ -20,7 +20,7 @@ from omniscv.errors import (
     ServerConnectionError,
     ServerRefusedError,
 )
-from omniscv.sources.unreal.connection import PATIENCE_S, TIMEOUT_S
+from omniscv.sources.unreal.client import PATIENCE_S, TIMEOUT_S
 
 MILLION = "9" * 1_000_000
 HOSTILE = {

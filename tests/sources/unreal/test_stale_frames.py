@@ -1,6 +1,6 @@
 """The detector of stale frames, by itself."""
 
-from omniscv.sources.unreal.stale_frames import SETTLED, StaleFrames
+from omniscv.sources.unreal.driver import SETTLED, StaleFrames
 
 
 def test_a_frame_that_equals_the_one_before_the_move_is_rejected_until_it_differs():

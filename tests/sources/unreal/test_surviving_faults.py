@@ -18,7 +18,7 @@ from omniscv.errors import (
 )
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
-from omniscv.sources.unreal.stale_frames import SETTLED
+from omniscv.sources.unreal.driver import SETTLED
 
 SIZE = 24
 TIMEOUT_S = 0.25

@@ -99,22 +99,12 @@ def test_pausing_leaves_a_game_as_it_was(server, source, world):
     server.world.paused = False
 
 
-def test_what_a_dialect_cannot_do_is_refused_before_anything_is_sent(server, source, world):
-    refused = {
-        "read the bounds": (lambda: world.bounds("Box"), "0.3.10"),
-        "spawn objects": (lambda: world.spawn("cube", "New", MOVED), "0.3.10"),
-        "destroy objects": (lambda: world.destroy("Box"), "0.3.10"),
-        "set lights": (lambda: world.light("Lamp", MOVED, 5.0), "0.3.10"),
-        "set the exposure": (lambda: world.exposure("manual", 1.0), "0.3.10 M"),
-        "console command of at most 3": (lambda: world.console("a b c d"), "0.3.10"),
-        "console command of at most 6": (lambda: world.console("a b c d e f g"), "M N1 N2"),
-    }
-    for what, (do, dialects) in refused.items():
-        if server.dialect in dialects.split():
-            sent = server.statistics.total("")
-            with pytest.raises(ServerRefusedError, match=f"expected.*{what}.*got"):
-                do()
-            assert server.statistics.total("") == sent
+def test_what_a_dialect_cannot_do_is_refused_before_anything_is_sent(server, world):
+    if server.dialect == "0.3.10":
+        sent = server.statistics.total("")
+        with pytest.raises(ServerRefusedError, match="expected a server that can read the bounds.*got plugin"):
+            world.bounds("Box")
+        assert server.statistics.total("") == sent
 
 
 def test_unknown_objects_are_refused(world):
@@ -128,59 +118,6 @@ def test_bounds_are_along_the_worlds_axes(server, world):
         box, (low, high) = world.bounds("Pole"), SCENE.bounds("Pole")
         np.testing.assert_allclose(box.center_w, (low + high) / 2, atol=1e-4)
         np.testing.assert_allclose(box.size, high - low, atol=2e-4)
-
-
-@pytest.mark.parametrize("dialect", DIALECTS[1:])
-def test_a_spawned_object_is_captured_and_destroyed_again(dialect):
-    with serve(dialect, **STILL) as server, omniscv.open_source(server.uri) as source:
-        world = source.world
-        with world.changes():
-            world.spawn("cube", "New", turned((1.5, 0.0, 1.5), 30.0))
-            assert "New" in world.objects()
-            middle = next(source.capture(ahead(source))).pixels[12, 12]
-            assert 0.9 < middle < 1.1  # a cube of a metre, in place of the sky or what is behind it
-            with pytest.raises(ArgumentError, match="expected one that no object has, got 'New'"):
-                world.spawn("cube", "New", MOVED)
-            with pytest.raises(ArgumentError, match="spawned within these changes"):
-                world.destroy("Pole")
-        assert "New" not in world.objects()
-        assert source.state == ""
-        with pytest.raises(ServerRefusedError, match="Can not find a class with name 'Teapot'"):
-            world.spawn("Teapot", "Pot", MOVED)
-        assert source.state == ""
-        assert shows(source, SCENE)
-
-
-def test_console_commands_give_a_state_that_is_not_put_back():
-    with serve("N2", **STILL) as server, omniscv.open_source(server.uri) as source:
-        with source.world.changes():
-            source.world.console("r.MotionBlurQuality 0")
-            source.world.console("DisableAllScreenMessages")
-        assert source.state != ""
-        assert server.statistics.counts["vrun r.MotionBlurQuality 0"] == 1
-        assert server.statistics.counts["vcmd DisableAllScreenMessages"] == 1
-
-
-def test_the_exposure_is_put_back_by_a_new_camera():
-    with serve("N2", **STILL) as server, omniscv.open_source(server.uri) as source:
-        with source.world.changes():
-            source.world.exposure("manual", 1.5)
-            assert source.state != ""
-            assert server.statistics.counts["vset /camera/1/exposure_bias 1.500000"] == 1
-        assert source.state == ""
-        assert server.statistics.total("vset /cameras/spawn") == 2
-        assert len(server.world.cameras) == 2
-        assert shows(source, SCENE)
-    assert len(server.world.cameras) == 1
-
-
-def test_functions_of_blueprints_reply_or_are_refused():
-    with serve("N1") as server, omniscv.open_source(server.uri) as source:
-        with pytest.raises(ServerRefusedError, match="Fail to execute the function 'set_light' of Ball"):
-            source.world.light("Ball", turned((0, 0, 0), 90.0), 5.0, (1.0, 0.5, 0.0))
-        sent = "vbp Ball set_light 0.000000 -90.000000 0.000000 5.000000 1.000000 0.500000 0.000000"
-        assert server.statistics.counts[sent] == 1
-        assert source.state == ""
 
 
 # What is put back, whatever happens.

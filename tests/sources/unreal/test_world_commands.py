@@ -12,7 +12,7 @@ from omniscv.errors import ArgumentError, ServerConnectionError, ServerRefusedEr
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
 from omniscv.sources.pool import SourcePool
-from omniscv.sources.unreal.turns import turns
+from omniscv.sources.unreal.source import turns
 
 
 @pytest.fixture(scope="module")

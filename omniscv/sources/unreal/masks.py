@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.sources.base import Color, ObjectTable
-from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.client import Connection
+from omniscv.sources.unreal.commands import OBJECTS
 from omniscv.sources.unreal.replies import names
 
 _TOLERANCE = 3  # how far a channel of a mask may be off; the official client allows as much
@@ -18,38 +19,45 @@ _FAR_APART = (135, 151, 167, 183, 199, 215, 231)  # the values that are used fir
 
 
 def paint(connection: Connection, vertex_colors: bool) -> None:
-    """Set every object's mask colour: its own, or another where that is the background's or another object's.
+    """Set the mask colour of every object, to its own or, where that is ambiguous, to an unused one.
 
-    Every server gives one object black (protocol reference, section 5.1). Objects that were spawned late
-    are in no mask and no depth until their colour is set (section 2.5). With ``vertex_colors``, colours that
-    plugin 0.3.10 would not show as they are set are replaced too. Raise ServerRefusedError if the server
-    refuses a colour that must change, or if an object does not have the colour that was set.
+    A colour is ambiguous if it is the background's or an earlier object's. Every server gives one object
+    black (protocol reference, section 5.1). Objects that were spawned late are in no mask and no depth until
+    their colour is set (section 2.5).
+
+    Args:
+        connection: to the server.
+        vertex_colors: whether to replace colours, too, that plugin 0.3.10 would not show as they are set.
+
+    Raises:
+        ServerRefusedError: the server refuses a colour that must change, or does not keep a colour.
     """
     used = {(0, 0, 0)}  # the background's
     free = itertools.chain(*(itertools.product(values, values, values) for values in (_FAR_APART, _EXACT)))
-    wanted: dict[str, Color] = {}
+    painted: dict[str, Color] = {}
     changed = set()
     for name, color in colors(connection).items():
         if color in used or (vertex_colors and vertex_color_roundtrip(color) != color):
             color = next(unused for unused in free if unused not in used)
             changed.add(name)
         used.add(color)
-        wanted[name] = color
-    commands = [paint_command(name, color) for name, color in wanted.items()]
-    for name, command, reply in zip(wanted, commands, connection.texts(commands), strict=True):
+        painted[name] = color
+    commands = [paint_command(name, color) for name, color in painted.items()]
+    for name, command, reply in zip(painted, commands, connection.texts(commands), strict=True):
         if reply != "ok" and name in changed:
             raise ServerRefusedError(f"{connection.address}: {shown(command)} was refused: {shown(reply)}")
-    for (name, color), found in zip(wanted.items(), _read(connection, wanted), strict=True):
-        if found != color:
+    for (name, color), actual in zip(painted.items(), _read(connection, painted), strict=True):
+        if actual != color:
             expected = f"mask colour {color} of {shown(name)}, which was set"
-            raise ServerRefusedError(f"{connection.address}: expected {expected}, got {found}")
+            raise ServerRefusedError(f"{connection.address}: expected {expected}, got {actual}")
 
 
 def object_table(connection: Connection, vertex_colors: bool) -> ObjectTable:
     """Return the objects of the scene and the colours that masks show; arguments as for :func:`paint`."""
-    found = colors(connection)
-    shown = {name: vertex_color_roundtrip(color) for name, color in found.items()} if vertex_colors else found
-    return ObjectTable(shown, _TOLERANCE)
+    table = colors(connection)
+    if vertex_colors:
+        table = {name: vertex_color_roundtrip(color) for name, color in table.items()}
+    return ObjectTable(table, _TOLERANCE)
 
 
 def paint_command(name: str, color: Color) -> str:
@@ -59,14 +67,14 @@ def paint_command(name: str, color: Color) -> str:
 
 def colors(connection: Connection) -> dict[str, Color]:
     """Return every object's mask colour, as set."""
-    found = names(connection.text("vget /objects"))
-    return dict(zip(found, _read(connection, found), strict=True))
+    objects = names(connection.text(OBJECTS))
+    return dict(zip(objects, _read(connection, objects), strict=True))
 
 
 def parse_color(reply: str) -> Color:
     """Return the three numbers of ``(R=127,G=63,B=255,A=255)``; BadReplyError for a reply of another form."""
-    found = re.fullmatch(r"\(R=(\d{1,3}),G=(\d{1,3}),B=(\d{1,3}),A=\d{1,3}\)", reply, re.ASCII)
-    r, g, b = (256, 256, 256) if found is None else (int(value) for value in found.groups())
+    match = re.fullmatch(r"\(R=(\d{1,3}),G=(\d{1,3}),B=(\d{1,3}),A=\d{1,3}\)", reply, re.ASCII)
+    r, g, b = (256, 256, 256) if match is None else (int(value) for value in match.groups())
     if max(r, g, b) > 255:
         raise BadReplyError(f"expected a colour such as (R=127,G=63,B=255,A=255), got {shown(reply)}")
     return r, g, b

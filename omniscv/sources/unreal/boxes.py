@@ -12,16 +12,15 @@ from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.geometry.unreal_frame import position_from_unreal, rotation_from_unreal
 from omniscv.sources.unreal import replies
-from omniscv.sources.unreal.client import Reply
-from omniscv.sources.unreal.connection import Connection
+from omniscv.sources.unreal.client import Connection, Reply
 
 _QUERIES = ("vertex_location", "bounds", "rotation")
-_BATCH = 8  # objects that are asked for together
+_BATCH = 8  # objects that are queried together
 MOST_VERTICES = 2_000_000
-"""Of all objects, about 80 MB; and of one, five times as many are read."""
+"""Of all objects, about 80 MB; of one object, five times as many are read."""
 _MAX_CM = 1e9
 _TIGHTER = 0.99
-"""Of the volume in the object's own frame: a box in another frame is worth it if it is below."""
+"""An upright box replaces the one in the object's own frame if its volume is below this share."""
 
 
 def boxes(
@@ -30,8 +29,8 @@ def boxes(
     """Return the boxes of objects by name; objects without a shape have none.
 
     The plugin is probed with the first object. Vertices give a box in the object's own frame, or an upright
-    one that is tighter; bounds give one along the world's axes. Once more than ``most_vertices`` have come,
-    bounds serve for the other objects: meshes may have millions.
+    one that is tighter; bounds give one along the world's axes. Meshes may have millions of vertices: after
+    more than ``most_vertices``, bounds are used for the remaining objects.
 
     Raises:
         BadReplyError: a reply that is neither numbers nor an error.
@@ -39,22 +38,21 @@ def boxes(
     known = [what for what in _QUERIES if names and _knows(connection, names[0], what)]
     if not {"vertex_location", "bounds"} & set(known):
         return {}
-    found: dict[str, ObjectBox] = {}
+    result: dict[str, ObjectBox] = {}
     vertices = 0
     for start in range(0, len(names), _BATCH):
-        some = names[start : start + _BATCH]
+        batch = names[start : start + _BATCH]
         if vertices > most_vertices and "bounds" in known:
             known = ["bounds"]
-        replies = iter(
-            connection.read([f"vget /object/{n}/{what}" for n in some for what in known], _numbers)
-        )
-        for name in some:
-            told = {what: next(replies) for what in known}
-            points = told.get("vertex_location")
+        commands = [f"vget /object/{name}/{what}" for name in batch for what in known]
+        answers = iter(connection.read(commands, _numbers))
+        for name in batch:
+            row = {what: next(answers) for what in known}
+            points = row.get("vertex_location")
             vertices += 0 if points is None else len(points)
-            if box := _box_of(points, told.get("bounds"), told.get("rotation")):
-                found[name] = box
-    return found
+            if box := _box_of(points, row.get("bounds"), row.get("rotation")):
+                result[name] = box
+    return result
 
 
 def _box_of(vertices: Array | None, bounds: Array | None, rotation: Array | None) -> ObjectBox | None:
@@ -72,7 +70,7 @@ def upright_box(bounds_cm: Array) -> ObjectBox | None:
 
 
 def _knows(connection: Connection, name: str, what: str) -> bool:
-    """Whether a server has a command; it may still refuse it for some objects."""
+    """Return whether a server has a command; it may still refuse it for some objects."""
     (reply,) = connection.texts([f"vget /object/{name}/{what}"])
     return not reply.startswith(("error Can not find a handler", "error No handler found"))
 
@@ -94,22 +92,23 @@ def _vertices(command: str, reply: Reply) -> Array:
         values = np.array(words, dtype=np.float64)
     except ValueError:
         values = np.array([math.nan])
-    if len(values) % 3 or not (np.abs(values) <= _MAX_CM).all():  # NaN is not
+    if len(values) % 3 or not (np.abs(values) <= _MAX_CM).all():  # False for NaN, too
         expected = f"expected three numbers of at most {_MAX_CM:g} for each vertex from {shown(command)}"
         raise BadReplyError(f"{expected}, got {shown(reply[:100])}")
     return values.reshape(-1, 3)
 
 
 def _to_world(points_cm: Array) -> Array:
-    """(N, 3) metres in the world."""
+    """Return points (N, 3) in the world frame, metres."""
     return position_from_unreal(points_cm.T).T
 
 
 def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
     """Return the box of vertices in the frame of their object, or an upright one that is tighter."""
     points = _to_world(vertices_cm)
-    own, upright = _box(points, rotation_from_unreal(rotator_deg).T), _box(points, _upright_axes(points))
-    return upright if np.prod(upright.size) < _TIGHTER * np.prod(own.size) else own
+    aligned = _box(points, rotation_from_unreal(rotator_deg).T)
+    upright = _box(points, _upright_axes(points))
+    return upright if np.prod(upright.size) < _TIGHTER * np.prod(aligned.size) else aligned
 
 
 def _box(points: Array, axes: Array) -> ObjectBox:
@@ -121,7 +120,7 @@ def _box(points: Array, axes: Array) -> ObjectBox:
 def _upright_axes(points: Array) -> Array:
     """Return the axes, as rows, of the smallest upright box around points (N, 3).
 
-    It has a side along one of the hull's, seen from above (Freeman and Shapira 1975).
+    One of its sides is parallel to a side of the convex hull seen from above (Freeman and Shapira 1975).
     """
     try:
         hull = points[ConvexHull(points[:, :2]).vertices, :2]
