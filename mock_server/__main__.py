@@ -1,70 +1,97 @@
-"""``python -m mock_server``: a scene behind the UnrealCV protocol, for any client, until Ctrl-C.
+"""``python -m mock_server`` and ``omniscv serve``: a scene behind the UnrealCV protocol, until Ctrl-C.
 
-The first line on the standard output is the address, for scripts that take any free port. SIGINT, SIGTERM and
-SIGHUP stop the server, SIGINT also where it was ignored at the start: see :func:`mock_server.stop_signal`.
+The first line on the standard output starts with the address, for scripts that take any free port. SIGINT,
+SIGTERM and SIGHUP stop the server, SIGINT also where it was ignored at the start: see
+:func:`mock_server.stop_signal`.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
-from mock_server.catalog import scene_names
 from mock_server.faults import KINDS
-from mock_server.server import serve
-from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS
+from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS, scene_names
 from mock_server.stop_signal import stop_signal
 
+_LONGEST_LINE = 300
+_EXAMPLE = "four-wall --port 9000 --dialect 0.3.10 --size 512x512"
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve until a signal, and return the exit code: 1 where the server ended by itself."""
-    options = vars(_parser().parse_args(arguments))
+
+def main(arguments: Sequence[str] | None = None, program: str = "python -m mock_server") -> int:
+    """Serve until a signal, and return the exit code: 1 if the server ended by itself, 2 for wrong usage.
+
+    Errors are one line on standard error that starts with the first word of ``program``.
+    """
+    name = program.split()[0] if program.startswith("omniscv") else "mock_server"
     with stop_signal() as wait:
         try:
+            options = vars(_parser(program).parse_args(arguments))
+            from mock_server.server import serve  # loads the tracer, which help does without
+
             server = serve(**options)
-        except ValueError as wrong:
-            print(f"mock_server: {wrong}", file=sys.stderr)
-            return 2
-        except OSError as failed:
-            address = f"{options['host']}:{options['port']}"
-            print(f"mock_server: expected to listen on {address}; {failed}", file=sys.stderr)
-            return 1
+        except SystemExit:  # of --help
+            return 0
+        except ValueError as cause:
+            return _fail(name, cause, 2)
+        except OSError as cause:
+            address = f"{options.get('host', '127.0.0.1')}:{options['port']}"
+            return _fail(name, f"expected to listen on {address}; {cause}", 1)
         with server:
             print(f"{server.uri} {server.scene.name} dialect {server.settings.dialect}", flush=True)
             stopped = wait(server)
-    if stopped is None:
-        print(f"mock_server: {server.fault or 'the server has ended'}", file=sys.stderr)
-    return 0 if stopped else 1
+    return 0 if stopped else _fail(name, server.fault or "the server has ended", 1)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _fail(name: str, cause: object, code: int) -> int:
+    """Print an error in one printable line, and return the exit code."""
+    line = " ".join(str(cause).split())
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    print(f"{name}: {line[:_LONGEST_LINE]}", file=sys.stderr, flush=True)
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises errors as ValueError."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message.removeprefix('argument ')} (see {self.prog} --help)")
+
+
+def _parser(program: str) -> argparse.ArgumentParser:
     width = max(map(len, KINDS))
     faults = "\n".join(
         f"  {name:{width}}  {kind.text}{f' (default {kind.default})' if kind.default else ''}"
         for name, kind in KINDS.items()
     )
-    parser = argparse.ArgumentParser(
-        prog="python -m mock_server",
-        description=__doc__.split("\n")[0],
-        epilog=f"faults:\n{faults}",
+    parser = _Parser(
+        prog=program,
+        description="Serve a scene over the UnrealCV protocol, for any client, until Ctrl-C.",
+        epilog=f"faults:\n{faults}\n\nExample: {program} {_EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,  # the settings have the defaults
+        allow_abbrev=False,
     )
-    add = parser.add_argument
-    add("scene", nargs="?", default="four-wall", help=f"{', '.join(scene_names())}, or a YAML file")
+    parser.add_argument(
+        "scene", nargs="?", default="four-wall", help=f"{', '.join(scene_names())}, or a YAML file"
+    )
+    add = parser.add_argument_group("server").add_argument
     add("--port", type=int, default=9000, help="0 takes any free port (default 9000)")
-    add("--host", default="127.0.0.1", help="the address to listen on (default loopback)")
-    add("--dialect", help=f"one of {', '.join(DIALECTS)}")
-    add("--platform", help=f"one of {', '.join(PLATFORMS)}")
-    add("--depth", help=f"one of {', '.join(DEPTHS)}")
+    add("--host", help="the address to listen on (default 127.0.0.1)")
+    add("--dialect", help=f"one of {', '.join(DIALECTS)} (default 1.x)")
+    add("--platform", help=f"one of {', '.join(PLATFORMS)} (default windows)")
     add("--latency-ms", type=float, help="delay of every reply, ms")
-    step = "what the clock of a scene that moves advances in a frame, seconds (default 1/60)"
-    add("--time-step", type=float, dest="time_step_s", help=step)
     add("--paced", action="store_true", help="requests wait for the next of 60 frames a second")
-    add("--size", type=_size, help="of images, px (default 640x480)")
-    add("--fov", type=float, dest="fov_deg", help="field of view, degrees (default 90)")
-    add("--window", type=_size, help="size of the game's window, px (default as --size)")
     add("--folder", type=Path, help="where file commands write (default a temporary one)")
+    add = parser.add_argument_group("images").add_argument
+    add("--size", type=_size, help="of images, px (default 640x480)")
+    add("--window", type=_size, help="of the game's window, px (default as --size)")
+    add("--fov", type=float, dest="fov_deg", help="field of view, degrees (default 90)")
+    add("--depth", help=f"one of {', '.join(DEPTHS)} (default half)")
+    step = "seconds that the clock of a moving scene advances in a frame (default 1/60)"
+    add("--time-step", type=float, dest="time_step_s", help=step)
+    add = parser.add_argument_group("misbehaviour").add_argument
     fault = "NAME[=VALUE][@PROBABILITY], such as delay=0.2@0.05; repeatable; see below"
     add("--fault", action="append", dest="faults", help=fault)
     add("--seed", type=int, help="seed of the faults' random numbers")

@@ -3,19 +3,20 @@
 Unreal: left-handed, centimetres, X forward, Y right, Z up.
 """
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.palette import Color, palette
 from mock_server.rotator import MIRROR, Triple, axes
 from mock_server.scene import Scene
 
 Array = NDArray[np.float64]
+Color = tuple[int, int, int]
 Pose = tuple[Triple, Triple]
 
 _ORIGIN: Triple = (0.0, 0.0, 0.0)
@@ -23,6 +24,11 @@ _WHOLE: Triple = (1.0, 1.0, 1.0)
 _MOST_SPAWNED = 1000
 _CUBE: Mapping[str, object] = {"solids": [{"box": [1.0, 1.0, 1.0], "at": [0.0, 0.0, 0.0]}]}
 _LAST = "\U0010ffff"  # sorts behind every name, so that new objects leave the labels of the others
+
+_CHANNEL = (0, 255, 127, 63, 191, 31, 95, 159, 223, 15, 47, 79, 111, 143, 175, 207,
+            239, 7, 23, 39, 55, 71, 87, 103, 119, 135, 151, 167, 183, 199, 215, 231)  # fmt: skip
+_FIXED = ((False, False, True), (False, True, False), (False, True, True), (True, False, False),
+          (True, False, True), (True, True, False), (True, True, True))  # fmt: skip
 
 
 @dataclass
@@ -154,6 +160,14 @@ class Objects:
         for each in self._actors:
             if each.scale != _WHOLE:
                 self.scene = self.scene.scaled(each.key, each.scale)
+
+
+def palette() -> Iterator[Color]:
+    """Yield the plugin's default mask colours in order (protocol reference, section 5.1)."""
+    for m, value in enumerate(_CHANNEL):
+        for fixed in _FIXED:
+            choices = [(value,) if is_fixed else _CHANNEL[:m] for is_fixed in fixed]
+            yield from itertools.product(*choices)
 
 
 def _in_unreal(pose: tuple[Array, Array]) -> Pose:

@@ -1,26 +1,23 @@
-"""UnrealCV's frames, and how commands match templates.
+"""UnrealCV's frames on a connection, and the faults of the transport.
 
 A frame is magic and payload size, uint32 little endian, then the payload. A request is ``id:command``,
 a reply ``id:body``.
 """
 
-import re
 import socket
 import struct
 from collections.abc import Callable
-from typing import Any
+
+from mock_server.faults import Fault, Faults
 
 MAGIC = 0x9E2B83C1
 MAX_PAYLOAD = 1 << 24
 """Bytes of a request; dialect N2 of the plugin allows sixteen times as many, the others any number."""
 
 _HEADER = struct.Struct("<II")
-_BLOCK = 1 << 16
+_BLOCK, _PIECES = 1 << 16, 50
 _INT32 = 1 << 31
 _INT64_DIGITS = 18
-
-_LIMIT = 1e9
-"""cm, or degrees: larger numbers are clipped to it, so that no arithmetic overflows."""
 
 
 class FrameError(Exception):
@@ -64,38 +61,64 @@ def to_int32(digits: str) -> int:
     return (value + _INT32) % (2 * _INT32) - _INT32
 
 
-def _uint(digits: str) -> int:
-    """Return a count or index; 0 for no digits, and at most 2^31 - 1."""
-    return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
+class Transport:
+    """Sends frames with faults. ``wait`` waits for so many seconds; it is true if the server is stopping."""
 
+    def __init__(self, connection: socket.socket, faults: Faults, wait: Callable[[float], bool]) -> None:
+        self._connection, self._faults, self._wait = connection, faults, wait
 
-_PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
-    "[str]": (r"(\S*)", str),
-    "[uint]": (r"(\d*)", _uint),
-    "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
-}
+    def greet(self, text: str) -> None:
+        """Send the greeting, a frame without an id."""
+        if busy := self._faults.strike("second-client"):
+            self._pause(busy.amount())
+        if self._faults.strike("no-greeting") is None:
+            self._connection.sendall(frame(text.encode()))
 
+    def send(self, payload: bytes) -> None:
+        """Send a reply, ``id:body``.
 
-class Command:
-    """A template such as ``vset /camera/[uint]/fov [float]`` and its handler.
+        Raises:
+            OSError: the client has left, or a fault closes the connection.
+        """
+        if not self._faults:
+            self._connection.sendall(frame(payload))
+            return
+        if delay := self._faults.strike("delay"):
+            self._pause(delay.amount())
+        if self._faults.strike("clicked"):
+            self._connection.sendall(frame(b"clicked"))
+        if self._faults.strike("reset"):
+            self._connection.sendall(frame(payload)[: (8 + len(payload)) // 2])
+            # The connection ends by RST instead of FIN.
+            self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            raise ConnectionAbortedError("reset")
+        data = self._corrupted(payload)
+        drip = self._faults.strike("drip")
+        size = max(1, len(data) // _PIECES) if drip else len(data) or 1
+        pieces = [data[start : start + size] for start in range(0, len(data), size)]
+        for piece in pieces:
+            if drip:
+                self._pause(drip.amount() / len(pieces))
+            self._connection.sendall(piece)
 
-    Matching is unanchored at the start, to the end but for spaces, and case-sensitive. It takes a time in
-    proportion to the text's length: no two neighbours in a pattern accept the same characters.
-    """
+    def _corrupted(self, payload: bytes) -> bytes:
+        """Return the frame's bytes, with at most one fault: the first of those that strike."""
+        whole = frame(payload)
+        identity, _, body = payload.partition(b":")  # "error:", where the request had no id either
+        corrupted: dict[str, Callable[[Fault], bytes]] = {
+            "missing": lambda _: b"",
+            "zero-size": lambda _: frame(b""),
+            "huge": lambda _: struct.pack("<II", MAGIC, 0xFFFF_FFFF) + payload,
+            "bad-magic": lambda _: struct.pack("<I", MAGIC ^ 1) + whole[4:],
+            "cut": lambda fault: whole[: 8 + int(len(payload) * fault.amount())],
+            "wrong-id": lambda _: (
+                frame(b"%d:%b" % (int(identity) + 1, body)) if identity.isdigit() else whole
+            ),
+            "no-id": lambda _: frame(body),
+        }
+        struck = [fault for name in corrupted if (fault := self._faults.strike(name))]
+        return corrupted[struck[0].name](struck[0]) if struck else whole
 
-    def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
-        self.template, self.description, self.handler = template, description, handler
-        parts = re.split(r"(\[(?:str|uint|float)\])", template)
-        self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
-        patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
-        self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
-        self._literals = [part for part in parts[::2] if part]
-
-    def match(self, text: str) -> tuple[Any, ...] | None:
-        """Return the arguments in ``text``; None if it does not match."""
-        if not all(literal in text for literal in self._literals):  # much faster where the text is long
-            return None
-        found = self._pattern.search(text)
-        if found is None:
-            return None
-        return tuple(convert(value) for convert, value in zip(self._converters, found.groups(), strict=True))
+    def _pause(self, seconds: float) -> None:
+        if self._wait(seconds):
+            raise ConnectionAbortedError("the server stops")

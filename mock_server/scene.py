@@ -11,14 +11,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import pairwise, takewhile
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server import motion, scene_file, solids, textures
+from mock_server import motion, scene_file, solids, textures, yaml_text
 from mock_server.kernel import COLUMNS, SPHERE, nearest_hits
 from mock_server.scene_file import Room
+from mock_server.settings import SCENES, scene_names
 from mock_server.textures import Texture
 
 Array = NDArray[np.float64]
@@ -345,3 +347,45 @@ def _by_chunks(work: Callable[[slice], None], count: int) -> None:
     # Threads of this call alone: a pool kept between calls would hang in a forked process.
     with ThreadPoolExecutor(_THREADS) as pool:
         list(pool.map(work, parts))
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Return a scene by its name, or from a YAML file.
+
+    Raises:
+        ValueError: no scene has that name, the file cannot be read, or a word or value in it is wrong.
+    """
+    path = _path(name_or_path)
+    text = _text(path)
+    try:
+        description = yaml_text.parse(text)
+    except ValueError as cause:
+        raise ValueError(f"scene: {path}: {cause}") from cause
+    return Scene(path.stem, description)
+
+
+def summary(name_or_path: str | Path) -> str:
+    """Return the comment that a scene's file begins with, in one line; empty without one.
+
+    Raises:
+        ValueError: as :func:`load_scene`.
+    """
+    lines = takewhile(lambda line: line.startswith("#"), _text(_path(name_or_path)).splitlines())
+    return " ".join(line.strip("# ") for line in lines)
+
+
+def _path(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    if str(name_or_path) not in scene_names():
+        known = ", ".join(scene_names())
+        raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
+    return SCENES / f"{name_or_path}.yaml"
+
+
+def _text(path: Path) -> str:
+    try:
+        return yaml_text.read_text(path)
+    except ValueError as cause:
+        raise ValueError(f"scene: {path}: {cause}") from cause

@@ -1,4 +1,4 @@
-"""The server: one client at a time, as the plugin, answered once per frame of the engine."""
+"""The server: one client at a time, as in the plugin, answered once per frame of the engine."""
 
 import contextlib
 import dataclasses
@@ -7,21 +7,19 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Self, Unpack
+from typing import Any, Self
 
-from mock_server.catalog import load_scene
 from mock_server.dialects import BY_NAME
+from mock_server.dialects.common import OutputFolder
 from mock_server.engine import PacedRequests, Requests, Statistics, replies
 from mock_server.faults import Faults
-from mock_server.files import OutputFolder
-from mock_server.protocol import FrameError, read_frame
-from mock_server.scene import Scene
-from mock_server.settings import DialectName, Options, Settings
-from mock_server.transport import Transport
+from mock_server.protocol import FrameError, Transport, read_frame
+from mock_server.scene import Scene, load_scene
+from mock_server.settings import DialectName, Settings
 from mock_server.world import World
 
 _GRACE_S, _STOP_S = 0.5, 1.0
-"""Seconds that a reply on its way has to leave when the server stops, and an image to be finished."""
+"""Seconds that a stopping server waits for a reply to be sent, and for an image to be traced."""
 
 _BACKLOG = 1
 _POLL_S = 0.02
@@ -30,23 +28,16 @@ _POLL_S = 0.02
 class Server:
     """A scene behind the UnrealCV protocol. A context manager; ``stop`` ends it.
 
-    A frame of the engine ends whenever all requests received are answered, and at the frame rate while there
-    are none: clients that wait for each reply see poses lag as with an engine, without its waiting times.
-    Where ``settings.paced``, requests wait for the next frame.
-
-    Args:
-        scene: a Scene, or the name or YAML path of one.
-        settings: what the server is like.
-
-    A client that sends requests and does not read the replies is dropped when ``MAX_WAITING`` bytes of
-    requests wait. Where the server cannot listen any more, it ends.
+    A frame of the engine ends when all received requests are answered, and at the frame rate while there are
+    none: poses lag as with an engine, without its waiting times. With ``settings.paced``, requests wait for
+    the next frame. A client that does not read its replies is dropped when ``MAX_WAITING`` bytes of requests
+    wait.
 
     Attributes:
-        scene: as given, or loaded.
-        settings: as given.
+        scene, settings: of the constructor; the scene loaded.
         host, port: where it listens.
         world: cameras and objects.
-        faults: the faults that are on; they can be turned on and off while the server runs.
+        faults: active faults; they can be started and stopped while the server runs.
         statistics: counts of the commands received.
         fault: why it has ended by itself; empty if it has not.
 
@@ -85,17 +76,17 @@ class Server:
 
     @property
     def running(self) -> bool:
-        """Whether it serves; ``fault`` says why if it ended by itself."""
+        """Whether it serves; ``fault`` says why it ended by itself."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
-        """Disconnect the client and end; calling it twice is fine.
+        """Disconnect the client and end, within two seconds; may be called twice.
 
-        It takes two seconds at most: a large image that is being traced is finished in the background.
+        The tracing of a large image ends in the background.
         """
         self._stopping.set()
         self._thread.join(_GRACE_S)
-        if self._connection is not None:  # the client may have stopped reading: do not wait for it
+        if self._connection is not None:  # the client may have stopped reading
             with contextlib.suppress(OSError):
                 self._connection.shutdown(socket.SHUT_RDWR)
         self._tcp.close()
@@ -120,7 +111,7 @@ class Server:
                 self.fault = f"expected to go on listening; {cause}"
 
     def _clients(self) -> Iterator[socket.socket]:
-        """Yield one client after another; others wait in the system's queue, without a greeting."""
+        """Yield one client after another; others wait in the system's queue without a greeting."""
         with contextlib.ExitStack() as opened:
             listener = opened.enter_context(self._tcp)
             while not self._stopping.is_set():
@@ -129,10 +120,10 @@ class Server:
                     connection, _ = listener.accept()
                 except (TimeoutError, ConnectionAbortedError):
                     continue
-                with contextlib.suppress(OSError):  # of a Unix socket, or a client that has left
+                with contextlib.suppress(OSError):  # a Unix socket, or the client has left
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 yield connection
-                # Plugin 1.0 on Linux leaves TCP for good: clients that connect by TCP later wait for ever.
+                # Plugin 1.0 on Linux never listens on TCP again: later TCP clients wait for ever.
                 if listener is self._tcp and self.settings.platform == "linux" and self._dialect.has_unix:
                     listener = opened.enter_context(self._unix_listener())
                     opened.callback(self.unix_path.unlink, missing_ok=True)
@@ -144,14 +135,14 @@ class Server:
         try:
             listener.bind(str(bound))
             listener.listen(_BACKLOG)
-            bound.replace(self.unix_path)  # who sees it can connect
+            bound.replace(self.unix_path)  # visible only when it accepts clients
         except OSError as cause:
             listener.close()
             raise OSError(f"{self.unix_path}: {cause.strerror}") from cause
         return listener
 
     def _serve(self, connection: socket.socket) -> None:
-        """Answer one client until it leaves: this thread answers, another reads."""
+        """Answer one client until it leaves; another thread reads its requests."""
         requests = self._requests()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
         transport = Transport(connection, self.faults, self._stopping.wait)
@@ -163,12 +154,12 @@ class Server:
                 self._stopping.wait(max(0.0, due - time.monotonic()))
                 transport.send(reply)
         with contextlib.suppress(OSError):
-            connection.shutdown(socket.SHUT_RD)  # wakes the reader, and sends the client nothing yet
+            connection.shutdown(socket.SHUT_RD)  # wakes the reader; sends nothing
         reader.join()
 
     def _requests(self) -> Requests:
-        given = self.settings
-        return PacedRequests(1 / given.frames_per_s, given.latency_ms / 1e3) if given.paced else Requests()
+        s = self.settings
+        return PacedRequests(1 / s.frames_per_s, s.latency_ms / 1e3) if s.paced else Requests()
 
     @staticmethod
     def _read(connection: socket.socket, requests: Requests) -> None:
@@ -179,19 +170,17 @@ class Server:
         requests.end()
 
 
-def serve(
-    scene: Scene | str | Path, port: int = 0, dialect: DialectName = "1.x", **options: Unpack[Options]
-) -> Server:
+def serve(scene: Scene | str | Path, port: int = 0, dialect: DialectName = "1.x", **options: Any) -> Server:
     """Start a server. Use it as a context manager, or call ``stop``.
 
     Args:
         scene: a Scene, or the name or YAML path of one.
         port: 0 takes any free port.
         dialect: one of ``DIALECTS``.
-        options: host, depth, platform, latency_ms, size, fov_deg, window, frames_per_s, paced, folder, faults
-            and seed: see :class:`Settings`.
+        options: see :class:`mock_server.settings.Settings`.
 
     Raises:
+        TypeError: an unknown option.
         ValueError: an unknown scene, word or fault, or a number out of its range.
         OSError: the address cannot be listened on.
     """

@@ -1,4 +1,4 @@
-"""The settings of a server, checked once."""
+"""The settings of a server, checked once, and the names of the scenes."""
 
 import reprlib
 from collections.abc import Iterable
@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Literal, TypedDict, get_args
+from typing import Any, Literal, get_args
 
 DialectName = Literal["1.x", "0.3.10", "L", "M", "N1", "N2"]
 """Dialects by name. ``1.x`` is any of the modern ones; the letters are those of the protocol reference."""
@@ -17,6 +17,8 @@ Platform = Literal["windows", "linux"]
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
+
+SCENES = Path(__file__).parent / "scenes"
 
 _RANGES = {
     "port": (0, 65535),
@@ -29,45 +31,33 @@ _WHOLE = ("port", "seed")
 _MOST_PX = 1 << 15
 
 
-class Options(TypedDict, total=False):
-    """The optional keywords of ``serve``, as :class:`Settings` explains them."""
-
-    host: str
-    depth: Depth
-    platform: Platform
-    latency_ms: float
-    size: tuple[int, int]
-    fov_deg: float
-    window: tuple[int, int] | None
-    frames_per_s: float
-    paced: bool
-    time_step_s: float
-    folder: Path | None
-    faults: Iterable[str]
-    seed: int
+def scene_names() -> list[str]:
+    """Return the names of the scenes in this package."""
+    return sorted(path.stem for path in SCENES.glob("*.yaml"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What a server is like.
+    """Settings of a server.
 
     Attributes:
         port: 0 takes any free port.
         dialect: one of ``DIALECTS``.
         host: the address to listen on.
         depth: ``half``: depth is rounded to half floats as in the engine; ``float32``: it is not.
-        platform: ``linux``: dialects N1 and N2 leave TCP for a Unix socket once their first client has left.
+        platform: ``linux``: dialects N1 and N2 listen on a Unix socket in place of TCP once their first
+            client has left.
         latency_ms: delay of every reply after its request; pipelined requests share it, as they share an
             engine's tick.
-        size: width and height of new cameras, px, as in the plugin's settings.
+        size: width and height of new cameras, px.
         fov_deg: horizontal field of view of new cameras.
         window: width and height of the game's window, from which dialect 0.3.10 takes its masks, px; None
             for ``size``.
         frames_per_s: the frame rate while no request comes; with ``paced``, the highest.
-        paced: requests wait for the next frame, as with an engine; a frame begins ``1 / frames_per_s`` after
-            the one before, or once all of that is answered. For measurements of throughput.
-        time_step_s: what the scene's clock advances in a frame, seconds: a fixed time step.
-        folder: where commands that name a file write; None for a temporary one, removed at the end.
+        paced: requests wait for the next frame, as with an engine; a frame starts ``1 / frames_per_s`` after
+            the one before, or when that one is answered. For measurements of throughput.
+        time_step_s: seconds that the scene's clock advances in a frame.
+        folder: where file commands write; None for a temporary folder, removed at the end.
         faults: faults to inject, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
         seed: seed of the faults' random numbers.
 
@@ -95,23 +85,21 @@ class Settings:
         for key, words in (("dialect", DIALECTS), ("depth", DEPTHS), ("platform", PLATFORMS)):
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
-            self._expect(
-                key, _within(getattr(self, key), least, most), f"a number from {least:g} to {most:g},"
-            )
+            fits = _within(getattr(self, key), least, most)
+            self._expect(key, fits, f"a number from {least:g} to {most:g},")
         for key in _WHOLE:
             self._expect(key, isinstance(getattr(self, key), Integral), "a whole number,")
         for key, size in (("size", self.size), ("window", self.window_size)):
-            whole = isinstance(size, tuple) and all(
-                isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size
-            )
-            self._expect(key, whole and len(size) == 2, f"(width, height) of 1 to {_MOST_PX} px each,")
+            pair = isinstance(size, tuple) and len(size) == 2
+            fits = pair and all(isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size)
+            self._expect(key, fits, f"(width, height) of 1 to {_MOST_PX} px each,")
         self._expect("paced", isinstance(self.paced, bool), "true or false,")
         self._expect("host", _is_host(self.host), "an address,")
         self._expect("folder", isinstance(self.folder, Path | None), "a Path or None,")
         self._expect("faults", not isinstance(self.faults, str), "a list of texts,")
 
-    def _expect(self, key: str, right: bool, wanted: str) -> None:
-        if not right:
+    def _expect(self, key: str, fits: bool, wanted: str) -> None:
+        if not fits:
             raise ValueError(f"{key}: expected {wanted} got {reprlib.repr(getattr(self, key))}")
 
     @property
@@ -126,7 +114,7 @@ def _within(value: Any, least: float, most: float) -> bool:
 
 
 def _is_host(text: Any) -> bool:
-    """Whether a text can be an address; an empty one would be every address of this machine."""
-    with suppress(UnicodeError):  # of a name with too long a part
+    """Return whether a text can be an address; an empty one would be every address of this machine."""
+    with suppress(UnicodeError):  # a label of the name is too long
         return isinstance(text, str) and bool(text.encode("idna")) and text.isprintable() and " " not in text
     return False

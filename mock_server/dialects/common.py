@@ -1,14 +1,18 @@
 """What all dialects share: matching, help, status, and the commands with the same replies everywhere."""
 
+import contextlib
+import functools
+import itertools
 import re
+import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
-from mock_server.files import OutputFolder
 from mock_server.objects import SceneObject
-from mock_server.protocol import Command, to_int32
+from mock_server.protocol import to_int32
 from mock_server.settings import Settings
 from mock_server.world import World
 
@@ -26,10 +30,83 @@ Reply = str | bytes | Later | None
 Row = tuple[str, str, Callable[..., Reply]]
 """A template, its description, and its handler."""
 
+_LIMIT = 1e9
+"""cm, or degrees: larger numbers are clipped to it, so that no arithmetic overflows."""
+
+_INT32 = 1 << 31
+
 THREE = "[float] [float] [float]"
 
 _VIEWMODES = ("lit", "unlit", "depth", "normal", "object_mask",
               "base_color", "debug", "wireframe", "vertex_color", "no_transparency")  # fmt: skip
+
+
+def _uint(digits: str) -> int:
+    """Return a count or index; 0 for no digits, and at most 2^31 - 1."""
+    return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
+
+
+_PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    "[str]": (r"(\S*)", str),
+    "[uint]": (r"(\d*)", _uint),
+    "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
+}
+
+
+class Command:
+    """A template such as ``vset /camera/[uint]/fov [float]`` and its handler.
+
+    Matching is unanchored at the start, to the end but for spaces, and case-sensitive. It takes a time in
+    proportion to the text's length: no two neighbours in a pattern accept the same characters.
+    """
+
+    def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
+        self.template, self.description, self.handler = template, description, handler
+        parts = re.split(r"(\[(?:str|uint|float)\])", template)
+        self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
+        patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
+        self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
+        self._literals = [part for part in parts[::2] if part]
+
+    def match(self, text: str) -> tuple[Any, ...] | None:
+        """Return the arguments in ``text``; None if it does not match."""
+        if not all(literal in text for literal in self._literals):  # much faster where the text is long
+            return None
+        found = self._pattern.search(text)
+        if found is None:
+            return None
+        return tuple(convert(value) for convert, value in zip(self._converters, found.groups(), strict=True))
+
+
+class OutputFolder:
+    """The folder that file commands write to: never outside, whatever the name is.
+
+    None is a temporary one, removed by ``close``.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder, self._numbers = folder, itertools.count(1)
+        self._opened = contextlib.ExitStack()
+        self.close = self._opened.close
+
+    @functools.cached_property
+    def path(self) -> Path:
+        """The folder; made on first use."""
+        if self._folder is not None:
+            return self._folder
+        return Path(self._opened.enter_context(tempfile.TemporaryDirectory(prefix="mock-unrealcv-")))
+
+    def next_name(self) -> str:
+        """Return a new name, for an image without one."""
+        return f"{next(self._numbers):08d}.png"
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file. What cannot be written is left out, as are names that lead out of the folder."""
+        folder = self.path.resolve()
+        with contextlib.suppress(OSError, ValueError):  # ValueError: a name with a null byte
+            target = (folder / name).resolve()
+            if target.is_relative_to(folder):
+                target.write_bytes(data)
 
 
 class Dialect(ABC):

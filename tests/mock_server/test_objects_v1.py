@@ -25,7 +25,7 @@ def test_default_colours_are_the_plugins_in_order(raw):
 
 
 def test_the_palette_has_32768_distinct_colours():
-    from mock_server.palette import palette
+    from mock_server.objects import palette
 
     colors = list(palette())
     assert len(colors) == len(set(colors)) == 32768

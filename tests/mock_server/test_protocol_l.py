@@ -288,7 +288,7 @@ def test_displayed_values_are_those_of_the_reference(value, shown):
 
 
 def test_the_displayed_values_as_a_whole_are_as_the_reference_counts_them():
-    from mock_server.palette import palette
+    from mock_server.objects import palette
 
     assert len(set(DISPLAYED.tolist())) == 183
     assert not DISPLAYED[:21].any()

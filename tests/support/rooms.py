@@ -6,7 +6,7 @@ import numpy as np
 import yaml
 
 import mock_server
-from mock_server import catalog
+from mock_server.settings import SCENES
 from omniscv.compose.files import write_layers
 from omniscv.dataset import Frame
 from omniscv.geometry.scene_geometry import Room
@@ -31,7 +31,7 @@ def scene_of_plan(plan, height=2.8):
 
 def room_of_scene(name):
     """The room of one of the mock server's scenes, from its file."""
-    path = catalog.SCENES / f"{name}.yaml"
+    path = SCENES / f"{name}.yaml"
     data = yaml.safe_load(path.read_text())["room"]
     return room_of_plan(data["floor"], data["height"])
 
