@@ -6,12 +6,15 @@ import errno
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
+from typing import IO
 
+from omniscv.arguments import shown
 from omniscv.errors import MissingFileError, StorageError
 from omniscv.storage.base import Folder, checked_name
 
@@ -23,6 +26,8 @@ except ImportError:  # Windows
 _TOKEN_BYTES = 8
 _TOKEN_PATTERN = "[0-9a-f]" * (2 * _TOKEN_BYTES)
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_LAST_BYTES = 10_000  # that are searched for a last line
+_NO_LOCKS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 
 
@@ -163,17 +168,37 @@ def remove_scratch(parent: Path, prefix: str) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, timeout_s: float | None = None) -> Iterator[None]:
     """Lock a folder against other processes and threads; wait for it. A killed process leaves no lock.
 
-    Without effect on Windows, where only one process at a time may write a folder.
+    Without effect on Windows, and on network folders that cannot be locked: there only one process at a time
+    may write a folder.
+
+    Args:
+        folder: which must exist.
+        timeout_s: how long to wait; None for as long as it takes.
+
+    Raises:
+        TimeoutError: another process or thread held the lock all the time.
     """
     if fcntl is None:
         yield
         return
     opened = os.open(folder, os.O_RDONLY)
+    deadline = time.monotonic() + (0 if timeout_s is None else timeout_s)
     try:
-        fcntl.flock(opened, fcntl.LOCK_EX)
+        while True:
+            try:
+                fcntl.flock(opened, fcntl.LOCK_EX | (0 if timeout_s is None else fcntl.LOCK_NB))
+                break
+            except OSError as cause:
+                if cause.errno in _NO_LOCKS:
+                    break
+                if not isinstance(cause, BlockingIOError):
+                    raise
+                if time.monotonic() > deadline:
+                    raise TimeoutError(f"{folder}: locked by another process") from cause
+                time.sleep(0.1)
         yield
     finally:
         os.close(opened)
@@ -261,3 +286,10 @@ def _create(part: Path, path: Path) -> bool:
     content = part.read_bytes()
     part.replace(path)
     return path.read_bytes() == content
+
+
+def last_line(output: IO[bytes]) -> str:
+    """Return the beginning of the last line of a file of text, such as a program's output."""
+    output.seek(max(0, output.seek(0, os.SEEK_END) - _LAST_BYTES))
+    lines = output.read().decode(errors="replace").split("\n")
+    return next((shown(line.strip())[1:-1] for line in reversed(lines) if line.strip()), "nothing")

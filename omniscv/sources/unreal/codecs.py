@@ -1,4 +1,4 @@
-"""What plugins put on the wire.
+"""Encodings of plugins on the wire, as decoders of :mod:`omniscv.sources.codecs`.
 
 ``png normal``      8-bit PNG of ``0.5 n + 0.5``, n in Unreal's world axes
 ``npy planar cm``   float depth along the optical axis, centimetres (plugin 1.x)
@@ -16,14 +16,13 @@ from omniscv.geometry.unreal_frame import direction_from_unreal
 from omniscv.sources import codecs
 from omniscv.sources.base import View
 
-_HALF_DIGITS = 11  # significant binary digits of the half floats that depth goes through in the engine
 SKY = 65504.0  # the largest half float: what servers send for no surface, in their unit
-
+_HALF_DIGITS = 11  # significant binary digits of the half floats through which the engine passes depth
 _UNIT_TOLERANCE = 0.1  # how far the length of an 8-bit normal may be from 1; the sky's grey is near 0
 
 
 def _normals(payload: bytes, mode: str, view: View) -> NDArray[np.float32]:
-    """Unit vectors in the world frame; 0 where the colour is no direction."""
+    """Return unit vectors (H, W, 3) in the world frame; 0 where the colour is no direction."""
     n = codecs.decode_png(payload, view).astype(np.float32)
     n *= np.float32(2 / 255)
     n -= 1
@@ -37,14 +36,14 @@ def _normals(payload: bytes, mode: str, view: View) -> NDArray[np.float32]:
 def _depth_by(divisor: Callable[[View], Any]) -> codecs.Decoder:
     """Return the decoder of depth that is divided to become planar metres."""
 
-    def decoded(payload: bytes, mode: str, view: View) -> NDArray[np.float32]:
+    def decode(payload: bytes, mode: str, view: View) -> NDArray[np.float32]:
         array = codecs.decode_npy(payload, view)
         codecs.check_depth(array)
         depth = np.asarray(array / divisor(view), dtype=np.float32)
         np.copyto(depth, np.inf, where=array >= SKY)
         return depth
 
-    return decoded
+    return decode
 
 
 codecs.register("png normal", _normals, ("normals",))

@@ -1,7 +1,7 @@
 """Starts a packaged game, opens it as a source once it is reachable, and stops it with the source.
 
 The plugin's settings are written before the game starts, and put back once it is reachable. The game is a
-child of a watching process, which stops it when this process ends, however it ends.
+child of ``watcher.py``, which stops it when this process ends, however it ends.
 """
 
 import os
@@ -16,21 +16,24 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from omniscv.arguments import number, shown, whole_number
-from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError
+from omniscv.arguments import number, whole_number
+from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError, SourceError
 from omniscv.sources.base import Source, SourceWrapper
 from omniscv.sources.unreal.client import Endpoint
-from omniscv.sources.unreal.settings_file import borrowed
+from omniscv.storage.local import last_line, locked, whole_file
 
 Connect = Callable[[Endpoint], Source]
 Watcher = subprocess.Popen[bytes]
 HOST = "127.0.0.1"
+SETTINGS = "unrealcv.ini"
+BACKUP = f"{SETTINGS}.omniscv-backup"
+_MARK = f"; written by omniscv for one launch; settings from before are in {BACKUP}\n"
 _WATCHER = Path(__file__).with_name("watcher.py")
 _GRACE_S = 10.0  # how long a game may take to end after SIGTERM, before SIGKILL
 
 
 class HostedSource(SourceWrapper):
-    """A source and what serves it, a game or a mock server, which is stopped with it."""
+    """A source and its server, a game or a mock server, which is stopped when the source is closed."""
 
     def __init__(self, source: Source, host: ExitStack) -> None:
         super().__init__(source)
@@ -54,6 +57,7 @@ def launch(
 
     Args:
         path: the game's executable, or the launcher in the folder of the package.
+        connect: opens an endpoint as a source.
         port: where the plugin listens; None takes a free one.
         size: width and height of its images, px: in force where a dialect cannot set them.
         fov_deg: horizontal field of view, likewise.
@@ -72,13 +76,14 @@ def launch(
     if not path.is_file() or not os.access(path, os.X_OK):
         raise ArgumentError(f"{path}: expected a game that can be run, but there is none")
     port = _free_port() if port is None else port
-    with ExitStack() as held:
+    with ExitStack() as host:
         with ExitStack() as settings:
             for folder in settings_folders(path):
-                settings.enter_context(borrowed(folder, _settings(port, size, fov_deg), startup_timeout_s))
-            watcher, output = held.enter_context(_running(path))
+                text = _settings(port, size, fov_deg)
+                settings.enter_context(temporary_settings(folder, text, startup_timeout_s))
+            watcher, output = host.enter_context(_running(path))
             source = _reachable(path, watcher, output, port, startup_timeout_s, connect)
-        return HostedSource(source, held.pop_all())
+        return HostedSource(source, host.pop_all())
 
 
 def settings_folders(path: Path) -> list[Path]:
@@ -90,6 +95,53 @@ def settings_folders(path: Path) -> list[Path]:
         return [path.parent]
     inside = [folder for folder in path.parent.glob("*/Binaries/*/") if folder.parts[-3] != "Engine"]
     return sorted(inside) or [path.parent]
+
+
+@contextmanager
+def temporary_settings(folder: Path, text: str, timeout_s: float) -> Iterator[None]:
+    """Write the plugin's settings in a folder; put back the user's file at the end.
+
+    The plugin reads them once, when it starts (protocol reference, section 1.5). The user's file is renamed,
+    so that it comes back unchanged. If the process is killed before that, the next launch puts it back. The
+    folder is locked: another launch of the package waits.
+
+    Raises:
+        DeadlineError: another launch holds the folder for longer than ``timeout_s``.
+        SourceError: the folder cannot be written, or the user has changed what a killed launch has left.
+    """
+    file, backup = folder / SETTINGS, folder / BACKUP
+    with ExitStack() as lock:
+        try:
+            lock.enter_context(locked(folder, timeout_s))
+        except TimeoutError as cause:
+            raise DeadlineError(f"{folder}: another launch has not started yet") from cause
+        _put_back_after_a_kill(file, backup)
+        try:
+            if os.path.lexists(file):
+                file.replace(backup)
+            with whole_file(file) as part:
+                part.write_text(_MARK + text, encoding="ascii")
+        except OSError as cause:
+            raise SourceError(f"{file}: expected a file that can be written: {cause.strerror}") from cause
+        try:
+            yield
+        finally:
+            if os.path.lexists(backup):
+                backup.replace(file)
+            else:
+                file.unlink(missing_ok=True)
+
+
+def _put_back_after_a_kill(file: Path, backup: Path) -> None:
+    text = file.read_text(encoding="ascii", errors="replace") if file.is_file() else ""
+    is_ours = text.startswith(_MARK)
+    if os.path.lexists(backup):
+        if text and not is_ours:
+            files = f"{backup.name}, from a launch that was killed, or {file.name}, changed since"
+            raise SourceError(f"{file.parent}: expected either {files}; keep one of them as {file.name}")
+        backup.replace(file)
+    elif is_ours:
+        file.unlink()
 
 
 def _settings(port: int, size: tuple[int, int], fov_deg: float) -> str:
@@ -122,7 +174,7 @@ def _running(path: Path) -> Iterator[tuple[Watcher, IO[bytes]]]:
 
 
 def _stop(watcher: Watcher, game: int) -> None:
-    """Stop a game by its watcher; or its processes by the group's id, where the watcher was killed."""
+    """Stop a game by its watcher; or its processes by the group's id, if the watcher was killed."""
     assert watcher.stdin is not None
     with suppress(OSError):  # of a watcher that has ended; a forked process may hold the pipe open, so write
         watcher.stdin.write(b"stop")
@@ -143,16 +195,10 @@ def _reachable(
             if (code := watcher.poll()) is not None:
                 why = f"but it ended with code {code}."
             if code is not None or time.monotonic() > deadline:
-                wanted = f"{path}: expected a game that is reachable at port {port}"
-                last = f"Its last output: {_last_line(output)}"
-                raise ServerConnectionError(f"{wanted}, {why} {last}") from fault
+                expected = f"{path}: expected a game that is reachable at port {port}"
+                last = f"Its last output: {last_line(output)}"
+                raise ServerConnectionError(f"{expected}, {why} {last}") from fault
             time.sleep(0.25)
-
-
-def _last_line(output: IO[bytes]) -> str:
-    output.seek(max(0, output.seek(0, os.SEEK_END) - 10_000))
-    lines = output.read().decode(errors="replace").split("\n")
-    return next((shown(line.strip())[1:-1] for line in reversed(lines) if line.strip()), "nothing")
 
 
 def _free_port() -> int:

@@ -32,13 +32,13 @@ _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_ste
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 _MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
-"""Those whose capabilities do not depend on settings; ``1.x`` is what the mock speaks by default."""
+"""Dialects whose capabilities do not depend on settings; ``1.x`` is the mock server's default."""
 
 
-def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
+def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
     """Return the opener for a function that opens an address, given how to connect to an endpoint."""
 
-    def opened(
+    def open_source(
         address: str,
         timeout_s: float = TIMEOUT_S,
         patience_s: float = PATIENCE_S,
@@ -48,12 +48,12 @@ def _opener(serve: Callable[[str, Connect], Source]) -> Opener:
     ) -> Source:
         how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
 
-        def connected(where: Endpoint) -> Source:
-            return connect(Connection(where, timeout_s, patience_s, retries), fix_exposure, how)
+        def connect_to(endpoint: Endpoint) -> Source:
+            return connect(Connection(endpoint, timeout_s, patience_s, retries), fix_exposure, how)
 
-        return ProcessBound(serve(address, connected), address)
+        return ProcessBound(open_address(address, connect_to), address)
 
-    return opened
+    return open_source
 
 
 @_opener
@@ -72,9 +72,9 @@ def open_launched(address: str, connect: Connect) -> Source:
 @_opener
 def open_mock(address: str, connect: Connect) -> Source:
     """Start the mock server for this source alone, and open it: ``mock://four-wall?dialect=0.3.10``."""
-    with ExitStack() as held:
-        server = held.enter_context(_mock(address))
-        return MockSource(connect((server.host, server.port)), held.pop_all(), server.scene)
+    with ExitStack() as host:
+        server = host.enter_context(_mock(address))
+        return MockSource(connect((server.host, server.port)), host.pop_all(), server.scene)
 
 
 class MockSource(HostedSource):
@@ -98,7 +98,7 @@ class MockSource(HostedSource):
 
 
 def _mock_capabilities(address: str) -> Capabilities | None:
-    """What the mock server can do, where that is known without starting it; None for plugin 0.3.10."""
+    """Return what the mock server can do, where starting it is not needed; None for plugin 0.3.10."""
     _, options = split_address(address, _MOCK_OPTIONS, repeatable=("fault",))
     dialect = _MOCK_DIALECTS.get(options.get("dialect", "1.x"))
     return None if dialect is None else MODERN.capabilities(dialect)
@@ -111,15 +111,15 @@ open_mock.capabilities = _mock_capabilities  # type: ignore[attr-defined]  # for
 def open_connection(
     address: str, timeout_s: float = TIMEOUT_S, patience_s: float = PATIENCE_S
 ) -> Iterator[Connection]:
-    """Open a bare connection to a live or mock server; a server is reached when it is first used."""
-    with ExitStack() as held:
-        server = held.enter_context(_mock(address)) if address.startswith("mock://") else None
+    """Yield a connection to a live or mock server, which connects when it is first used."""
+    with ExitStack() as resources:
+        server = resources.enter_context(_mock(address)) if address.startswith("mock://") else None
         endpoint = (server.host, server.port) if server else _endpoint(address)
-        yield held.enter_context(closing(Connection(endpoint, timeout_s, patience_s)))
+        yield resources.enter_context(closing(Connection(endpoint, timeout_s, patience_s)))
 
 
 def _endpoint(address: str) -> Endpoint:
-    with suppress(ValueError):  # of brackets, a port that is no number, or a name with too long a part
+    with suppress(ValueError):  # brackets, a port that is no number, a part of a name that is too long
         parts = urlsplit(address if len(address) <= _MAX_ADDRESS else "")
         if parts.scheme == "unreal+unix" and parts.path.isprintable() and parts.path:
             return parts.path

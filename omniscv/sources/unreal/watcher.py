@@ -1,6 +1,6 @@
-"""Runs a game, and stops it when whoever started this is done, or gone: also after SIGKILL.
+"""Runs a game, and stops it when the process that started this program is done or gone, also after SIGKILL.
 
-A program of its own, of the standard library alone: ``watcher.py GRACE_S GAME``. It writes a line to the
+A program of its own, of the standard library alone: ``watcher.py GRACE_S GAME``. It writes one line to the
 standard output: the game's process id, or why it cannot be run. The game's output goes to the standard error.
 Anything on the standard input, or its end, stops the game: the system closes it when its other side ends.
 """
@@ -20,7 +20,7 @@ def main() -> int:
     """Return the game's exit code, negative for a signal."""
     grace_s, path = float(sys.argv[1]), sys.argv[2]
     for number in {signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}:
-        signal.signal(number, lambda *_: None)  # not ignored, which the game would inherit
+        signal.signal(number, lambda *_: None)  # not SIG_IGN, which the game would inherit
     try:
         game = subprocess.Popen(
             [path],
@@ -31,10 +31,10 @@ def main() -> int:
             process_group=0,  # the game's children too
         )
     except OSError as cause:
-        _say(cause)
+        _print(cause)
         return 1
     try:
-        _say(game.pid)
+        _print(game.pid)
         stopping = threading.Event()
         threading.Thread(target=_wait_for_input, args=(stopping,), daemon=True).start()
         while game.poll() is None and not stopping.wait(_POLL_S):
@@ -44,9 +44,9 @@ def main() -> int:
     return game.wait()
 
 
-def _say(what: object) -> None:
-    with suppress(OSError):  # whoever started this may be gone already
-        os.write(sys.stdout.fileno(), f"{what}\n".encode())
+def _print(line: object) -> None:
+    with suppress(OSError):  # the process that started this one may be gone already
+        os.write(sys.stdout.fileno(), f"{line}\n".encode())
 
 
 def _wait_for_input(stopping: threading.Event) -> None:
@@ -55,7 +55,7 @@ def _wait_for_input(stopping: threading.Event) -> None:
 
 
 def _stop(game: "subprocess.Popen[bytes]", grace_s: float) -> None:
-    """End a game and its children, even if the game itself has ended: SIGTERM, and SIGKILL after a time."""
+    """End a game and its children, even if the game has ended: SIGTERM, and SIGKILL after ``grace_s``."""
     if os.name != "posix":  # there are no process groups: end the tree
         subprocess.run(["taskkill", "/T", "/F", "/PID", str(game.pid)], check=False, capture_output=True)
         return

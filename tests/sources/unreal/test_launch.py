@@ -14,8 +14,7 @@ from support.games import STAND_IN, behave, beside, is_running, waited_for
 import omniscv
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError, SourceError
 from omniscv.sources.unreal import watcher
-from omniscv.sources.unreal.launcher import settings_folders
-from omniscv.sources.unreal.settings_file import BACKUP, borrowed
+from omniscv.sources.unreal.launcher import BACKUP, settings_folders, temporary_settings
 
 
 def test_a_game_that_ends_is_quoted(game):
@@ -134,7 +133,7 @@ def folder(tmp_path):
 
 def killed_while_borrowing(folder):
     """What a launch leaves that is killed while its game starts."""
-    borrowing = borrowed(folder, "Port=1\n", 1)
+    borrowing = temporary_settings(folder, "Port=1\n", 1)
     borrowing.__enter__()
     left = {path.name: path.read_bytes() for path in folder.iterdir()}
     borrowing.__exit__(None, None, None)
@@ -152,7 +151,7 @@ def test_settings_come_back_after_a_launch_and_after_a_killed_one(before, folder
     killed_while_borrowing(folder)
     assert file.read_text().startswith(OURS)
     for _ in range(2):  # the second launch finds nothing to repair
-        with borrowed(folder, "Port=2\n", 1):
+        with temporary_settings(folder, "Port=2\n", 1):
             assert file.read_text().startswith(OURS)
             assert file.read_text().endswith("Port=2\n")
             assert (folder / BACKUP).exists() == (before is not None)
@@ -168,7 +167,7 @@ def test_settings_that_were_changed_after_a_kill_are_not_touched(folder):
     with pytest.raises(
         SourceError, match=r"expected either .*-backup, .* or unrealcv.ini, changed since; keep"
     ):
-        borrowed(folder, "", 1).__enter__()
+        temporary_settings(folder, "", 1).__enter__()
     assert (folder / "unrealcv.ini").read_text() == "Port=8\n"
     assert (folder / BACKUP).read_text() == "Port=7\n"
 
@@ -179,14 +178,14 @@ def test_launches_of_one_package_wait_for_one_another(folder):
     seen = []
 
     def launch_another():
-        with borrowed(folder, "Port=2\n", 60):
+        with temporary_settings(folder, "Port=2\n", 60):
             seen.append(file.read_text())
 
-    with borrowed(folder, "Port=1\n", 1):
+    with temporary_settings(folder, "Port=1\n", 1):
         other = threading.Thread(target=launch_another)
         other.start()
         with pytest.raises(DeadlineError, match="another launch has not started yet"):
-            borrowed(folder, "", 0.2).__enter__()
+            temporary_settings(folder, "", 0.2).__enter__()
         assert file.read_text().endswith("Port=1\n")
     other.join(60)
     assert [text[-7:] for text in seen] == ["Port=2\n"]
