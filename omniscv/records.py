@@ -82,6 +82,11 @@ def _record(cls: type[T], eq: bool) -> type[T]:
     return dataclass(frozen=True, eq=eq)(cls)
 
 
+@record
+class NoOptions:
+    """Options of what has none."""
+
+
 def read(cls: type[T], value: object, where: str = "") -> T:
     """Return the record that a mapping, as of a file, describes.
 
@@ -113,7 +118,7 @@ def mapping(where: str, value: object, known: Collection[str] | None = None) -> 
         raise ArgumentError(f"{start}expected {wanted}, got {shown(value)}")
     for key in value:
         if known is not None and key not in known:
-            raise ArgumentError(f"{start}unknown key {shown(key)}; known keys: {', '.join(known)}")
+            raise ArgumentError(f"{start}unknown key {shown(key)}; known keys: {', '.join(known) or 'none'}")
     return dict(value)
 
 

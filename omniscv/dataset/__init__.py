@@ -5,9 +5,10 @@ from omniscv.dataset.exporting import export
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.reading import open
 from omniscv.dataset.registry import Format, get, names, register
-from omniscv.dataset.truths import Observation, Truth
-from omniscv.dataset.truths import register as register_truth
 from omniscv.dataset.writer import Writer
+from omniscv.truth import registry as truths
+from omniscv.truth.registry import Observation, Truth
+from omniscv.truth.registry import register as register_truth
 
 __all__ = [
     "Format",
@@ -22,4 +23,5 @@ __all__ = [
     "open",
     "register",
     "register_truth",
+    "truths",
 ]

@@ -23,12 +23,13 @@ from typing import Any, Literal, get_args
 from omniscv import modalities
 from omniscv.arguments import Reader, fields, flag, number, one_of, shown, text, texts, within
 from omniscv.cameras import Camera
-from omniscv.dataset import registry, truths
+from omniscv.dataset import registry
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.exporting import Export, check_cameras, check_kinds
 from omniscv.dataset.manifest import IMAGE
 from omniscv.dataset.splits import Split
 from omniscv.errors import ArgumentError
+from omniscv.truth import registry as truths
 from omniscv.truth.classes import ClassRules
 
 Seam = Literal["whole", "split"]
@@ -59,7 +60,7 @@ class Recipe:
         found |= {row.marked_by for row in rows if row.marked_by}
         if self.classes is not None and "labels" in found:
             found.add("classes")
-        return frozenset(found | {kind_of(truths.get(name)) for name in self.truth})
+        return frozenset(found | {truths.get(name).kind for name in self.truth})
 
     def check(self, cameras: Mapping[str, Camera], modes: tuple[str, ...]) -> None:
         """Refuse what cannot be made, before anything is captured.
@@ -75,9 +76,8 @@ class Recipe:
             truth = truths.get(name)
             if missing := [mode for mode in truth.needs if mode not in kinds]:
                 raise _modes(f"truth.{name}", missing, modes)
-            if truth.check_options:
-                with within(f"truth.{name}"):
-                    truth.check_options(options)
+            with within(f"truth.{name}"):
+                truth.read_options(options)
         for i, each in enumerate(self.exports):
             if each.folder in {before.folder for before in self.exports[:i]}:
                 raise ArgumentError(
@@ -93,11 +93,6 @@ class Recipe:
             "exports": [each.to_dict() for each in self.exports],
             "options": {"truth": {k: dict(v) for k, v in self.truth.items()}, "media": dict(self.media)},
         }
-
-
-def kind_of(truth: truths.Truth) -> str:
-    """Return the kind of the file that holds a truth's record."""
-    return truth.file.partition(".")[0]
 
 
 def read(given: Mapping[str, Any], folder: Path) -> Recipe:
@@ -116,8 +111,8 @@ def read(given: Mapping[str, Any], folder: Path) -> Recipe:
     if "tolerance" in truth:
         shared["tolerance"] = truth.pop("tolerance")
     exports = [dict(each) for each in given.get("export", [])]
-    if "flow" in truth:
-        exports = _with_flow(exports, truth.pop("flow"))
+    for name in [name for name in truth if truths.get(name).format]:  # truths between frames
+        exports = _with_options(exports, truths.get(name).format, truth.pop(name))
     exports += [given["shards"]] if "shards" in given else []
     return Recipe(
         classes=None
@@ -130,11 +125,13 @@ def read(given: Mapping[str, Any], folder: Path) -> Recipe:
     )
 
 
-def _with_flow(exports: list[dict[str, Any]], options: dict[str, Any]) -> list[dict[str, Any]]:
-    """The exports with that of flow: it is between frames, so it is no truth of one."""
-    if not any(each["format"] == "flow" for each in exports):
-        exports.append({"format": "flow"})
-    return [each | options if each["format"] == "flow" else each for each in exports]
+def _with_options(
+    exports: list[dict[str, Any]], format: str, options: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """The exports with options added to those of a format, which is appended if it is missing."""
+    if not any(export["format"] == format for export in exports):
+        exports.append({"format": format})
+    return [export | options if export["format"] == format else export for export in exports]
 
 
 def _export(given: Mapping[str, Any], shared: Mapping[str, Any]) -> Export:
@@ -160,7 +157,7 @@ def _modes(name: str, missing: list[str], modes: tuple[str, ...]) -> ArgumentErr
 
 def _truth(name: str, value: object) -> dict[str, dict[str, Any] | None]:
     """Options by truth; None where it is not wanted."""
-    known = (*truths.names(), "flow", "tolerance")
+    known = (*truths.names(), "tolerance")
     found = fields(name, value, dict.fromkeys(known, _wanted))
     if found.get("tolerance") is not None:
         found["tolerance"] = fields(f"{name}.tolerance", found["tolerance"], _TOLERANCE)

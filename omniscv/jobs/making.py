@@ -14,9 +14,6 @@ from typing import Any, TypeVar
 
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset import truths
-from omniscv.dataset.observing import derive
-from omniscv.dataset.truths import Observation
 from omniscv.dataset.writer import Shot, Writer
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -25,6 +22,8 @@ from omniscv.jobs.moments import Moment, images_of, renderer_at
 from omniscv.jobs.running import warnings_of
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
+from omniscv.truth import registry as truths
+from omniscv.truth.registry import Observation, derive
 
 T = TypeVar("T")
 R = TypeVar("R")

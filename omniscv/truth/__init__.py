@@ -1,4 +1,4 @@
-"""Ground truth as records: pure functions from images and scenes; nothing here reads or writes files.
+"""Ground truth of images as records, derived from images and scenes. Nothing here reads or writes files.
 
 Public names are imported when they are first used.
 """
@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omniscv.truth.layout_record import project_layout, room_of
-    from omniscv.truth.object_boxes import boxes
+    from omniscv.truth.object_boxes import boxes, boxes3d
     from omniscv.truth.optical_flow import Flow, flow, motion
-    from omniscv.truth.oriented_boxes import boxes3d
     from omniscv.truth.point_cloud import Points, merged, points
     from omniscv.truth.room_layout import RoomLayout, layout
     from omniscv.truth.spherical import SphericalBox, fov_iou, spherical_iou
@@ -25,7 +24,7 @@ _HOMES = {
     "amodal": "omniscv.truth.visibility:amodal",
     "bfov": "omniscv.truth.spherical_fit:bfov",
     "boxes": "omniscv.truth.object_boxes:boxes",
-    "boxes3d": "omniscv.truth.oriented_boxes:boxes3d",
+    "boxes3d": "omniscv.truth.object_boxes:boxes3d",
     "flow": "omniscv.truth.optical_flow:flow",
     "fov_iou": "omniscv.truth.spherical:fov_iou",
     "layout": "omniscv.truth.room_layout:layout",

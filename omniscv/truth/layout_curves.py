@@ -1,4 +1,4 @@
-"""Straight edges as the curves that a camera, central or not, sees of them."""
+"""Images of straight edges as curves, for cameras with one optical centre or many."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from omniscv.cameras import Camera
 from omniscv.geometry.pose import Array
 
 SPACING_PX = 0.5
-"""Neighbouring samples of a curve are at most so far apart."""
+"""Largest distance between neighbouring samples of a curve."""
 
 RESOLVED_M = 5e-7
-"""The ray of a sample's pixel passes the sample at most so far away."""
+"""Largest distance between a sample and the ray of its pixel."""
 
-_AIM_PX = 0.42  # less, so that most curves need one round
-_COARSE_PX = 8  # what shows of a curve for less than this at the image's middle may be missed
-_COARSE = np.radians([0.01, 1.0])  # but no less, and no more
-_FINEST = 1e-9  # rad: where a curve breaks off is found to this
-_MOST_PARTS = 16
+_AIM_PX = 0.42  # spacing that is aimed at: below the limit, so that most curves need one iteration
+_COARSE_PX = 8  # spacing of the first samples at the image's middle; a shorter piece may be missed
+_COARSE = np.radians([0.01, 1.0])  # limits of that spacing
+_FINEST = 1e-9  # rad: precision of a curve's ends
+_MOST_PARTS = 16  # into which an interval is divided at once
 _PARALLEL = 1e-9  # rad between the rays of neighbouring pixels
 _DECIMALS = 8  # of pixels in px, as files have them
-_THINNEST_PX = 0.04  # of samples that crowd where a curve breaks off, one in so much is kept
+_THINNEST_PX = 0.04  # spacing to which the dense samples near a curve's ends are thinned
 _LEAST_DISTANCE = 1e-2  # of an edge's length: an edge through the camera has no steps of equal angle
 
 
@@ -36,7 +36,7 @@ class Samples:
         points_c: (S, 3) metres, camera frame.
         pixels: (S, 2) px, rounded as files have them.
         origins_c: (S, 3) metres, camera frame, of the pixels' rays.
-        joined: (S,) bool, the next sample continues the curve: it lies within ``SPACING_PX``.
+        joined: (S,) bool, whether the next sample continues the curve: it lies within ``SPACING_PX``.
     """
 
     edge: NDArray[np.intp]
@@ -47,13 +47,13 @@ class Samples:
 
 
 def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
-    """Return samples of straight edges, so near to each other that the curves between them are known.
+    """Return samples of straight edges, at most ``SPACING_PX`` apart in the image.
 
-    Curves break off where the camera no longer sees the edge, and where neighbours stay apart however near
-    they are on the edge: at the seam of a panorama.
+    Curves are interrupted where the edge leaves the field of view, and where samples stay apart in the image
+    however near they are on the edge, as at the seam of a panorama.
 
     Args:
-        camera: what sees them.
+        camera: of the image.
         starts_c, ends_c: (E, 3) metres, camera frame.
     """
     edges = _Edges(starts_c, ends_c)
@@ -74,10 +74,10 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
 
 
 def resolved(camera: Camera, points_c: Array, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return what of projected points the pixels resolve; at the tip of a cone, they do not.
+    """Return which projected points their pixels resolve. At the tip of a conical mirror they do not.
 
     Args:
-        camera: what sees them.
+        camera: of the image.
         points_c: (S, 3) metres, camera frame.
         pixels: (S, 2) px, as the camera projects the points.
 
@@ -93,14 +93,14 @@ def resolved(camera: Camera, points_c: Array, pixels: Array) -> tuple[Array, Arr
 
 
 def _samples(camera: Camera, edge: NDArray[np.intp], points_c: Array, pixels: Array) -> Samples:
-    """The samples that are seen, without those that crowd where a curve breaks off."""
+    """The visible samples, thinned near the ends of curves."""
     pixels, origins_c, seen = resolved(camera, points_c, pixels)
     gaps = _gaps(pixels)
     near = seen[1:] & seen[:-1] & (edge[1:] == edge[:-1]) & (gaps <= SPACING_PX)
     joined, continued = np.append(near, False), np.append(False, near)
     step = np.floor(np.cumsum(np.append(0.0, np.where(near, gaps, 0.0))) / _THINNEST_PX)
-    kept = seen & (~joined | ~continued | (np.diff(step, prepend=-1) > 0))
-    return Samples(edge[kept], points_c[kept], pixels[kept], origins_c[kept], joined[kept])
+    keep = seen & (~joined | ~continued | (np.diff(step, prepend=-1) > 0))
+    return Samples(edge[keep], points_c[keep], pixels[keep], origins_c[keep], joined[keep])
 
 
 class _Edges:
@@ -115,11 +115,11 @@ class _Edges:
         self._away = np.maximum(away, _LEAST_DISTANCE * self._length)
 
     def coarse(self, step: float) -> tuple[NDArray[np.intp], Array]:
-        """Edge and angle of the first samples: both ends, and steps of so many radians or less."""
+        """Edge and angle of the first samples: both ends, and steps of at most ``step`` radians."""
         first = np.arctan2(-self._nearest, self._away)
         last = np.arctan2(self._length - self._nearest, self._away)
         counts = np.ceil((last - first) / step).astype(int) + 1
-        angles = [np.linspace(*ends) for ends in zip(first, last, counts, strict=True)]
+        angles = [np.linspace(*interval) for interval in zip(first, last, counts, strict=True)]
         return np.repeat(np.arange(len(counts)), counts), np.concatenate(angles)
 
     def points(self, edge: NDArray[np.intp], angle: Array) -> Array:
@@ -129,10 +129,10 @@ class _Edges:
 
 
 def radians_per_pixel(camera: Camera) -> float:
-    """Return what a pixel takes at the image's middle, to the right of it; of a panorama, 2 pi / width.
+    """Return the angle between neighbouring pixels right of the image's middle; of a panorama, 2 pi / width.
 
-    Not across the middle itself: the tip of a cone has no ray, and opposite ones on its sides. A camera whose
-    rays are parallel is given a panorama's pixels.
+    The middle itself is left out: at the tip of a conical mirror there is no ray, and rays beside it are
+    opposite. A camera with parallel rays gets a panorama's 2 pi / width.
     """
     center = camera.center if camera.valid(camera.center) else [camera.width / 2, camera.height / 2]
     steps = np.column_stack([np.arange(camera.width // 2 + 1) + 0.5, np.zeros(camera.width // 2 + 1)])
@@ -144,12 +144,12 @@ def radians_per_pixel(camera: Camera) -> float:
 
 
 def _gaps(pixels: Array) -> Array:
-    """(S - 1,) px between neighbours; NaN where one has no pixel."""
+    """(S - 1,) px between neighbours; NaN where a sample has no pixel."""
     return np.asarray(np.linalg.norm(np.diff(pixels, axis=0), axis=-1))
 
 
 def _parts(edge: NDArray[np.intp], angle: Array, pixels: Array, valid: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(S - 1,) into how many parts to cut the intervals between neighbours; 1 for those to keep."""
+    """(S - 1,) the number of parts to divide the intervals between neighbours into; 1 where they are fine."""
     gaps, both = _gaps(pixels), valid[1:] & valid[:-1]
     parts = np.where(both, np.clip(np.ceil(gaps / _AIM_PX), 2, _MOST_PARTS), _MOST_PARTS)
     fine = np.where(both, gaps <= SPACING_PX - _THINNEST_PX, valid[1:] == valid[:-1])
@@ -161,9 +161,9 @@ def _parts(edge: NDArray[np.intp], angle: Array, pixels: Array, valid: NDArray[n
 def _between(
     edge: NDArray[np.intp], angle: Array, wide: NDArray[np.intp], parts: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], Array]:
-    """Edge and angle of new samples that cut intervals ``wide`` into equal parts."""
+    """Edge and angle of new samples that divide intervals ``wide`` into equal parts."""
     count = parts - 1
     step = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
-    which = np.repeat(wide, count)
+    interval = np.repeat(wide, count)
     share = step / np.repeat(parts, count)
-    return edge[which], angle[which] + share * (angle[which + 1] - angle[which])
+    return edge[interval], angle[interval] + share * (angle[interval + 1] - angle[interval])

@@ -1,41 +1,47 @@
-"""How a camera sees the layout of a room.
+"""The truth ``layout``: the layout of a room as a camera sees it, in ``STEM.layout.json``.
 
-A record of a layout, as :func:`project_layout` makes it and ``STEM.layout.json`` holds it: ``version``,
-``source``, ``residual_m``, ``floor``, ``ceiling`` and ``camera_height`` in metres, then
+A record, as :func:`project_layout` returns it, has ``version``, ``source``, ``residual_m``, ``floor``,
+``ceiling`` and ``camera_height`` in metres, then
 
 ``corners``  ``id``, ``kind`` (floor, ceiling), ``world`` and ``camera`` in metres, ``pixel`` (null outside
-             the image), ``in_image``, ``visible_room``, ``visible``. Of N walls, corner i of the floor has
-             the id i, counterclockwise from above, and the ceiling's above it N + i
+             the image), ``in_image``, ``visible_room``, ``visible``. In a room of N walls, corner i of the
+             floor has the id i, counterclockwise from above; the ceiling's corner above it has N + i
 ``edges``    ``id``, ``kind`` (floor, ceiling, vertical), ``corners`` (two ids), ``planes`` (two names), and
              ``pieces`` of the curve: ``pixels`` at most 0.5 px apart, ``visible_room``, ``visible``
 
-``visible_room`` is false behind a wall of the room, ``visible`` also behind all else, and null where no depth
-is known.
+``visible_room`` is false behind a wall of the room. ``visible`` is also false behind anything else, and null
+without depth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, shown
-from omniscv.cameras import Camera
+from omniscv.arguments import number, numbers, one_of, shown
+from omniscv.cameras import Camera, create
+from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
-from omniscv.geometry.scene_geometry import Room
+from omniscv.geometry.scene_geometry import Room, SceneGeometry
+from omniscv.records import checked, nested, record
 from omniscv.truth.layout_curves import Samples, resolved, sample_edges
-from omniscv.truth.layout_visibility import Flags, Tolerance, seen_in_depth, seen_in_room
-from omniscv.truth.room_layout import RoomLayout
+from omniscv.truth.registry import Observation, Tolerance, Truth, register
+from omniscv.truth.room_layout import Picture, RoomLayout, is_room, layout
+from omniscv.truth.room_surfaces import Flags, seen_in_depth, seen_in_room
 
 VERSION = 1
 
-_SAME_M = 1e-6  # heights and plans of corners that differ by less are one
+_SAME_M = 1e-6  # corners whose heights or plans differ by less are equal
+_PANORAMA = "equirectangular", 1024, 512
+_FIT_MODES = ("object_mask", "depth", "normals")
 
 
 def project_layout(
@@ -52,9 +58,9 @@ def project_layout(
         room: as :func:`omniscv.truth.layout` returns it.
         camera, pose: of the image, central or not.
         depth: (H, W) metres along each pixel's ray from its own origin, for ``visible``.
-        depth_room: the same of the room without furniture, for ``visible_room``; the room's own walls
-            decide if not given.
-        tolerance: how far a surface may be off the room's and still be taken for it.
+        depth_room: the same of the room without furniture, for ``visible_room``; if not given, the room's own
+            walls decide.
+        tolerance: between depths that are taken for equal.
 
     Returns:
         Plain JSON values; see the module.
@@ -87,8 +93,8 @@ def room_of(record: Mapping[str, Any]) -> Room:
     """Return the room that a record describes.
 
     Raises:
-        ArgumentError: it is no record of a layout, or the room is no prism: the floor's corners, or the
-            ceiling's, differ in height, or one is not above the other.
+        ArgumentError: it is no record of a layout, or the room is no prism: corners of the floor, or of the
+            ceiling, differ in height, or a corner of the ceiling is not above the floor's.
     """
     try:
         if record["version"] != VERSION:
@@ -102,8 +108,10 @@ def room_of(record: Mapping[str, Any]) -> Room:
         raise ArgumentError(f"layout: expected a record of a layout, got {shown(record)}") from cause
     uneven = max(np.ptp(floor[:, 2]), np.ptp(ceiling[:, 2]), np.abs(floor[:, :2] - ceiling[:, :2]).max())
     if uneven > _SAME_M:
-        wanted = "a room of upright walls between a level floor and a level ceiling"
-        raise ArgumentError(f"layout: expected {wanted}, got corners that are {uneven:.3g} m off that")
+        raise ArgumentError(
+            "layout: expected a room of upright walls between a level floor and a level ceiling, got corners "
+            f"that are {uneven:.3g} m off that"
+        )
     names = tuple(wall for wall, _ in walls[:count])
     heights = float(floor[0, 2]), float(ceiling[0, 2])
     return Room(floor[:, :2], *heights, names, walls[0][1], walls[count][1])
@@ -111,7 +119,7 @@ def room_of(record: Mapping[str, Any]) -> Room:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A room, what sees it, and what of it an image shows."""
+    """A room in an image."""
 
     room: Room
     camera: Camera
@@ -138,10 +146,10 @@ def _corner_records(view: _View) -> list[dict[str, Any]]:
     pixels, origins_c, seen = resolved(view.camera, corners_c, view.camera.project(corners_c)[0])
     in_room, in_full = view.flags(corners_c[seen], pixels[seen], origins_c[seen])
     flags = zip(in_room.tolist(), in_room.tolist() if in_full is None else in_full.tolist(), strict=True)
-    count, found = len(corners_w) // 2, []
+    count, records = len(corners_w) // 2, []
     for i, in_image in enumerate(seen.tolist()):
         visible_room, visible = next(flags) if in_image else (False, False)
-        found.append(
+        records.append(
             {
                 "id": i,
                 "kind": "floor" if i < count else "ceiling",
@@ -153,21 +161,21 @@ def _corner_records(view: _View) -> list[dict[str, Any]]:
                 "visible": None if in_full is None else visible,
             }
         )
-    return found
+    return records
 
 
 def _corners(room: Room) -> Array:
-    """(2N, 3) metres, world frame, the floor's before the ceiling's."""
+    """(2N, 3) metres, world frame, the corners of the floor before those of the ceiling."""
     heights = np.repeat([room.floor_z, room.ceiling_z], len(room.corners_w))
     return np.column_stack([np.tile(room.corners_w, (2, 1)), heights])
 
 
 def _edges(room: Room) -> tuple[NDArray[np.intp], list[str], list[list[str]]]:
-    """(3N, 2) corners at the ends of edges, their kinds, and the names of the planes that meet there."""
+    """(3N, 2) corners at the ends of edges, the edges' kinds, and the names of the planes that meet there."""
     count = len(room.corners_w)
-    here = np.arange(count)
-    ring = np.column_stack([here, np.roll(here, -1)])
-    ends = np.concatenate([ring, ring + count, np.column_stack([here, here + count])])
+    corner = np.arange(count)
+    ring = np.column_stack([corner, np.roll(corner, -1)])
+    ends = np.concatenate([ring, ring + count, np.column_stack([corner, corner + count])])
     kinds = ["floor"] * count + ["ceiling"] * count + ["vertical"] * count
     walls = room.walls
     planes = [[wall, level] for level in (room.floor, room.ceiling) for wall in walls]
@@ -175,11 +183,11 @@ def _edges(room: Room) -> tuple[NDArray[np.intp], list[str], list[list[str]]]:
 
 
 def _pieces(curves: Samples, in_room: Flags, in_full: Flags | None) -> dict[int, list[dict[str, Any]]]:
-    """By edge, its curve cut where it breaks off and where a flag changes."""
+    """By edge, its curve, cut where it is interrupted and where a flag changes."""
     full = in_room if in_full is None else in_full
     cut = ~curves.joined[:-1] | (in_room[1:] != in_room[:-1]) | (full[1:] != full[:-1])
     bounds = [0, *(np.flatnonzero(cut) + 1).tolist(), len(curves.edge)]
-    pixels, found = curves.pixels.tolist(), dict[int, list[dict[str, Any]]]()
+    pixels, pieces = curves.pixels.tolist(), dict[int, list[dict[str, Any]]]()
     for start, end in pairwise(bounds):
         if start < end:
             piece = {
@@ -187,5 +195,119 @@ def _pieces(curves: Samples, in_room: Flags, in_full: Flags | None) -> dict[int,
                 "visible_room": bool(in_room[start]),
                 "visible": None if in_full is None else bool(in_full[start]),
             }
-            found.setdefault(int(curves.edge[start]), []).append(piece)
-    return found
+            pieces.setdefault(int(curves.edge[start]), []).append(piece)
+    return pieces
+
+
+# -- the truth ------------------------------------------------------------------------------------------
+
+Source = Literal["scene", "fitted"]
+Visibility = Literal["room", "full", "all"]
+
+_sigma = partial(number, above=0, most=1)
+_source = partial(one_of, words=get_args(Source))
+
+
+@record
+class MapOptions:
+    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_maps.exact_maps`."""
+
+    edge_sigma: float | None = checked(
+        _sigma, default=None, help="of edges, share of the pixels of a full turn; default 0.0054"
+    )
+    corner_sigma: float | None = checked(_sigma, default=None, help="the same of corners; default 0.0107")
+    visibility: Visibility | None = checked(
+        partial(one_of, words=get_args(Visibility)),
+        default=None,
+        help="room (default): what no wall hides; full: what nothing hides; all",
+    )
+
+    def given(self) -> dict[str, Any]:
+        """Return the options that have a value."""
+        values = {option.name: getattr(self, option.name) for option in fields(MapOptions)}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@record
+class LayoutKey:
+    """The key ``layout`` of a job: of the truth ``layout``, and of the formats that draw its maps."""
+
+    source: Source | None = checked(_source, default=None, help="as of the truth layout")
+    maps: MapOptions = checked(nested(MapOptions), default=MapOptions(), help="how maps are drawn")
+
+
+@record
+class LayoutOptions:
+    """Options of the truth ``layout``."""
+
+    source: Source | None = checked(
+        _source,
+        default=None,
+        help="scene, or fitted to the image; default: scene where it knows its room",
+    )
+    tolerance: Tolerance = checked(nested(Tolerance), default=Tolerance(), help="of depths that are equal")
+    layout: LayoutKey = checked(nested(LayoutKey), default=LayoutKey(), help="the key of the job")
+
+    @property
+    def chosen_source(self) -> Source | None:
+        """The truth's own source, else the job's."""
+        return self.source or self.layout.source
+
+
+def _derive(observation: Observation, options: LayoutOptions) -> dict[str, Any]:
+    """Return the record of the room's layout in an image.
+
+    A room that the source does not know is fitted to the image. Where the image does not show every wall, it
+    is fitted to a panorama from the same position without furniture, if the source can hide objects.
+
+    Raises:
+        ArgumentError: no room is known, and none fits.
+    """
+    image = observation.image
+    room = _room(observation, options.chosen_source)
+    return project_layout(room, image.camera, image.pose, image.depth, tolerance=options.tolerance)
+
+
+def _room(observation: Observation, source: Source | None) -> RoomLayout:
+    if source != "fitted" and (source == "scene" or observation.geometry.room is not None):
+        return layout(observation.geometry)
+    image = observation.image
+    try:
+        picture = Picture(image.camera, image.pose, image.layers, observation.instances)
+        return layout([picture], observation.classes)
+    except ArgumentError as hidden:
+        empty = _panorama_without_furniture(observation)
+        if empty is None:
+            raise hidden from None
+        return layout([empty], observation.classes)
+
+
+def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
+    """A panorama at the image's position of the room alone; None if the source cannot hide objects."""
+    if observation.renderer is None:
+        return None
+    source = observation.renderer.source
+    furniture = [name for name in source.objects().names() if not is_room(name, observation.classes)]
+    try:
+        empty = source.without(furniture)
+    except ArgumentError:
+        return None
+    with empty:
+        return observation.renderer.of(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
+
+
+def _captures(geometry: SceneGeometry, options: LayoutOptions) -> bool:
+    return geometry.room is None or options.chosen_source == "fitted"
+
+
+register(
+    Truth(
+        "layout",
+        _derive,
+        needs=("depth",),
+        file="layout.json",
+        keys=("layout", "tolerance"),
+        captures=_captures,
+        options=LayoutOptions,
+    )
+)

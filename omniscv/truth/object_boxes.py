@@ -1,4 +1,9 @@
-"""Boxes of objects in an image, from labels: exact to the pixel, also across the seam of a panorama."""
+"""Boxes of objects: the truths ``boxes``, in the image, and ``boxes3d``, in space.
+
+Boxes in the image come from labels and are exact to the pixel, also across the seam of a panorama.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from omniscv.cameras import Camera
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.records import NoOptions
 from omniscv.truth.classes import ClassTable
+from omniscv.truth.registry import Observation, Truth, register
 
 Labels = NDArray[np.uint16]
 Names = Mapping[str, int] | Sequence[str]
@@ -15,6 +25,9 @@ Names = Mapping[str, int] | Sequence[str]
 
 Box = list[int]
 """``[x, y, width, height]``, px: the edges of pixels, ``[0, 0, 1, 1]`` is the first one."""
+
+_SAMPLES = 6
+"""Points along each edge of a box's sides, for the share of the surface that is in the image."""
 
 
 def boxes(
@@ -29,30 +42,33 @@ def boxes(
 
     Args:
         labels: (H, W) ids.
-        names: of ids; those without a name are left out.
+        names: of ids; ids without a name are left out.
         classes: of names.
         wrap: whether the left and the right border are neighbours, as :attr:`Camera.wraps` says.
-        depth: (H, W) metres along the ray, +inf for none, 0 outside the field of view.
+        depth: (H, W) metres along the ray, +inf for no surface, 0 outside the field of view.
 
     Returns:
-        Plain values: ``instance_id``, ``name``, ``class`` (None without), ``area`` (px), ``bbox``; with
-        ``wrap`` ``bbox_wrap``, the smallest that may go over the right border, ``x + width > W``, and
-        ``crosses_seam``; with ``depth`` ``distance``, metres to the nearest of its pixels, None if endless.
+        Plain values: ``instance_id``, ``name``, ``class`` (None without), ``area`` (px), ``bbox``. With
+        ``wrap``, ``bbox_wrap``, the smallest box that may cross the right border (``x + width > W``), and
+        ``crosses_seam``. With ``depth``, ``distance``, metres to the nearest pixel of the object, None if it
+        is infinite.
     """
-    named = {each: name for name, each in ids(names).items()}
+    name_of = {instance: name for name, instance in ids(names).items()}
     areas = np.bincount(labels.ravel())
     nearest = None if depth is None else _nearest(labels, depth, len(areas))
+    width = labels.shape[1]
     records = []
-    for instance, place in enumerate(ndimage.find_objects(labels), start=1):
-        if place is None or instance not in named:
+    for instance, box in enumerate(ndimage.find_objects(labels), start=1):
+        if box is None or instance not in name_of:
             continue
-        name = named[instance]
-        found = None if classes is None else classes.of(name)
-        record: dict[str, Any] = {"instance_id": instance, "name": name, "class": found and found.name}
-        record |= {"area": int(areas[instance]), "bbox": _box(*place)}
+        rows, columns = box
+        record = _named(instance, name_of[instance], classes)
+        record["area"] = int(areas[instance])
+        record["bbox"] = [columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start]
         if wrap:
-            across = wrapped(labels[place] == instance, place[0], place[1], labels.shape[1])
-            record |= {"bbox_wrap": across, "crosses_seam": _crosses(across, labels.shape[1])}
+            wrapped = _wrapped(labels[box] == instance, rows, columns, width)
+            crosses = wrapped[0] + wrapped[2] > width or wrapped[2] == width
+            record |= {"bbox_wrap": wrapped, "crosses_seam": crosses}
         if nearest is not None:
             distance = float(nearest[instance])
             record["distance"] = distance if np.isfinite(distance) else None
@@ -65,8 +81,19 @@ def ids(names: Names) -> dict[str, int]:
     return dict(names) if isinstance(names, Mapping) else {name: i for i, name in enumerate(names, start=1)}
 
 
-def wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) -> Box:
-    """Return the smallest box around a mask in an image whose left and right border are neighbours.
+def visible_ids(labels: Labels) -> set[int]:
+    """Return the ids that (H, W) labels hold, with 0 where a pixel has no label."""
+    return set(np.flatnonzero(np.bincount(labels.ravel())).tolist())
+
+
+def _named(instance: int, name: str, classes: ClassTable | None) -> dict[str, Any]:
+    """The start of an object's record."""
+    of_name = None if classes is None else classes.of(name)
+    return {"instance_id": instance, "name": name, "class": of_name and of_name.name}
+
+
+def _wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) -> Box:
+    """The smallest box around a mask in an image whose left and right border are neighbours.
 
     Args:
         mask: (h, w) within its box without wrapping.
@@ -81,18 +108,144 @@ def wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) ->
     return [start, rows.start, across, rows.stop - rows.start]
 
 
-def _crosses(box: Box, width: int) -> bool:
-    """Whether a box goes over the seam, or all the way round."""
-    return box[0] + box[2] > width or box[2] == width
-
-
-def _box(rows: slice, columns: slice) -> Box:
-    return [columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start]
-
-
 def _nearest(labels: Labels, depth: NDArray[np.float32], count: int) -> NDArray[np.float32]:
     """(count,) the least depth above 0 of every id, +inf for none."""
     nearest = np.full(count, np.inf, np.float32)
     seen = depth > 0
     np.minimum.at(nearest, labels[seen], depth[seen])
     return nearest
+
+
+# -- boxes in space -------------------------------------------------------------------------------------
+
+
+def boxes3d(
+    boxes: Mapping[str, ObjectBox],
+    camera: Camera,
+    pose: Pose,
+    names: Names,
+    classes: ClassTable | None = None,
+) -> list[dict[str, Any]]:
+    """Return a record for each object whose box is known, in the order of ids.
+
+    Args:
+        boxes: by object name, world frame.
+        camera, pose: of the image.
+        names: of ids.
+        classes: of names.
+
+    Returns:
+        Plain values, metres: ``instance_id``, ``name``, ``class`` (None without), ``center_world``, ``size``
+        along the box's axes, ``R_world_box``, ``center_camera``, ``R_camera_box``, ``distance`` of the centre
+        from the camera's position, ``truncated``, and ``source``: see :class:`ObjectBox`. A box around points
+        that were seen has ``partial``: true.
+    """
+    known = sorted((instance, name) for name, instance in ids(names).items() if name in boxes)
+    shares = truncated([boxes[name] for _, name in known], camera, pose)
+    records = []
+    for (instance, name), share in zip(known, shares, strict=True):
+        box = boxes[name]
+        center_c = pose.to_camera(box.center_w)
+        record = _named(instance, name, classes)
+        record |= {"center_world": box.center_w.tolist(), "size": box.size.tolist()}
+        record |= {"R_world_box": box.R_w_b.tolist(), "center_camera": center_c.tolist()}
+        record |= {"R_camera_box": (pose.R_w_c.T @ box.R_w_b).tolist()}
+        record |= {"distance": float(np.linalg.norm(center_c)), "truncated": share, "source": box.source}
+        if box.source == "points":
+            record["partial"] = True
+        records.append(record)
+    return records
+
+
+def truncated(boxes: Sequence[ObjectBox], camera: Camera, pose: Pose) -> list[float]:
+    """Return the share of each box's surface that lies outside the image, 0 to 1, occluded or not."""
+    if not boxes:
+        return []
+    points_w = np.stack([box.center_w + (_SURFACE * box.size) @ box.R_w_b.T for box in boxes])
+    _, valid = camera.project(pose.to_camera(points_w))
+    return [float(share) for share in 1 - valid.mean(axis=1)]
+
+
+def boxes_around_points(
+    points_w: Array, labels: Labels, usable: NDArray[np.bool_], names: Names
+) -> dict[str, ObjectBox]:
+    """Return boxes along the world's axes around the visible points of objects.
+
+    Args:
+        points_w: (H, W, 3) metres.
+        labels: (H, W) ids.
+        usable: (H, W) where the pixel has a point that surely is the object's.
+        names: of ids; only these have boxes.
+    """
+    name_of = {instance: name for name, instance in ids(names).items()}
+    found = {}
+    for instance, box in enumerate(ndimage.find_objects(labels), start=1):
+        if box is None or instance not in name_of:
+            continue
+        points = points_w[box][(labels[box] == instance) & usable[box]]
+        if len(points):
+            low, high = points.min(axis=0), points.max(axis=0)
+            found[name_of[instance]] = ObjectBox((low + high) / 2, np.eye(3), high - low, "points")
+    return found
+
+
+def _unit_surface() -> Array:
+    """(N, 3) the middles of equal tiles of the sides of a box of size 1."""
+    along = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    a, b = (axis.ravel() for axis in np.meshgrid(along, along))
+    sides = [
+        np.insert(np.column_stack([a, b]), axis, end, axis=1) for axis in range(3) for end in (-0.5, 0.5)
+    ]
+    return np.concatenate(sides)
+
+
+_SURFACE = _unit_surface()
+
+
+# -- the truths -----------------------------------------------------------------------------------------
+
+
+def _derive_boxes(observation: Observation, options: NoOptions) -> list[dict[str, Any]]:
+    """Return the records of :func:`boxes`, with ``truncated`` where a box in space is known."""
+    image, known = observation.image, observation.geometry.boxes
+    records = boxes(
+        observation.require_labels(),
+        observation.instances,
+        observation.classes,
+        wrap=image.camera.wraps,
+        depth=image.depth,
+    )
+    with_box = [record for record in records if record["name"] in known]
+    shares = truncated([known[record["name"]] for record in with_box], image.camera, image.pose)
+    for record, share in zip(with_box, shares, strict=True):
+        record["truncated"] = share
+    return records
+
+
+def _derive_boxes3d(observation: Observation, options: NoOptions) -> list[dict[str, Any]]:
+    """Return the records of :func:`boxes3d` of the objects that are seen.
+
+    Boxes are those that the source knows; else they are around visible points, where the image has depth.
+    """
+    image, known = observation.image, observation.geometry.boxes
+    visible = visible_ids(observation.require_labels())
+    names = {name: instance for name, instance in observation.instances.items() if instance in visible}
+    unknown = {name: instance for name, instance in names.items() if name not in known}
+    around = _boxes_from_depth(observation, unknown) if unknown and image.depth is not None else {}
+    return boxes3d({**known, **around}, image.camera, image.pose, names, observation.classes)
+
+
+def _boxes_from_depth(observation: Observation, names: Mapping[str, int]) -> dict[str, ObjectBox]:
+    image = observation.image
+    depth = np.asarray(image.depth, dtype=np.float64)
+    usable = np.isfinite(depth) & (depth > 0)
+    for name in ("label_edge", "unsure"):
+        if name in image.layers:
+            usable &= ~image.layers[name]
+    directions_w = image.camera.unproject().directions @ image.pose.R_w_c.T
+    points_w = image.centers_w + np.where(usable, depth, 0.0)[..., None] * directions_w
+    return boxes_around_points(points_w, observation.require_labels(), usable, names)
+
+
+register(Truth("boxes", _derive_boxes, needs=("object_mask",), options=NoOptions))
+register(Truth("boxes3d", _derive_boxes3d, needs=("object_mask",), options=NoOptions))

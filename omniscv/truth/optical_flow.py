@@ -1,57 +1,46 @@
-"""Optical flow and scene flow between two images, exact: from depth, rays and poses."""
+"""The truth ``flow``: optical flow and scene flow between two images, from depth, rays and poses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
-from typing import Any, Literal, TypedDict, Unpack, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, one_of
+from omniscv.arguments import flag, number, one_of, whole_number
 from omniscv.cameras import Camera, Rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.parallel import side_by_side
+from omniscv.records import checked, nested, record
+from omniscv.truth.registry import Tolerance, Truth, register
 
 Mask = NDArray[np.bool_]
 Wrap = Literal["shortest", "classic"]
-"""Of an image whose sides meet: ``shortest``, the way across the seam where it is shorter, horizontal flow in
-[-W/2, W/2); ``classic``, the difference of the columns."""
+"""Horizontal flow in a panorama: ``shortest``, across the seam where that is shorter, in [-W/2, W/2);
+``classic``, the difference of the columns."""
 
 INVALID, VALID, AT_INFINITY, OCCLUDED = range(4)
-"""What a pixel of :attr:`Flow.mask` may be: its flow is not known; known; that of the sky, which only turns;
-known, but the second image shows something nearer there."""
+"""Values of :attr:`Flow.mask`: flow unknown; known; of a point at infinity, which only turns; known, but the
+second image shows something nearer there."""
 
-_ENDLESS_M = 1e12
-"""Metres to points at infinity: optical centres a metre apart see them less than 1e-11 rad apart."""
+_INFINITY_M = 1e12
+"""Metres to points at infinity: seen from optical centres a metre apart, they turn by less than 1e-11 rad."""
 
-_PART_PX = 1 << 14
-"""Pixels that are worked on together, in the processor's cache."""
-
-
-class FlowOptions(TypedDict, total=False):
-    """How flow is derived.
-
-    Attributes:
-        wrap: default ``shortest``.
-        tolerance_m, tolerance_rel: how much nearer, in metres or as a share of the distance, whichever is
-            more, the second depth must be for a point to be occluded; 0.02 and 0.01.
-    """
-
-    wrap: Wrap
-    tolerance_m: float
-    tolerance_rel: float
+_BLOCK_PX = 1 << 14
+"""Pixels of a block of rows, so that it stays in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """Where the pixels of one image go in another one.
+    """The flow from one image to another.
 
     Attributes:
-        pixels: (H, W, 2) float64 px, from a pixel's centre to where its point is seen; NaN where not known.
+        pixels: (H, W, 2) float64 px, from a pixel's centre to its point in the other image; NaN if unknown.
         mask: (H, W) uint8, ``INVALID``, ``VALID``, ``AT_INFINITY`` or ``OCCLUDED``.
         scene: (H, W, 3) float64 metres that the points move, world frame; exactly 0 where nothing moves, NaN
             where there is no point.
@@ -71,63 +60,72 @@ def flow(
     depth1: NDArray[np.floating[Any]] | None = None,
     labels: NDArray[np.integer[Any]] | None = None,
     motions: Mapping[int, Pose | None] = MappingProxyType({}),
-    **options: Unpack[FlowOptions],
+    *,
+    wrap: Wrap = "shortest",
+    tolerance_m: float = 0.02,
+    tolerance_rel: float = 0.01,
 ) -> Flow:
     """Return the flow from an image to another one, of any two cameras.
 
-    A pixel's point is ``X = o + D d`` in the world, moves to ``X'`` with its object, and is seen at
-    ``project(X')`` of the second camera. Points at infinity only turn with the cameras.
+    A pixel's point ``X = o + D d`` of the world moves to ``X'`` with its object, and appears at
+    ``project(X')`` in the second image. Points at infinity only turn with the cameras.
 
     Args:
         depth0: (H, W) metres along the rays of the first image; +inf is infinity; 0 has no flow.
-        rays0: (H, W), of its pixels' centres, camera frame.
+        rays0: (H, W), of the first image's pixel centres, camera frame.
         pose0, pose1: of the cameras.
         camera1: of the second image.
-        depth1: (H1, W1) of the second image; without it nothing is known to be occluded.
+        depth1: (H1, W1) of the second image; without it no point counts as occluded.
         labels: (H, W) of the first image; surfaces of label 0 have no flow.
         motions: by label, the motion of a rigid object between the images, ``p_w1 = motion.to_world(p_w0)``;
-            None where it is not known. Objects that are not named stay where they are.
-        options: see :class:`FlowOptions`.
+            None if it is unknown. Other objects do not move.
+        wrap: see :data:`Wrap`.
+        tolerance_m, tolerance_rel: a point is occluded if the second depth is nearer by more than the larger
+            of these: metres, and a share of the distance.
 
     Raises:
-        ArgumentError: arrays of different sizes, motions without labels, or an unknown option.
+        ArgumentError: arrays of different sizes, motions without labels, or a wrong option.
     """
-    settings = _settings(options)
+    one_of("wrap", wrap, get_args(Wrap))
+    tolerance = Tolerance(
+        number("tolerance_m", tolerance_m, least=0), number("tolerance_rel", tolerance_rel, least=0)
+    )
     if motions and labels is None:
         raise ArgumentError("motions: expected labels with them, got none")
-    for name, each in (("rays0", rays0.valid), ("labels", labels)):
-        if each is not None and each.shape != depth0.shape:
-            raise ArgumentError(f"{name}: expected the size of depth0, {depth0.shape}, got {each.shape}")
+    for name, array in (("rays0", rays0.valid), ("labels", labels)):
+        if array is not None and array.shape != depth0.shape:
+            raise ArgumentError(f"{name}: expected the size of depth0, {depth0.shape}, got {array.shape}")
     seen = rays0.valid & (depth0 > 0)
     if labels is not None:
         seen &= (labels > 0) | np.isposinf(depth0)
     height, width = depth0.shape
-    found = Flow(
-        np.full((height, width, 2), np.nan), np.zeros((height, width), np.uint8),
-        np.full((height, width, 3), np.nan),
-    )  # fmt: skip
-    nearer = None if depth1 is None else _Nearer(camera1, depth1, settings)
-    moving = _Moving(pose0, pose1, motions)
+    result = Flow(
+        pixels=np.full((height, width, 2), np.nan),
+        mask=np.zeros((height, width), np.uint8),
+        scene=np.full((height, width, 3), np.nan),
+    )
+    occlusion = None if depth1 is None else _Occlusion(camera1, depth1, tolerance)
+    move = _Movement(pose0, pose1, motions)
 
-    def part(rows: slice) -> None:
+    def fill(rows: slice) -> None:
         mine = seen[rows]
         names = None if labels is None else labels[rows][mine]
         depth = depth0[rows][mine].astype(np.float64)
-        points_c1, scene = moving(depth, rays0.directions[rows][mine], rays0.origins[rows][mine], names)
+        points_c1, scene = move(depth, rays0.directions[rows][mine], rays0.origins[rows][mine], names)
         target, known = camera1.project(points_c1)
         mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
-        if nearer is not None:
-            mask[known] = np.where(nearer(target[known], points_c1[known]), OCCLUDED, mask[known])
+        if occlusion is not None:
+            mask[known] = np.where(occlusion(target[known], points_c1[known]), OCCLUDED, mask[known])
         row, column = np.nonzero(mine)
         target -= np.column_stack([column, row + rows.start]) + 0.5
-        if settings["wrap"] == "shortest" and camera1.wraps:
+        if wrap == "shortest" and camera1.wraps:
             half = camera1.width / 2
             target[:, 0] = (target[:, 0] + half) % camera1.width - half
-        found.pixels[rows][mine], found.mask[rows][mine], found.scene[rows][mine] = target, mask, scene
+        result.pixels[rows][mine], result.mask[rows][mine], result.scene[rows][mine] = target, mask, scene
 
-    step = max(1, _PART_PX // width)
-    side_by_side(part, [slice(row, row + step) for row in range(0, height, step)])
-    return found
+    step = max(1, _BLOCK_PX // width)
+    side_by_side(fill, [slice(row, row + step) for row in range(0, height, step)])
+    return result
 
 
 def motion(before: Pose, after: Pose) -> Pose:
@@ -135,19 +133,8 @@ def motion(before: Pose, after: Pose) -> Pose:
     return after @ before.inverse()
 
 
-def _settings(options: FlowOptions) -> FlowOptions:
-    found: FlowOptions = {"wrap": "shortest", "tolerance_m": 0.02, "tolerance_rel": 0.01}
-    for name in options:
-        one_of("options", name, found)
-    found |= options
-    one_of("wrap", found["wrap"], get_args(Wrap))
-    number("tolerance_m", found["tolerance_m"], least=0)
-    number("tolerance_rel", found["tolerance_rel"], least=0)
-    return found
-
-
-class _Moving:
-    """From points of the first camera to the second one's, while objects move.
+class _Movement:
+    """The transform of points from the first camera to the second one while objects move.
 
     Args:
         pose0, pose1: of the cameras.
@@ -161,19 +148,19 @@ class _Moving:
     def __call__(
         self, depth: Array, directions: Array, origins: Array, labels: NDArray[Any] | None
     ) -> tuple[Array, Array]:
-        """Return points (N, 3) of the second camera's frame, and how they moved (N, 3) in the world, metres.
+        """Return points (N, 3) in the second camera's frame, and their motion (N, 3) in the world, metres.
 
-        Where that is not known, both are NaN; points at infinity do not move, and have NaN too.
+        Both are NaN if the motion is unknown. The motion of points at infinity is NaN too.
         """
-        endless = np.isposinf(depth)
-        points_c0 = directions * np.where(endless, _ENDLESS_M, depth)[:, None]
+        infinite = np.isposinf(depth)
+        points_c0 = directions * np.where(infinite, _INFINITY_M, depth)[:, None]
         points_c0 += origins
         points_c1 = points_c0 @ self._T_c1_c0.rotation.T
         points_c1 += self._T_c1_c0.position
         scene = np.zeros_like(points_c0)
-        if endless.any():
-            points_c1[endless] = _ENDLESS_M * (directions[endless] @ self._T_c1_c0.rotation.T)
-            scene[endless] = np.nan
+        if infinite.any():
+            points_c1[infinite] = _INFINITY_M * (directions[infinite] @ self._T_c1_c0.rotation.T)
+            scene[infinite] = np.nan
         for label, motion in self._motions.items():
             mine = labels == label
             if motion is None:
@@ -185,38 +172,38 @@ class _Moving:
         return points_c1, scene
 
 
-class _Nearer:
-    """Which points the second image has something nearer for.
+class _Occlusion:
+    """Which points are occluded in the second image.
 
     Args:
         camera1: of the image.
         depth1: (H1, W1) metres.
-        settings: the tolerances.
+        tolerance: by which the image's depth must be nearer.
 
     Raises:
         ArgumentError: a depth of another size than the camera's.
     """
 
-    def __init__(self, camera1: Camera, depth1: NDArray[Any], settings: FlowOptions) -> None:
+    def __init__(self, camera1: Camera, depth1: NDArray[Any], tolerance: Tolerance) -> None:
         if depth1.shape != (camera1.height, camera1.width):
-            wanted = f"expected the size of the camera, {camera1.height, camera1.width}"
-            raise ArgumentError(f"depth1: {wanted}, got {depth1.shape}")
-        self._camera, self._settings = camera1, settings
-        self._closeness = 1 / np.where(depth1 > 0, depth1, np.inf).astype(np.float64)
+            size = camera1.height, camera1.width
+            raise ArgumentError(f"depth1: expected the size of the camera, {size}, got {depth1.shape}")
+        self._camera, self._tolerance = camera1, tolerance
+        self._inverse = 1 / np.where(depth1 > 0, depth1, np.inf).astype(np.float64)
 
     def __call__(self, pixels: Array, points_c1: Array) -> Mask:
-        """(N,) bool of points (N, 3), camera frame, and the pixels (N, 2) that see them."""
+        """Return (N,) bool of points (N, 3), camera frame, that project to pixels (N, 2)."""
         origins = 0.0 if self._camera.central else self._camera.unproject(pixels).origins
         distance = np.linalg.norm(points_c1 - origins, axis=-1)
-        tolerance = np.maximum(self._settings["tolerance_m"], self._settings["tolerance_rel"] * distance)
+        tolerance = np.maximum(self._tolerance.abs_m, self._tolerance.rel * distance)
         return np.asarray(distance - self._depth_at(pixels) > tolerance)
 
     def _depth_at(self, pixels: Array) -> Array:
-        """(N,) the farthest that depth may be at pixels: of the nearest pixel, or between the four around.
+        """(N,) the larger of the nearest pixel's depth and the depth interpolated between four pixels.
 
-        Between pixels 1 / depth is linear on a plane, so that a slanted floor does not hide itself; at the
-        border of a nearer object the mixture means nothing, and the nearest pixel decides. Pixels outside the
-        field of view hide nothing.
+        1 / depth is linear on a plane, so a slanted floor does not hide itself where it is interpolated. At
+        the border of a nearer object the interpolated value is meaningless, and the nearest pixel decides.
+        Pixels outside the field of view hide nothing.
         """
         column, row = np.floor(pixels).astype(np.int64).T
         left, top = np.floor(pixels - 0.5).astype(np.int64).T
@@ -227,6 +214,32 @@ class _Nearer:
             return np.asarray(1 / np.minimum(self._at(column, row), upper * (1 - down) + lower * down))
 
     def _at(self, column: NDArray[Any], row: NDArray[Any]) -> Array:
-        height, width = self._closeness.shape
+        height, width = self._inverse.shape
         column = column % width if self._camera.wraps else column.clip(0, width - 1)
-        return np.asarray(self._closeness[row.clip(0, height - 1), column])
+        return np.asarray(self._inverse[row.clip(0, height - 1), column])
+
+
+# -- the truth ------------------------------------------------------------------------------------------
+
+
+@record
+class FlowOptions:
+    """Options of the truth ``flow``, and of the format that writes it."""
+
+    gap: int = checked(whole_number, default=1, help="number of frames from a frame to the other one")
+    wrap: Wrap = checked(
+        partial(one_of, words=get_args(Wrap)),
+        default="shortest",
+        help="shortest: across the seam of a panorama if that is shorter; classic: difference of columns",
+    )
+    backward: bool = checked(flag, default=False, help="flow to the frame before, too: STEM.backward.*")
+    scene: bool = checked(
+        flag, default=False, help="scene flow, too: STEM.sceneflow.exr, metres in the world"
+    )
+    kitti: bool = checked(flag, default=False, help="KITTI's 16-bit PNG, too, for flow below 512 px")
+    tolerance: Tolerance = checked(
+        nested(Tolerance), default=Tolerance(), help="by which a nearer depth occludes a point"
+    )
+
+
+register(Truth("flow", None, needs=("depth",), keys=("tolerance",), options=FlowOptions, format="flow"))

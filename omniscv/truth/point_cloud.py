@@ -1,4 +1,4 @@
-"""Points that images see: from depth along rays to the world."""
+"""Point clouds of images, from depth along rays to the world."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import number
 from omniscv.cameras import Rays
+from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.parallel import side_by_side
+from omniscv.truth.registry import Pictured
 
-_CELL_BITS = 21  # three of them in 63 bits
-_PART_PX = 1 << 14  # pixels that are worked on together, in the processor's cache
+_CELL_BITS = 21  # of a cube's index along an axis: three fit into 63 bits
+_BLOCK_PX = 1 << 14  # pixels of a block of rows, so that it stays in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points in the world, and what is known of each.
+    """Points in the world with the values of layers.
 
     Attributes:
         positions_w: (N, 3) float64 metres, world frame.
-        distances: (N,) float64 metres from the optical centre that saw them.
+        distances: (N,) float64 metres from their optical centre.
         values: by layer, (N, ...) in the layer's type; ``normals`` in the world frame.
     """
 
@@ -36,10 +38,10 @@ class Points:
     def __len__(self) -> int:
         return len(self.positions_w)
 
-    def only(self, chosen: NDArray[Any]) -> Points:
-        """Return some of the points, by (N,) bool or by index."""
-        values = {name: each[chosen] for name, each in self.values.items()}
-        return Points(self.positions_w[chosen], self.distances[chosen], values)
+    def select(self, index: NDArray[Any]) -> Points:
+        """Return some of the points, by (N,) bool or by their indices."""
+        values = {name: array[index] for name, array in self.values.items()}
+        return Points(self.positions_w[index], self.distances[index], values)
 
 
 def points(
@@ -55,69 +57,93 @@ def points(
         depth: (H, W) metres along the rays; pixels of 0, +inf or NaN have no point.
         rays: (H, W), of the pixels' centres, camera frame.
         pose: of the camera.
-        layers: (H, W, ...) what else is known of the pixels, such as ``lit``, ``labels``; ``normals`` are in
-            the camera frame.
+        layers: (H, W, ...) further layers of the image, such as ``lit``, ``labels``; ``normals`` are in the
+            camera frame.
         unsure: (H, W), pixels to leave out.
 
     Raises:
         ArgumentError: arrays of different sizes.
     """
     layers = dict(layers or {})
-    for name, each in {"rays": rays.valid, **layers}.items():
-        if each.shape[:2] != depth.shape:
-            raise ArgumentError(f"{name}: expected the size of depth, {depth.shape}, got {each.shape[:2]}")
+    for name, array in {"rays": rays.valid, **layers}.items():
+        if array.shape[:2] != depth.shape:
+            raise ArgumentError(f"{name}: expected the size of depth, {depth.shape}, got {array.shape[:2]}")
     seen = rays.valid & np.isfinite(depth) & (depth > 0)
     if unsure is not None:
         seen &= ~unsure
 
-    def part(rows: slice) -> Points:
+    def points_of(rows: slice) -> Points:
         mine = seen[rows]
         distances = depth[rows][mine].astype(np.float64)
         points_c = distances[:, None] * rays.directions[rows][mine] + rays.origins[rows][mine]
-        values = {name: each[rows][mine] for name, each in layers.items()}
+        values = {name: array[rows][mine] for name, array in layers.items()}
         if "normals" in values:
             values["normals"] = values["normals"] @ pose.R_w_c.T.astype(values["normals"].dtype)
         return Points(pose.to_world(points_c), distances, values)
 
-    step = max(1, _PART_PX // depth.shape[1])
-    return _joined(side_by_side(part, [slice(row, row + step) for row in range(0, len(depth), step)]))
+    step = max(1, _BLOCK_PX // depth.shape[1])
+    return _join(side_by_side(points_of, [slice(row, row + step) for row in range(0, len(depth), step)]))
+
+
+def points_of(image: Pictured, rays: Rays, max_error_m: float | None = None) -> Points:
+    """Return the points of an image with depth, with its normals, colours, labels and classes.
+
+    Args:
+        image: such as a frame of a dataset.
+        rays: of its camera's pixel centres.
+        max_error_m: points whose ``depth_error`` is larger are left out, metres.
+
+    Raises:
+        ArgumentError: the image has no depth, or no ``depth_error`` where it is needed.
+    """
+    names = [name for name in ("normals", "lit", "labels", "classes") if name in image.files]
+    layers = {name: image.layer(name) for name in names}
+    if "lit" in layers:
+        layers["lit"] = uint8_colors(layers["lit"])
+    unsure = image.layer("unsure") if "unsure" in image.files else None
+    if max_error_m is not None:
+        inexact = image.layer("depth_error") > max_error_m
+        unsure = inexact if unsure is None else unsure | inexact
+    return points(image.layer("depth"), rays, image.pose, layers, unsure)
 
 
 def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
-    """Return the points of several images, one in each cube of a grid: the one seen from nearest.
+    """Return the points of several images, one in each cube of a grid: the one nearest to its optical centre.
 
-    Clouds are taken one after the other, so that no more is in memory than the result and one of them. Of
-    points seen from equally near, the first stays. What only some clouds know is left out.
+    Clouds are merged as they come, so memory holds about twice the result. Of equally near points, the first
+    stays. Layers that only some clouds have are left out.
 
     Args:
         clouds: at least one.
-        voxel_m: edge of the cubes, metres; their middles are at its multiples.
+        voxel_m: edge of the cubes, metres; their middles are at multiples of it.
 
     Raises:
         ArgumentError: no cloud, an edge not above 0, or one so small that the grid has more than 2^21 cubes
             along an axis.
     """
     voxel_m = number("voxel", voxel_m, above=0)
-    found: Points | None = None
+    pending: list[Points] = []
     for cloud in clouds:
-        found = _thinned(cloud if found is None else _joined([found, cloud]), voxel_m)
-    if found is None:
+        pending.append(_thin(cloud, voxel_m))
+        if sum(map(len, pending[1:])) > len(pending[0]):
+            pending = [_thin(_join(pending), voxel_m)]
+    if not pending:
         raise ArgumentError("clouds: expected at least one, got none")
-    return found
+    return pending[0] if len(pending) == 1 else _thin(_join(pending), voxel_m)
 
 
-def _joined(parts: Sequence[Points]) -> Points:
-    known = set.intersection(*(set(part.values) for part in parts))
+def _join(clouds: Sequence[Points]) -> Points:
+    layers = set.intersection(*(set(cloud.values) for cloud in clouds))
     return Points(
-        np.concatenate([part.positions_w for part in parts]),
-        np.concatenate([part.distances for part in parts]),
-        {name: np.concatenate([part.values[name] for part in parts]) for name in sorted(known)},
+        np.concatenate([cloud.positions_w for cloud in clouds]),
+        np.concatenate([cloud.distances for cloud in clouds]),
+        {name: np.concatenate([cloud.values[name] for cloud in clouds]) for name in sorted(layers)},
     )
 
 
-def _thinned(cloud: Points, voxel_m: float) -> Points:
+def _thin(cloud: Points, voxel_m: float) -> Points:
     """The nearest point of each cube, in the order of the cloud."""
-    cells = np.floor(cloud.positions_w / voxel_m + 0.5)  # walls at round numbers are within cubes
+    cells = np.floor(cloud.positions_w / voxel_m + 0.5)  # walls at round coordinates lie inside cubes
     limit = 1 << (_CELL_BITS - 1)
     if len(cells) and not np.abs(cells).max() < limit:
         far = np.abs(cloud.positions_w).max()
@@ -127,4 +153,4 @@ def _thinned(cloud: Points, voxel_m: float) -> Points:
     order = np.lexsort((cloud.distances, cell))
     first = np.ones(len(order), dtype=bool)
     first[1:] = cell[order[1:]] != cell[order[:-1]]
-    return cloud.only(np.sort(order[first]))
+    return cloud.select(np.sort(order[first]))

@@ -1,19 +1,41 @@
-"""The layout of a room, and how well it is known."""
+"""The layout of a room: as a scene has it, or fitted to images.
+
+A room has upright walls between a level floor and a level ceiling.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import number, numbers, shown
+from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.truth.classes import ClassTable
-from omniscv.truth.room_fit import Pictured, fit_room
+from omniscv.truth.registry import Pictured
+
+LARGEST_RESIDUAL_M = 0.02
+"""Largest rms distance of points to the fitted room."""
+WIDEST_GAP_M = 1.0
+"""Largest distance between the visible end of a wall and the corner where it meets the next one."""
+
+_PREFIX = "layout"
+_CLASSES = ("wall", "floor", "ceiling")
+_UPRIGHT, _LEVEL = np.sin(np.radians(6.0)), np.cos(np.radians(6.0))  # of a normal's vertical part
+_MOST_POINTS = 40_000  # of an image
+_LEAST_POINTS = 12  # of a wall
+_INLIER_M = 0.03
+_TURN_DEG = 3.0  # normals of one wall differ by less
+_SPLIT_M = 0.3  # a gap in the points of one plane that may separate two walls
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +44,8 @@ class RoomLayout:
 
     Attributes:
         room: the walls, the floor, the ceiling.
-        source: as the scene has it, or fitted to what images show.
-        residual_m: rms distance of the points that it was fitted to, metres; 0 of a scene.
+        source: the scene, or a fit to images.
+        residual_m: rms distance of the points of the fit, metres; 0 of a scene.
 
     Raises:
         ArgumentError: no ring of corners counterclockwise, or a ceiling not above the floor.
@@ -38,8 +60,10 @@ class RoomLayout:
         steps = np.roll(corners, -1, axis=0) - corners
         area = float((corners[:, 0] * steps[:, 1] - corners[:, 1] * steps[:, 0]).sum()) / 2
         if len(corners) < 3 or not np.abs(steps).max(axis=1).all() or area <= 0:
-            wanted = "at least 3 corners that differ, counterclockwise from above"
-            raise ArgumentError(f"room: expected {wanted}; got {shown(corners)}")
+            raise ArgumentError(
+                "room: expected at least 3 different corners, counterclockwise from above; got "
+                f"{shown(corners)}"
+            )
         if len(self.room.walls) != len(corners):
             raise ArgumentError(f"room.walls: expected {len(corners)} names, got {len(self.room.walls)}")
         number("room.ceiling_z", self.room.ceiling_z, above=number("room.floor_z", self.room.floor_z))
@@ -51,18 +75,260 @@ def layout(
     """Return the layout of a room, as a scene has it or fitted to images.
 
     Args:
-        scene_or_frames: what a source knows of its shapes; or images, or frames of a dataset, of one room,
-            with depth, normals and labels, which together show every wall.
+        scene_or_frames: the geometry of a source; or images, or frames of a dataset, of one room, with depth,
+            normals and labels, which together show every wall.
         classes: which objects are ``wall``, ``floor`` or ``ceiling``; those named ``Layout*`` if not given.
 
     Raises:
         ArgumentError: a scene without a room, or images that a room of upright walls between level planes
-            fits worse than 2 cm; see :func:`omniscv.truth.room_fit.fit_room`.
+            fits worse than 2 cm; see :func:`fit_room`.
     """
     if not isinstance(scene_or_frames, SceneGeometry):
         room, residual_m = fit_room(scene_or_frames, classes)
         return RoomLayout(room, "fitted", residual_m)
     if scene_or_frames.room is None:
-        wanted = "a scene whose room is known"
-        raise ArgumentError(f"layout: expected {wanted}, got none; give images to fit a room to")
+        raise ArgumentError(
+            "layout: expected a scene whose room is known, got none; give images to fit a room to"
+        )
     return RoomLayout(scene_or_frames.room)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """An image in memory; see :class:`Pictured`."""
+
+    camera: Camera
+    pose: Pose
+    files: Mapping[str, NDArray[Any]]
+    instances: Mapping[str, int]
+
+    @classmethod
+    def of(cls, image: OmniImage) -> Self:
+        """Return a rendered image with its own labels."""
+        names = [] if image.objects is None else image.objects.names()
+        return cls(image.camera, image.pose, image.layers, {name: i for i, name in enumerate(names, 1)})
+
+    def layer(self, name: str) -> NDArray[Any]:
+        """Return a layer; ArgumentError without it."""
+        if name not in self.files:
+            layers = ", ".join(self.files)
+            raise ArgumentError(
+                "layout: expected an image with depth, normals and labels to fit a room to, "
+                f"it has {layers}; render with {name}, too"
+            )
+        return self.files[name]
+
+
+class _Surfaces(NamedTuple):
+    points_w: Array
+    normals_w: Array
+    names: NDArray[np.str_]
+
+
+class _Wall(NamedTuple):
+    """A wall in the ground plan: the room is on the left of the way from start to end."""
+
+    name: str
+    start: Array
+    end: Array
+
+    @property
+    def along(self) -> Array:
+        return np.asarray((self.end - self.start) / np.linalg.norm(self.end - self.start))
+
+
+def fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None = None) -> tuple[Room, float]:
+    """Return the room that images show together, and the rms distance of its points to it, metres.
+
+    Floor and ceiling are at the median height of points with vertical normals. Walls are lines through points
+    with horizontal normals, by object and by direction. Walls whose ends meet are neighbours; corners are
+    their intersections.
+
+    Args:
+        images: with depth, normals and labels; they show one room, and together all its walls.
+        classes: which objects are ``wall``, ``floor`` or ``ceiling``; those named ``Layout*`` if not given.
+
+    Raises:
+        ArgumentError: no floor, ceiling or wall is visible, the walls do not close, or the residual is larger
+            than 2 cm: the room is no such prism.
+    """
+    pictures = [Picture.of(image) if isinstance(image, OmniImage) else image for image in images]
+    of_each = [_surfaces(picture, classes) for picture in pictures]
+    surfaces = _Surfaces(*map(np.concatenate, zip(*of_each, strict=True))) if of_each else None
+    if surfaces is None or not len(surfaces.names):
+        objects = "objects named Layout*, or of the classes wall, floor and ceiling"
+        raise ArgumentError(f"layout: expected images that show {objects}; got none")
+    up = surfaces.normals_w[:, 2]
+    floor_z, floor = _level(surfaces, up > _LEVEL, "floor")
+    ceiling_z, ceiling = _level(surfaces, up < -_LEVEL, "ceiling")
+    walls = _ring(_walls(surfaces, np.abs(up) < _UPRIGHT))
+    corners = np.array([_meeting(walls[i - 1], walls[i]) for i in range(len(walls))])
+    room = Room(corners, floor_z, ceiling_z, tuple(wall.name for wall in walls), floor, ceiling)
+    residual_m = _residual(surfaces, room)
+    if residual_m > LARGEST_RESIDUAL_M:
+        room_form = "upright walls between a level floor and a level ceiling"
+        raise ArgumentError(
+            f"layout: expected {room_form} within {LARGEST_RESIDUAL_M} m, got points that are "
+            f"{residual_m:.3f} m off (rms)"
+        )
+    return room, residual_m
+
+
+def _surfaces(image: Pictured, classes: ClassTable | None) -> _Surfaces:
+    """The points of an image on objects that are surfaces of the room."""
+    depth, labels, normals = (image.layer(name) for name in ("depth", "labels", "normals"))
+    name_of = {label: name for name, label in image.instances.items() if is_room(name, classes)}
+    rays = image.camera.unproject()
+    use = rays.valid & np.isin(labels, list(name_of)) & np.isfinite(depth) & (depth > 0)
+    use &= np.abs(np.linalg.norm(normals, axis=-1) - 1) < 1e-2
+    if "label_edge" in image.files:
+        use &= ~image.layer("label_edge")
+    indices = np.flatnonzero(use)
+    indices = indices[:: max(1, -(-len(indices) // _MOST_POINTS))]
+    offsets = rays.directions.reshape(-1, 3)[indices] * depth.reshape(-1)[indices, None].astype(np.float64)
+    points_w = image.pose.to_world(rays.origins.reshape(-1, 3)[indices] + offsets)
+    normals_w = normals.reshape(-1, 3)[indices].astype(np.float64) @ image.pose.R_w_c.T
+    names = np.array([name_of[label] for label in labels.reshape(-1)[indices].tolist()], dtype=np.str_)
+    return _Surfaces(points_w, normals_w, names)
+
+
+def is_room(name: str, classes: ClassTable | None = None) -> bool:
+    """Return whether an object is a surface of the room, by its class or its name."""
+    of_class = None if classes is None else classes.of(name)
+    if of_class is not None and of_class.name.lower() in _CLASSES:
+        return True
+    return name.lower().startswith(_PREFIX)
+
+
+def _level(surfaces: _Surfaces, use: NDArray[np.bool_], what: str) -> tuple[float, str]:
+    if not use.any():
+        raise ArgumentError(f"layout: expected images that show the {what}, got none that do")
+    name, _ = Counter(surfaces.names[use].tolist()).most_common(1)[0]
+    return float(np.median(surfaces.points_w[use, 2])), name
+
+
+def _walls(surfaces: _Surfaces, use: NDArray[np.bool_]) -> list[_Wall]:
+    """The walls on which points lie, by object, the largest first."""
+    least = max(_LEAST_POINTS, int(np.count_nonzero(use)) // 2000)
+    walls: list[_Wall] = []
+    for name in np.unique(surfaces.names[use]).tolist():
+        mine = use & (surfaces.names == name)
+        points, normals = surfaces.points_w[mine, :2], surfaces.normals_w[mine, :2]
+        while len(points) >= least:
+            inliers = _largest_plane(points, normals)
+            if np.count_nonzero(inliers) < least:
+                break
+            walls += _walls_on_line(name, points[inliers], normals[inliers])
+            points, normals = points[~inliers], normals[~inliers]
+    return walls
+
+
+def _largest_plane(points: Array, normals: Array) -> NDArray[np.bool_]:
+    """The points of the most frequent direction and offset, refined by fitting a line."""
+    turn = np.degrees(np.arctan2(normals[:, 1], normals[:, 0]))
+    most = np.bincount((np.round(turn / _TURN_DEG).astype(int)) % int(360 / _TURN_DEG)).argmax()
+    alike = np.abs((turn - most * _TURN_DEG + 180) % 360 - 180) <= _TURN_DEG
+    normal = np.median(normals[alike], axis=0)
+    normal /= np.linalg.norm(normal)
+    for _ in range(3):
+        offset = points @ normal
+        bins = np.round((offset[alike] - offset[alike].min()) / _INLIER_M).astype(int)
+        middle = np.median(offset[alike][np.abs(bins - np.bincount(bins).argmax()) <= 1])
+        inliers = alike & (np.abs(offset - middle) <= 2 * _INLIER_M)
+        center = points[inliers].mean(axis=0)
+        across = np.linalg.svd(np.cov((points[inliers] - center).T))[2][-1]
+        if np.ptp((points[inliers] - center) @ [across[1], -across[0]]) < _INLIER_M:
+            break  # too short: the normals give the direction better
+        normal = across * np.sign(across @ normal)
+    return np.asarray(inliers)
+
+
+def _walls_on_line(name: str, points: Array, normals: Array) -> list[_Wall]:
+    """The line through points of one plane, cut at wide gaps, where it may be two walls."""
+    center, inward = points.mean(axis=0), np.median(normals, axis=0)
+    along = np.linalg.svd(np.cov((points - center).T))[2][0]
+    if along @ [inward[1], -inward[0]] < 0:  # the room is on the left
+        along = -along
+    offsets = np.sort((points - center) @ along)
+    pieces = np.split(offsets, np.flatnonzero(np.diff(offsets) > _SPLIT_M) + 1)
+    return [
+        _Wall(name, center + piece[0] * along, center + piece[-1] * along)
+        for piece in pieces
+        if len(piece) > 1 and np.ptp(piece) > 0
+    ]
+
+
+def _meeting(wall: _Wall, following: _Wall) -> Array:
+    """(2,) metres, the intersection of two walls; NaN of parallel ones."""
+    a, b = wall.along, following.along
+    turn = a[0] * b[1] - a[1] * b[0]
+    if abs(turn) < np.sin(np.radians(_TURN_DEG)):
+        return np.full(2, np.nan)
+    offset = following.start - wall.end
+    return np.asarray(wall.end + (offset[0] * b[1] - offset[1] * b[0]) / turn * a)
+
+
+def _gap(wall: _Wall, following: _Wall) -> float:
+    """Metres between two walls that no point covers, if one follows the other; inf if it does not."""
+    corner = _meeting(wall, following)
+    if np.isfinite(corner).all():
+        return float(np.linalg.norm(corner - wall.end) + np.linalg.norm(corner - following.start))
+    offset = following.start - wall.end
+    aside = abs(offset[0] * wall.along[1] - offset[1] * wall.along[0])
+    onward = aside <= 2 * _INLIER_M and following.along @ wall.along > 0 and offset @ wall.along > -_INLIER_M
+    return float(np.linalg.norm(offset)) if onward else np.inf
+
+
+def _ring(walls: list[_Wall]) -> list[_Wall]:
+    """The walls counterclockwise from above.
+
+    Each wall is followed by another so that the sum of all gaps is least.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    largest = 1e6
+    gaps = [[largest if a is b else min(_gap(a, b), largest) for b in walls] for a in walls]
+    follower = linear_sum_assignment(np.array(gaps))[1].tolist() if len(walls) > 2 else []
+    ring: list[int] = []
+    at = 0
+    while follower and len(ring) < len(walls):
+        ring.append(at)
+        at = follower[at]
+        if at == 0:
+            break
+    widest = max((gaps[i][follower[i]] for i in ring), default=largest)
+    if len(ring) < len(walls) or len(ring) < 3 or widest > 2 * WIDEST_GAP_M:
+        names = ", ".join(sorted({wall.name for wall in walls})) or "none"
+        raise ArgumentError(
+            "layout: expected images that show every wall of one room, nearly from corner to corner; "
+            f"got walls that do not close: {names[:120]}"
+        )
+    return _merge_collinear([walls[i] for i in ring])
+
+
+def _merge_collinear(ring: list[_Wall]) -> list[_Wall]:
+    """The ring in which neighbours on one line are one wall, named as the longer one."""
+    merged: list[_Wall] = []
+    for wall in ring:
+        if merged and np.isnan(_meeting(merged[-1], wall)).any():
+            wall = _join(merged.pop(), wall)
+        merged.append(wall)
+    if len(merged) > 1 and np.isnan(_meeting(merged[-1], merged[0])).any():
+        merged[0] = _join(merged.pop(), merged[0])
+    return merged
+
+
+def _join(wall: _Wall, following: _Wall) -> _Wall:
+    longer = max((wall, following), key=lambda piece: float(np.linalg.norm(piece.end - piece.start)))
+    return _Wall(longer.name, wall.start, following.end)
+
+
+def _residual(surfaces: _Surfaces, room: Room) -> float:
+    """Rms distance, metres, of points to the nearest surface of the room."""
+    x = surfaces.points_w
+    nearest = np.minimum(np.abs(x[:, 2] - room.floor_z), np.abs(x[:, 2] - room.ceiling_z))
+    for start, end in zip(room.corners_w, np.roll(room.corners_w, -1, axis=0), strict=True):
+        along = end - start
+        share = np.clip((x[:, :2] - start) @ along / (along @ along), 0, 1)
+        nearest = np.minimum(nearest, np.linalg.norm(x[:, :2] - start - share[:, None] * along, axis=1))
+    return float(np.sqrt(np.mean(nearest**2)))

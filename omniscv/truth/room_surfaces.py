@@ -1,4 +1,4 @@
-"""What rays meet in an empty room: walls, floor and ceiling, exactly."""
+"""The surfaces of a room that rays hit, exactly, and which points of its edges an image shows."""
 
 from __future__ import annotations
 
@@ -7,10 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omniscv.arguments import shown
+from omniscv.cameras import Camera
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
+from omniscv.truth.registry import Tolerance
 
-_ROUNDING = 1e-12  # of a wall's length: rays through the corner of two walls must hit one of them
+Flags = NDArray[np.bool_]
+
+_WALL_ROUNDING = 1e-12  # of a wall's length: rays through the corner of two walls must hit one of them
+_ROUNDING = 1e-9  # of a distance
+_OFF_GRID = 1e-6  # a weight that decides only where none of the nearer pixels is in the image
 
 
 class RoomHits(NamedTuple):
@@ -73,7 +82,78 @@ def _wall_distance(room: Room, start: Array, end: Array, o: Array, d: Array) -> 
     t = (x * along[1] - y * along[0]) / turn
     s = (x * d[..., 1] - y * d[..., 0]) / turn
     z = o[..., 2] + t * d[..., 2]
-    slack = _ROUNDING * (1 + abs(room.floor_z) + abs(room.ceiling_z))
+    slack = _WALL_ROUNDING * (1 + abs(room.floor_z) + abs(room.ceiling_z))
     upright = (z >= room.floor_z - slack) & (z <= room.ceiling_z + slack)
-    hit = (t > 0) & (s >= -_ROUNDING) & (s <= 1 + _ROUNDING) & upright
+    hit = (t > 0) & (s >= -_WALL_ROUNDING) & (s <= 1 + _WALL_ROUNDING) & upright
     return np.where(hit, t, np.inf)
+
+
+def seen_in_room(room: Room, pose: Pose, points_c: Array, origins_c: Array) -> Flags:
+    """Return (S,) whether no wall of a room hides points on its edges.
+
+    Args:
+        room: with the edges.
+        pose: of the camera.
+        points_c: (S, 3) metres, camera frame.
+        origins_c: (S, 3) metres, camera frame, the origins of the rays to the points.
+    """
+    offset = points_c - origins_c
+    distance = np.linalg.norm(offset, axis=-1)
+    hits = first_hits(room, pose.to_world(origins_c), (offset / distance[:, None]) @ pose.R_w_c.T)
+    return np.asarray(hits.distance >= distance * (1 - _ROUNDING) - _ROUNDING)
+
+
+def seen_in_depth(
+    room: Room, camera: Camera, pose: Pose, pixels: Array, depth: ArrayLike, tolerance: Tolerance
+) -> Flags:
+    """Return (S,) whether an image shows the room's surfaces, not something nearer, at some pixels.
+
+    Each pixel around a point is compared along its own ray: its depth is that of the room's surface there, or
+    of something else. The weighted majority of the 3 x 3 pixels decides. So silhouettes are exact to a
+    fraction of a pixel, and surfaces at grazing angles do not hide themselves.
+
+    Args:
+        room: whose surfaces are expected.
+        camera, pose: of the image.
+        pixels: (S, 2) px.
+        depth: (H, W) metres along each pixel's ray; 0 outside the field of view.
+        tolerance: between depths that are taken for equal.
+
+    Raises:
+        ArgumentError: a depth of another size than the image.
+    """
+    image = np.asarray(depth)
+    if image.shape != (camera.height, camera.width):
+        size = f"({camera.height}, {camera.width})"
+        raise ArgumentError(f"depth: expected the image's shape {size}, got {shown(image.shape)}")
+    column, row = _neighbours(pixels, camera)
+    weight = _weights(pixels, column, row)
+    flat, inverse = np.unique(row * camera.width + column, return_inverse=True)
+    centers = np.column_stack([flat % camera.width, flat // camera.width]) + 0.5
+    rays = camera.unproject(centers)
+    hits = first_hits(room, pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T)
+    measured = image.reshape(-1)[flat].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        allowed = np.maximum(tolerance.abs_m, tolerance.rel * hits.distance)
+        is_room = np.abs(measured - hits.distance) <= allowed
+    weight *= (rays.valid & (measured > 0))[inverse].reshape(weight.shape)
+    share = (weight * is_room[inverse].reshape(weight.shape)).sum(axis=1)
+    return np.asarray((2 * share >= weight.sum(axis=1)) & (share > 0))
+
+
+def _neighbours(pixels: Array, camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(S, 9) columns and rows of the 3 x 3 pixels around points; border pixels are repeated."""
+    shift = np.arange(9)
+    column = np.floor(pixels[:, :1]).astype(np.intp) + shift % 3 - 1
+    row = np.floor(pixels[:, 1:]).astype(np.intp) + shift // 3 - 1
+    return np.clip(column, 0, camera.width - 1), np.clip(row, 0, camera.height - 1)
+
+
+def _weights(pixels: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Array:
+    """(S, 9) of the 3 x 3 pixels: a quadratic B-spline, and a little more for points outside the grid."""
+    across, down = np.abs(pixels[:, :1] - column - 0.5), np.abs(pixels[:, 1:] - row - 0.5)
+    return _spline(across) * _spline(down) + _OFF_GRID
+
+
+def _spline(x: Array) -> Array:
+    return np.where(x <= 0.5, 0.75 - x**2, 0.5 * np.maximum(1.5 - x, 0) ** 2)

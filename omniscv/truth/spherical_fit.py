@@ -1,4 +1,4 @@
-"""The smallest boxes on the sphere around the pixels of objects, for every camera: from rays, not pixels."""
+"""The truth ``bfov``: the smallest boxes on the sphere around objects, from the rays of their pixels."""
 
 from __future__ import annotations
 
@@ -12,25 +12,29 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
-from omniscv.cameras import Rays
+from omniscv.cameras import Camera, Rays
 from omniscv.compiled import njit
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
+from omniscv.records import NoOptions
+from omniscv.truth.registry import Observation, Truth, register
 from omniscv.truth.spherical import SphericalBox, lon_lat
 
 Labels = NDArray[np.uint16]
 DirectionsAt = Callable[[NDArray[np.intp], NDArray[np.intp]], Array]
-"""Gives (N, 3) unit directions of the centres of pixels by rows and columns (N,); NaN where not valid."""
+"""Return (N, 3) unit directions of the centres of pixels by rows and columns (N,); NaN where not valid."""
 
-_STEPS = 10  # of moving the centre to the middle of what is seen from it
+_STEPS = 10
+"""Iterations that move a box's centre to the middle of the directions as the box's frame sees them."""
 _FRONT = np.cos(np.radians(85))
-"""Directions further from the centre than 85 degrees are too wide for a perspective box."""
+"""Directions more than 85 degrees from the centre are too wide for a perspective box."""
 _SPREADS_DEG = (3.0, 0.4, 0.06)
-"""Around the best rotation so far: 15 are tried, a seventh of each apart."""
-_NEAR_RIM = 1e-6
-"""Of z of what comes to lie beside or behind a frame, while its centre is moved."""
+"""Half ranges of the search for the rotation, around the best one so far; 15 rotations are tried in each."""
+_LEAST_Z = 1e-6
+"""Bound on z of directions beside or behind a frame, while its centre is moved."""
 _BINS = 7200  # of longitude
-_NEXT = 3.0
-"""Neighbours are not so many times as far apart as others, but at an end of the image."""
+_NEIGHBOURS = 3.0
+"""Two columns are neighbours if they are less than this many times as far apart as the first two."""
 
 
 def bfov(mask: NDArray[np.bool_], rays: Rays, *, rotated: bool = False) -> dict[str, Any]:
@@ -47,13 +51,11 @@ def bfov(mask: NDArray[np.bool_], rays: Rays, *, rotated: bool = False) -> dict[
     Raises:
         ArgumentError: an empty mask, or one of another shape.
     """
-    from omniscv.errors import ArgumentError
-
     if mask.shape != rays.valid.shape or not mask[rays.valid].any():
         got = f"{int(np.count_nonzero(mask))} pixels of shape {mask.shape}"
         raise ArgumentError(f"mask: expected pixels set within the rays' {rays.valid.shape}, got {got}")
     labels = (mask & rays.valid).astype(np.uint16)
-    upright, turned = bfovs(labels, lambda rows, columns: rays.directions[rows, columns], wraps(rays))[1]
+    upright, turned = bfovs(labels, lambda rows, columns: rays.directions[rows, columns], _wraps(rays))[1]
     return (turned if rotated else upright).to_dict()
 
 
@@ -67,42 +69,42 @@ def bfovs(
         directions_at: of the camera.
         wrap: whether the left and the right border are neighbours.
     """
-    found, places = {}, ndimage.find_objects(labels)
-    for instance, outline in outlines(labels, directions_at, wrap).items():
-        pixels = partial(_pixels, labels, instance, places[instance - 1])
-        rows, columns = pixels(every=max(1, math.isqrt(len(outline)) // 4))
-        inside = partial(lambda pixels: directions_at(*pixels(every=1)), pixels)
-        found[instance] = fit(outline, inside, directions_at(rows, columns))
+    found, boxes = {}, ndimage.find_objects(labels)
+    for instance, outline in _outlines(labels, directions_at, wrap).items():
+        pixels = partial(_pixels, labels, instance, boxes[instance - 1])
+        rows, columns = pixels(step=max(1, math.isqrt(len(outline)) // 4))
+        inside = partial(lambda pixels: directions_at(*pixels(step=1)), pixels)
+        found[instance] = _fit(outline, inside, directions_at(rows, columns))
     return found
 
 
 def _pixels(
-    labels: Labels, instance: int, place: tuple[slice, ...], every: int
+    labels: Labels, instance: int, box: tuple[slice, ...], step: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of an id's pixels, in every so many rows and columns; some, if it has any."""
-    part = labels[place]
-    rows, columns = np.nonzero(part[::every, ::every] == instance)
+    """Rows and columns of an id's pixels on a grid of some step; of its first pixel if the grid has none."""
+    inside = labels[box] == instance
+    rows, columns = np.nonzero(inside[::step, ::step])
     if not len(rows):
-        rows, columns = (each[:1] for each in np.nonzero(part == instance))
-        every = 1
-    return place[0].start + every * rows, place[1].start + every * columns
+        rows, columns = (indices[:1] for indices in np.nonzero(inside))
+        step = 1
+    return box[0].start + step * rows, box[1].start + step * columns
 
 
-def wraps(rays: Rays) -> bool:
+def _wraps(rays: Rays) -> bool:
     """Whether the first and the last column of an image are neighbours."""
     if rays.valid.shape[1] < 3:
         return False
     first, second, last = (rays.directions[:, i] for i in (0, 1, -1))
     with np.errstate(invalid="ignore"):
         step, seam = np.linalg.norm(first - second, axis=-1), np.linalg.norm(first - last, axis=-1)
-        return bool((seam <= _NEXT * step).any())
+        return bool((seam <= _NEIGHBOURS * step).any())
 
 
-def outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[int, Array]:
-    """Return by id (N, 3) unit directions on the outline of its pixels.
+def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[int, Array]:
+    """By id, (N, 3) unit directions on the outline of its pixels.
 
-    Half way between a pixel inside and its neighbour outside; where there is none, at an end of the image or
-    of the field of view, the pixel's own.
+    They lie half way between a pixel inside and its neighbour outside. At an end of the image or of the field
+    of view, where there is no neighbour, they are the pixel's own.
     """
     height, width = labels.shape
     pairs = []
@@ -114,33 +116,32 @@ def outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[in
             border[:, -1] = False
         rows, columns = np.nonzero(border)
         pairs.append((rows, columns, (rows + (axis == 0)) % height, (columns + (axis == 1)) % width))
-    r0, c0, r1, c1 = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    r0, c0, r1, c1 = (np.concatenate(indices) for indices in zip(*pairs, strict=True))
     ends = np.zeros(labels.shape, bool)
     ends[[0, -1]] = True
     if not wrap:
         ends[:, [0, -1]] = True
     re, ce = np.nonzero(ends & (labels > 0))
-    own_rows, own_columns = np.concatenate([r0, r1, re]), np.concatenate([c0, c1, ce])
-    owners = labels[own_rows, own_columns]
+    owners = labels[np.concatenate([r0, r1, re]), np.concatenate([c0, c1, ce])]
     both = directions_at(np.concatenate([r0, r1]), np.concatenate([c0, c1]))
     a, b = both[: len(r0)], both[len(r0) :]
     at_ends = directions_at(re, ce)
     middle = np.where(np.isnan(a), b, np.where(np.isnan(b), a, a + b))
     points = np.concatenate([middle, middle, at_ends])
-    kept = (owners > 0) & ~np.isnan(points[:, 0])
-    owners, points = owners[kept], points[kept]
+    usable = (owners > 0) & ~np.isnan(points[:, 0])
+    owners, points = owners[usable], points[usable]
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     order = np.argsort(owners, kind="stable")
-    found, starts = np.unique(owners[order], return_index=True)
-    return dict(zip(found.tolist(), np.split(points[order], starts[1:]), strict=True))
+    instances, starts = np.unique(owners[order], return_index=True)
+    return dict(zip(instances.tolist(), np.split(points[order], starts[1:]), strict=True))
 
 
-def fit(outline: Array, inside: Callable[[], Array], samples: Array) -> tuple[SphericalBox, SphericalBox]:
-    """Return the upright and the rotated box around an object.
+def _fit(outline: Array, inside: Callable[[], Array], samples: Array) -> tuple[SphericalBox, SphericalBox]:
+    """The upright and the rotated box around an object.
 
     Args:
         outline: (N, 3) unit directions.
-        inside: gives (M, 3) those of all its pixels.
+        inside: returns (M, 3) the directions of all its pixels.
         samples: (K, 3) some of these.
     """
     middle = samples.mean(axis=0) + outline.mean(axis=0)
@@ -159,24 +160,24 @@ def fit(outline: Array, inside: Callable[[], Array], samples: Array) -> tuple[Sp
 
 
 def _hull(points: Array, middle: Array) -> Array:
-    """Those of the directions (N, 3), all in front of ``middle``, that span the others."""
+    """The directions on the convex hull of directions (N, 3), all in front of ``middle``."""
     right = np.cross(middle, np.eye(3)[np.abs(middle).argmin()])
     right /= np.linalg.norm(right)
     plane = points @ np.stack([right, np.cross(middle, right)], axis=1) / (points @ middle)[:, None]
     try:
         return points[ConvexHull(plane).vertices]
-    except (QhullError, ValueError):  # all in a line
+    except (QhullError, ValueError):  # all on a line
         return points
 
 
 def _smallest(points: Array, middle: Array, turns_deg: Array, steps: int) -> SphericalBox:
-    """Return the smallest of the boxes around directions (N, 3) with some rotations (T,), degrees.
+    """The smallest of the boxes around directions (N, 3) in front of the centre.
 
     Args:
-        points: in front of the centre.
-        middle: (3,) where the search for the centre begins.
-        turns_deg: of the frames.
-        steps: of moving the centre to the middle of what is seen from it.
+        points: the directions.
+        middle: (3,) where the search for the centre starts.
+        turns_deg: (T,) rotations of the box that are tried, degrees.
+        steps: iterations, see ``_STEPS``.
     """
     best = np.empty(5)
     _search(np.ascontiguousarray(points), np.array(middle), np.radians(turns_deg), steps, best)
@@ -200,7 +201,7 @@ def _search(points: Array, middle: Array, turns: Array, steps: int, best: Array)
             right = bottom = -math.inf
             for i in range(points.shape[0]):
                 px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-                ahead = max(px * fx + py * fy + pz * fz, _NEAR_RIM)
+                ahead = max(px * fx + py * fy + pz * fz, _LEAST_Z)
                 across, down = (px * rx + py * ry + pz * rz) / ahead, (px * dx + py * dy + pz * dz) / ahead
                 left, right = min(left, across), max(right, across)
                 top, bottom = min(top, down), max(bottom, down)
@@ -215,8 +216,8 @@ def _search(points: Array, middle: Array, turns: Array, steps: int, best: Array)
 
 
 def _lonlat(directions: Array) -> SphericalBox:
-    """Return the smallest range of longitudes, and of latitudes, of directions (N, 3)."""
-    lon, lat = (np.degrees(each) for each in lon_lat(directions))
+    """The smallest range of longitudes, and of latitudes, of directions (N, 3)."""
+    lon, lat = (np.degrees(angles) for angles in lon_lat(directions))
     occupied = np.flatnonzero(np.bincount(((lon + 180) / 360 * _BINS).astype(int) % _BINS, minlength=_BINS))
     gaps = np.diff(occupied, append=occupied[0] + _BINS)
     widest = int(gaps.argmax())
@@ -228,3 +229,31 @@ def _lonlat(directions: Array) -> SphericalBox:
     return SphericalBox(
         float((middle + 180) % 360 - 180), (low + high) / 2, across / _BINS * 360, high - low, 0.0, "lonlat"
     )
+
+
+# -- the truth ------------------------------------------------------------------------------------------
+
+
+def _derive(observation: Observation, options: NoOptions) -> list[dict[str, Any]]:
+    """Return by object ``instance_id``, ``name``, ``bfov`` and, rotated, ``rbfov``, as records of
+    :class:`omniscv.truth.spherical.SphericalBox`."""
+    camera = observation.image.camera
+    name_of = {instance: name for name, instance in observation.instances.items()}
+    boxes = bfovs(observation.require_labels(), partial(_directions, camera), camera.wraps)
+    return [
+        {
+            "instance_id": instance,
+            "name": name_of[instance],
+            "bfov": upright.to_dict(),
+            "rbfov": rotated.to_dict(),
+        }
+        for instance, (upright, rotated) in boxes.items()
+        if instance in name_of
+    ]
+
+
+def _directions(camera: Camera, rows: Array, columns: Array) -> Array:
+    return camera.unproject(np.stack([columns + 0.5, rows + 0.5], axis=-1)).directions
+
+
+register(Truth("bfov", _derive, needs=("object_mask",), options=NoOptions))

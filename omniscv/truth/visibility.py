@@ -1,20 +1,33 @@
-"""How much of an object is seen: its pixels, against those it would have with nothing in front of it."""
+"""The truth ``amodal``: how much of every object is seen, and its box or mask without what occludes it.
+
+The image's object masks are rendered again with all but some objects hidden. Objects that cannot occlude each
+other are shown together, so a furnished room takes two to four such images. In a live engine each takes the
+captures of an object mask, and two commands for every object.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.arguments import one_of
+from omniscv.compose.renderer import Renderer
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.records import checked, record
 from omniscv.truth import rle
-from omniscv.truth.object_boxes import Labels, boxes
+from omniscv.truth.object_boxes import Labels, boxes, visible_ids
+from omniscv.truth.registry import Observation, Truth, register
 
 LabelsOf = Callable[[tuple[str, ...]], Labels]
-"""Gives (H, W) ids, of an image in which only these objects are shown."""
+"""Return (H, W) ids of an image in which only these objects are shown."""
+
+Kind = Literal["boxes", "masks"]
 
 
 def amodal(
@@ -26,94 +39,145 @@ def amodal(
     wrap: bool = False,
     masks: bool = False,
 ) -> list[dict[str, Any]]:
-    """Return a record for each object that is in the image, or would be if nothing were in front of it.
+    """Return a record for each object that is in the image, or would be without occlusion.
 
     Args:
-        labels: (H, W) ids, of the whole scene.
+        labels: (H, W) ids of the whole scene.
         names: object name to id.
-        groups: of objects to show together, none of which can hide another: see :func:`apart`.
+        groups: objects to show together, none of which can occlude another: see :func:`apart`.
         labels_of: shows a group.
         wrap: whether the left and the right border are neighbours.
-        masks: whether to keep the masks.
+        masks: whether records have masks.
 
     Returns:
         Plain values, in the order of ids: ``instance_id``, ``name``, ``px_all``, ``px_visib``,
-        ``visib_fract`` (their ratio), ``bbox`` and, with ``wrap``, ``bbox_wrap`` of all; with ``masks`` all
-        of it as ``segmentation``, run-length encoded as in COCO.
+        ``visib_fract`` (their ratio), ``bbox`` and, with ``wrap``, ``bbox_wrap`` of the whole object; with
+        ``masks`` its mask as ``segmentation``, run-length encoded as in COCO.
     """
     visible = np.bincount(labels.ravel(), minlength=1 << 16)
     records = []
     for group in groups:
         shown = {name: names[name] for name in group}
         alone = labels_of(group)
-        seen = np.isin(labels, list(shown.values()))
-        alone = np.where(seen, labels, alone)  # what is seen is there, whatever a border pixel shows alone
-        for found in boxes(alone, shown, wrap=wrap):
-            instance, px_all = found["instance_id"], found["area"]
+        # Visible pixels are the object's even where a border pixel is not when it is rendered alone.
+        alone = np.where(np.isin(labels, list(shown.values())), labels, alone)
+        for box in boxes(alone, shown, wrap=wrap):
+            instance, px_all = box["instance_id"], box["area"]
             px_visib = int(visible[instance])
-            record: dict[str, Any] = {"instance_id": instance, "name": found["name"]}
-            record |= {"px_all": px_all, "px_visib": px_visib, "visib_fract": px_visib / px_all}
-            record |= {key: found[key] for key in ("bbox", "bbox_wrap") if key in found}
+            entry: dict[str, Any] = {"instance_id": instance, "name": box["name"]}
+            entry |= {"px_all": px_all, "px_visib": px_visib, "visib_fract": px_visib / px_all}
+            entry |= {key: box[key] for key in ("bbox", "bbox_wrap") if key in box}
             if masks:
-                record["segmentation"] = rle.encode(alone == instance)
-            records.append(record)
-    return sorted(records, key=lambda record: int(record["instance_id"]))
-
-
-def add_shares(records: Iterable[dict[str, Any]], shares: Iterable[Mapping[str, Any]]) -> None:
-    """Add ``visib_fract`` to records of objects, of those that are among the records of :func:`amodal`."""
-    known = {share["instance_id"]: share["visib_fract"] for share in shares}
-    for record in records:
-        if record["instance_id"] in known:
-            record["visib_fract"] = known[record["instance_id"]]
+                entry["segmentation"] = rle.encode(alone == instance)
+            records.append(entry)
+    return sorted(records, key=lambda entry: int(entry["instance_id"]))
 
 
 def apart(
     names: Iterable[str], boxes: Mapping[str, ObjectBox], center_w: Array, radius: float
 ) -> list[tuple[str, ...]]:
-    """Return objects in groups in which none can hide another: few groups, the same on every run.
+    """Return objects in few groups in which none can occlude another; the same groups on every run.
 
-    Each is held to be a ball around its box, seen from anywhere in a ball around the camera; objects without
-    a box are alone.
+    Each object is bounded by the ball around its box, seen from anywhere in a ball around the camera. An
+    object without a box is a group of its own.
 
     Args:
         names: of objects.
         boxes: by name, world frame.
-        center_w: (3,) of all the image's optical centres, metres.
-        radius: within which they all are.
+        center_w: (3,) centre of the ball around the image's optical centres, metres.
+        radius: of that ball, metres.
     """
     cones = {name: _cone(boxes[name], center_w, radius) for name in names if name in boxes}
-    wide_first = sorted(cones, key=lambda name: (-cones[name][1], name))
     groups: list[list[str]] = []
-    for name in wide_first:
-        fits = (group for group in groups if not any(_meet(cones[name], cones[other]) for other in group))
-        group = next(fits, None)
-        if group is None:
-            groups.append([name])
+    for name in sorted(cones, key=lambda name: (-cones[name][1], name)):  # wide cones first
+        for group in groups:
+            if not any(_meet(cones[name], cones[other]) for other in group):
+                group.append(name)
+                break
         else:
-            group.append(name)
-    alone = [(name,) for name in sorted(set(names) - set(cones))]
-    return [*(tuple(group) for group in groups), *alone]
+            groups.append([name])
+    without_box = [(name,) for name in sorted(set(names) - set(cones))]
+    return [*(tuple(group) for group in groups), *without_box]
 
 
 def _cone(box: ObjectBox, center_w: Array, radius: float) -> tuple[Array, float]:
-    """An axis (3,) and the angle around it, radians, in which a box is seen."""
-    toward = box.center_w - center_w
-    distance = float(np.linalg.norm(toward))
+    """Axis (3,) and half angle, radians, of a cone in which a box is seen."""
+    offset = box.center_w - center_w
+    distance = float(np.linalg.norm(offset))
     reach = float(np.linalg.norm(box.size)) / 2 + radius
     if reach >= distance:
         return np.array([0.0, 0.0, 1.0]), np.pi
-    return toward / distance, float(np.arcsin(reach / distance))
+    return offset / distance, float(np.arcsin(reach / distance))
 
 
-def _meet(one: tuple[Array, float], other: tuple[Array, float]) -> bool:
-    between = np.arccos(np.clip(one[0] @ other[0], -1, 1))
-    return bool(between <= one[1] + other[1])
+def _meet(cone: tuple[Array, float], other: tuple[Array, float]) -> bool:
+    between = np.arccos(np.clip(cone[0] @ other[0], -1, 1))
+    return bool(between <= cone[1] + other[1])
 
 
 def centers_ball(centers_w: NDArray[np.float64]) -> tuple[Array, float]:
     """Return the centre (3,) and the radius of a ball around optical centres (..., 3); NaN are left out."""
-    flat = centers_w.reshape(-1, 3)
-    flat = flat[~np.isnan(flat[:, 0])]
-    middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
-    return middle, float(np.linalg.norm(flat - middle, axis=1).max())
+    centers = centers_w.reshape(-1, 3)
+    centers = centers[~np.isnan(centers[:, 0])]
+    middle = (centers.min(axis=0) + centers.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(centers - middle, axis=1).max())
+
+
+# -- the truth ------------------------------------------------------------------------------------------
+
+
+@record
+class AmodalOptions:
+    """Options of the truth ``amodal``."""
+
+    kind: Kind = checked(
+        partial(one_of, words=get_args(Kind)), default="boxes", help="boxes, or masks too: run-length encoded"
+    )
+
+
+def _derive(observation: Observation, options: AmodalOptions) -> list[dict[str, Any]]:
+    """Return the records of :func:`amodal` of objects that are neither the room's surfaces nor stuff.
+
+    Raises:
+        ArgumentError: offline, or a source that cannot hide objects.
+    """
+    renderer = observation.renderer
+    if renderer is None:
+        raise ArgumentError("expected a source that can hide objects, got none; make the dataset with it")
+    image = observation.image
+    center_w, radius = centers_ball(np.asarray(image.centers_w))
+    groups = apart(_things(observation), observation.geometry.boxes, center_w, radius)
+    labels, names = observation.require_labels(), observation.instances
+    labels_of = partial(_labels_alone, observation, renderer)
+    return amodal(labels, names, groups, labels_of, wrap=image.camera.wraps, masks=options.kind == "masks")
+
+
+def _things(observation: Observation) -> list[str]:
+    """The objects that are visible, or may be in the image behind others.
+
+    Only an analytic scene lists boxes of its own objects alone; those of an engine may be far away.
+    """
+    visible, room = visible_ids(observation.require_labels()), observation.geometry.room
+    surfaces = () if room is None else room.surfaces
+    things = []
+    for name, instance in sorted(observation.instances.items()):
+        box = observation.geometry.boxes.get(name)
+        of_name = None if observation.classes is None else observation.classes.of(name)
+        stuff = name in surfaces or (of_name is not None and of_name.stuff)
+        if not stuff and (instance in visible or (box is not None and box.source == "scene")):
+            things.append(name)
+    return things
+
+
+def _labels_alone(observation: Observation, renderer: Renderer, names: Iterable[str]) -> Labels:
+    """(H, W) ids of the image with only these objects shown."""
+    image, instances = observation.image, observation.instances
+    others = set(renderer.source.objects().names()) - set(names)
+    with renderer.source.without(sorted(others)) as source:
+        alone = renderer.of(source).render(image.camera, image.pose, ("object_mask",), image.options)
+    ranks = () if alone.objects is None else alone.objects.names()
+    ids = np.array([0, *(instances.get(name, 0) if name in names else 0 for name in ranks)], np.uint16)
+    return np.asarray(ids[alone["labels"]])
+
+
+register(Truth("amodal", _derive, needs=("object_mask",), captures=True, options=AmodalOptions))

@@ -13,10 +13,10 @@ import numpy as np
 
 from omniscv.cameras import Camera, Pinhole
 from omniscv.dataset import Frame
-from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.storage.local import whole_file
+from omniscv.truth.point_cloud import points_of
 
 _MOST_POINTS = 20_000
 """Of a frame: enough to see a room, and small enough to turn it."""
@@ -92,7 +92,7 @@ def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> 
         _log_images(rerun, stream, name, frame)
         if "depth" in frame.files:
             cloud = points_of(frame, rays)
-            some = cloud.only(np.arange(0, len(cloud.distances), 1 + len(cloud.distances) // _MOST_POINTS))
+            some = cloud.select(np.arange(0, len(cloud.distances), 1 + len(cloud.distances) // _MOST_POINTS))
             colors = some.values.get("lit")
             stream.log(f"world/{name}/points", rerun.Points3D(some.positions_w, colors=colors))
 

@@ -99,7 +99,7 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
         ("truth: {boxen: true}", "truth: expected fields among"),
         ("truth: {amodal: shapes}", "truth.amodal: kind: expected one of boxes, masks; got 'shapes'"),
         ("truth: {layout: {source: guess}}", "source: expected one of scene, fitted"),
-        ("truth: {bfov: {grid: 1}}", "truth.bfov: expected no options"),
+        ("truth: {bfov: {grid: 1}}", "truth.bfov: unknown key 'grid'; known keys: none"),
         ("truth: {tolerance: {abs_m: -1}}", "truth.tolerance.abs_m: expected a finite number >= 0"),
         ("seam: torn", "seam: expected one of whole, split; got 'torn'"),
         ("media: {exif: true}", "media: expected fields among xmp, north; got 'exif'"),

@@ -24,7 +24,7 @@ def framed(observation, folder, wanted=(), key="frame", split="", **options):
     image = observation.image
     layers = {**image.layers, "labels": observation.labels}
     written = replace(image, layers=layers, objects=None).save(folder, key)
-    records = {name: truths.get(name).derive(observation, options.get(name, {})) for name in wanted}
+    records = {name: truths.get(name).apply(observation, options.get(name, {})) for name in wanted}
     (folder / f"{key}.truth.json").write_text(json.dumps(records, allow_nan=False))
     files = {path.name.split(".")[1]: path for path in written} | {"truth": folder / f"{key}.truth.json"}
     instances, classes = observation.instances, observation.classes

@@ -227,7 +227,7 @@ def test_wrong_arguments_are_refused():
         ({"labels": np.ones((3, 3), int)}, "labels: expected the size"),
         ({"motions": {1: BEFORE}}, "motions: expected labels"),
         ({"wrap": "longest"}, "wrap: expected one of shortest, classic"),
-        ({"tolerance": 1}, "options: expected one of wrap"),
+        ({"tolerance_m": -1}, "tolerance_m: expected a finite number >= 0"),
     ]:
         given = {"depth0": depth, "rays0": rays, "pose0": BEFORE, "camera1": camera, "pose1": AFTER} | wrong
         with pytest.raises(ArgumentError, match=says):

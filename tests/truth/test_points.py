@@ -46,7 +46,7 @@ def test_of_points_in_a_cube_the_one_seen_from_nearest_stays():
         cube = tuple(np.floor(place / 0.3 + 0.5))
         if cube not in nearest or whole.distances[i] < whole.distances[nearest[cube]]:
             nearest[cube] = i
-    clouds = [whole.only(np.arange(start, start + 500)) for start in range(0, 3000, 500)]
+    clouds = [whole.select(np.arange(start, start + 500)) for start in range(0, 3000, 500)]
     found = truth.merged(clouds, 0.3)
     assert found.values["id"].tolist() == sorted(nearest.values())
     np.testing.assert_array_equal(found.positions_w, whole.positions_w[found.values["id"]])
@@ -57,7 +57,7 @@ def test_what_only_some_clouds_know_is_left_out():
     one = Points(np.zeros((1, 3)), np.ones(1), {"lit": np.zeros((1, 3)), "labels": np.ones(1)})
     other = Points(np.ones((1, 3)), np.ones(1), {"labels": np.ones(1)})
     assert set(truth.merged([one, other], 0.1).values) == {"labels"}
-    assert len(truth.merged([one.only(np.zeros(1, bool)), one], 0.1)) == 1
+    assert len(truth.merged([one.select(np.zeros(1, bool)), one], 0.1)) == 1
 
 
 def test_wrong_arguments_are_refused():

@@ -6,15 +6,14 @@ from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, frame, room_of_plan, room_o
 
 import mock_server
 from omniscv import Pose, Renderer, cameras, open_source
-from omniscv.dataset import truths
-from omniscv.dataset.truths import Observation
+from omniscv.dataset import Observation, truths
 from omniscv.errors import ArgumentError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.scene import SceneSource
 from omniscv.truth import layout, project_layout, room_of
 from omniscv.truth.classes import ClassTable, SemanticClass
-from omniscv.truth.room_fit import Picture, fit_room
+from omniscv.truth.room_layout import Picture, fit_room
 
 PANORAMA = cameras.create("equirectangular", 256, 128)
 
@@ -138,7 +137,7 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
     observed = Observation("a", image, image.labels, instances, None, SceneGeometry())
     truth = truths.get("layout")
-    record = truth.derive(observed, {})
+    record = truth.apply(observed, {})
     assert record["source"] == "fitted"
     assert record["residual_m"] < 0.002
     assert truth.may_capture(observed.geometry, {})
@@ -147,11 +146,11 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     assert truth.may_capture(known, {"source": "fitted"})
     observed = Observation("a", image, image.labels, instances, None, known)
     assert (
-        truth.derive(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]
+        truth.apply(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]
         == "scene"
     )
-    with pytest.raises(ArgumentError, match="expected fields among source, tolerance"):
-        truth.derive(observed, {"sources": 1})
+    with pytest.raises(ArgumentError, match="unknown key 'sources'; known keys: source, tolerance, layout"):
+        truth.apply(observed, {"sources": 1})
 
 
 def test_frames_of_a_dataset_are_fitted_offline(tmp_path):
@@ -187,8 +186,8 @@ def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
     known = ("a", image, image.labels, instances, None, SceneGeometry())
     with pytest.raises(ArgumentError, match="walls that do not close"):
-        truths.get("layout").derive(Observation(*known), {})
-    record = truths.get("layout").derive(Observation(*known, renderer), {})
+        truths.get("layout").apply(Observation(*known), {})
+    record = truths.get("layout").apply(Observation(*known, renderer), {})
     assert source.hidden == [[name for name in furnished.objects if not name.startswith("Layout")]]
     same_room(room_of(record), np.array(L_SHAPE), [f"Layout_Wall_{i + 1}" for i in range(6)], 0.002)
     visible = [piece["visible"] for edge in record["edges"] for piece in edge["pieces"]]

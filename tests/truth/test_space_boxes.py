@@ -88,7 +88,7 @@ def test_the_truth_of_a_frame_has_a_box_for_every_object_that_is_seen(source):
     options = {} if "0.3.10" in source else {"face_size": 96}
     with omniscv.open_source(source) as opened:
         observation = observed(opened, camera, omniscv.Pose.from_angles((0, 0, 1.5)), **options)
-    found = truths.get("boxes3d").derive(observation, {})
+    found = truths.get("boxes3d").apply(observation, {})
     seen = set(np.unique(observation.labels)) - {0}
     by_points = "0.3.10" in source
     assert {record["instance_id"] for record in found} <= seen

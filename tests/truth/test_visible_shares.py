@@ -11,7 +11,7 @@ from omniscv.dataset import truths
 from omniscv.errors import ArgumentError
 from omniscv.truth import rle
 from omniscv.truth.classes import ClassTable, SemanticClass
-from omniscv.truth.visibility import add_shares, apart, centers_ball
+from omniscv.truth.visibility import apart, centers_ball
 
 SCENE = mock_server.load_scene("four-wall")
 THINGS = [name for name in SCENE.objects if not name.startswith("Layout")]
@@ -41,7 +41,7 @@ def shares(request):
     )
     with omniscv.open_source("scene://four-wall") as source:
         observation = observed(source, camera, HERE, ("object_mask",), **options)
-        return observation, truths.get("amodal").derive(observation, {"kind": "masks"})
+        return observation, truths.get("amodal").apply(observation, {"kind": "masks"})
 
 
 def test_shares_are_what_rays_meet(shares):
@@ -90,7 +90,7 @@ def test_what_is_hidden_altogether_has_the_share_0():
 
     with SceneSource(scene) as source:
         observation = observed(source, CAMERAS["fisheye"], omniscv.Pose.from_angles((0, 0, 0)))
-        records = truths.get("amodal").derive(observation, {})
+        records = truths.get("amodal").apply(observation, {})
     ball, board = records
     assert (ball["name"], ball["px_visib"], ball["visib_fract"], ball["px_all"] > 20) == (
         "Ball",
@@ -104,10 +104,10 @@ def test_what_is_hidden_altogether_has_the_share_0():
 def test_a_live_server_has_the_same_shares_and_shows_all_again():
     camera, options = cameras.create("equirectangular", width=128, height=64), {"face_size": 64}
     with omniscv.open_source("scene://four-wall") as source:
-        wanted = truths.get("amodal").derive(observed(source, camera, HERE, **options), {})
+        wanted = truths.get("amodal").apply(observed(source, camera, HERE, **options), {})
     with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
         observation = observed(source, camera, HERE, **options)
-        found = truths.get("amodal").derive(observation, {})
+        found = truths.get("amodal").apply(observation, {})
         assert not any(each.hidden for each in server.world.objects.values())
     assert {record["name"] for record in found} - {record["name"] for record in wanted} <= set(SCENE.objects)
     by_name = {record["name"]: record for record in found}
@@ -116,17 +116,11 @@ def test_a_live_server_has_the_same_shares_and_shows_all_again():
             assert by_name[record["name"]]["visib_fract"] == pytest.approx(record["visib_fract"], abs=0.02)
 
 
-def test_shares_are_added_to_other_records():
-    boxes = [{"instance_id": 3}, {"instance_id": 4}]
-    add_shares(boxes, [{"instance_id": 4, "visib_fract": 0.25}, {"instance_id": 5, "visib_fract": 1.0}])
-    assert boxes == [{"instance_id": 3}, {"instance_id": 4, "visib_fract": 0.25}]
-
-
 def test_stuff_has_no_share():
     table = ClassTable({"stuff": SemanticClass(1, "stuff", stuff=True)}, dict.fromkeys(THINGS[1:], "stuff"))
     with omniscv.open_source("scene://four-wall") as source:
         observation = observed(source, CAMERAS["fisheye"], HERE, classes=table, face_size=64)
-        assert {r["name"] for r in truths.get("amodal").derive(observation, {})} <= {THINGS[0]}
+        assert {r["name"] for r in truths.get("amodal").apply(observation, {})} <= {THINGS[0]}
 
 
 def test_recordings_are_refused(tmp_path):
@@ -135,9 +129,9 @@ def test_recordings_are_refused(tmp_path):
     with omniscv.open_source(tmp_path / "a.sqlite") as replay:
         recorded = observed(replay, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
         with pytest.raises(ArgumentError, match="expected one that can hide objects, got RecordedSource"):
-            truths.get("amodal").derive(recorded, {})
+            truths.get("amodal").apply(recorded, {})
     with pytest.raises(ArgumentError, match="kind: expected one of boxes, masks; got 'all'"):
-        truths.get("amodal").derive(observation, {"kind": "all"})
+        truths.get("amodal").apply(observation, {"kind": "all"})
 
 
 def test_objects_of_a_group_cannot_hide_each_other():

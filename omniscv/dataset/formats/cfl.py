@@ -16,14 +16,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from omniscv.arguments import Reader, fields, number, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
-from omniscv.truth.layout_maps import VISIBILITIES, exact_maps, original_maps
+from omniscv.truth.layout_maps import exact_maps, original_maps
+from omniscv.truth.layout_record import Visibility
 
 name = "cfl"
 needs = ("layout", "lit")
@@ -32,7 +33,7 @@ keys = ("layout",)
 _MAPS: dict[str, Reader] = {
     "edge_sigma": partial(number, above=0, most=1),
     "corner_sigma": partial(number, above=0, most=1),
-    "visibility": lambda key, value: one_of(key, value, VISIBILITIES),
+    "visibility": lambda key, value: one_of(key, value, get_args(Visibility)),
 }
 _READERS: dict[str, Reader] = {
     "image_format": lambda key, value: one_of(key, value, ("jpg", "png")),

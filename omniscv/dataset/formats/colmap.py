@@ -24,13 +24,13 @@ from omniscv.arguments import Reader, fields, number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.dataset.cubemaps import faces
-from omniscv.dataset.formats.ply import points_of
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
 from omniscv.planning.viewpoints import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth import Points
+from omniscv.truth.point_cloud import points_of
 
 name = "colmap"
 needs = ("lit",)
@@ -155,7 +155,7 @@ def _points(sources: Sequence[tuple[Frame, list[tuple[int, Frame]]]], voxel_m: f
                     seen &= points_c[:, 2] >= _FORWARD * cloud.distances
                 image[seen], pixel[seen] = image_id, pixels[seen]
             observed = {**cloud.values, "image": image, "pixel": pixel}
-            yield Points(cloud.positions_w, cloud.distances, observed).only(image > 0)
+            yield Points(cloud.positions_w, cloud.distances, observed).select(image > 0)
 
     return truth.merged(clouds(), voxel_m)
 

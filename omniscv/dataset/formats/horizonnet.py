@@ -15,12 +15,14 @@ from omniscv.arguments import Reader, fields, one_of, within
 from omniscv.cameras import Camera
 from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import write_color
-from omniscv.truth.cor_id import cor_id, refused
+from omniscv.truth.cor_id import cor_id
+from omniscv.truth.cor_id import refuses as cor_id_refuses
 from omniscv.truth.layout_record import room_of
 
 name = "horizonnet"
+refuses = cor_id_refuses
 needs = ("layout", "lit")
-refuses = refused
+
 
 _READERS: dict[str, Reader] = {"image_format": lambda key, value: one_of(key, value, ("png", "jpg"))}
 

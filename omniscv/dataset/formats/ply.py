@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
-from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset.frames import Frame
 from omniscv.errors import printable
 from omniscv.planning.viewpoints import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth import Points
+from omniscv.truth.point_cloud import points_of
 
 name = "ply"
 needs = ("depth",)
@@ -85,27 +85,6 @@ def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> lis
         for _ in clouds():
             pass
     return written
-
-
-def points_of(frame: Frame, rays: Rays, max_error_m: float | None = None) -> Points:
-    """Return the points that a frame sees, with all its layers.
-
-    Args:
-        frame: with depth.
-        rays: of its camera.
-        max_error_m: most metres that depth may be off; any if not given.
-
-    Raises:
-        ArgumentError: a layer that is needed is missing.
-    """
-    layers = frame.has("normals", "lit", "labels", "classes")
-    if "lit" in layers:
-        layers["lit"] = uint8_colors(layers["lit"])
-    unsure = frame.has("unsure").get("unsure")
-    if max_error_m is not None:
-        off = frame.layer("depth_error") > max_error_m
-        unsure = off if unsure is None else unsure | off
-    return truth.points(frame.layer("depth"), rays, frame.pose, layers, unsure)
 
 
 def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:

@@ -31,12 +31,13 @@ from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
-from omniscv.truth.cor_id import refused
+from omniscv.truth.cor_id import refuses as cor_id_refuses
 from omniscv.truth.layout_record import room_of
 
 name = "structured3d"
+refuses = cor_id_refuses
 needs = ("layout",)
-refuses = refused
+
 
 _SAME_HEADING = 1e-6  # rad
 _SAME_M = 1e-3  # of two rooms' corners: they are one room, fitted twice

@@ -1,1 +1,0 @@
-"""One module per truth that a dataset may hold: what registers it with :mod:`omniscv.dataset.truths`."""

@@ -1,0 +1,219 @@
+"""The truths that a dataset may hold, by name, and how they are derived from an image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import plugins
+from omniscv.arguments import number, one_of, within
+from omniscv.cameras import Camera
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.records import NoOptions, checked, read, record
+from omniscv.truth.classes import ClassTable
+
+SHARED_FILE = "truth.json"
+"""Suffix of the file that holds the records of several truths, each under its name."""
+
+
+class Pictured(Protocol):
+    """An image with layers, in memory or on disk, such as a frame of a dataset.
+
+    Attributes:
+        camera, pose: of the image.
+        files: by name of each layer that the image has.
+        instances: object name to the id that the layer ``labels`` holds.
+    """
+
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def pose(self) -> Pose: ...
+    @property
+    def files(self) -> Mapping[str, Any]: ...
+    @property
+    def instances(self) -> Mapping[str, int]: ...
+
+    def layer(self, name: str) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """An image in memory, and what is known of its scene.
+
+    Attributes:
+        key: start of the frame's file names.
+        image: with the camera, the pose and the layers.
+        labels: (H, W) uint16 instance ids of the dataset; None without object masks.
+        instances: object name to instance id.
+        classes: of the dataset; None without.
+        geometry: the shapes that the source knows.
+        renderer: of the source, to capture more; None offline.
+        object_poses: by name, of the objects whose poses are known.
+        time: seconds; None where poses have no times.
+    """
+
+    key: str
+    image: OmniImage
+    labels: NDArray[np.uint16] | None
+    instances: Mapping[str, int]
+    classes: ClassTable | None
+    geometry: SceneGeometry
+    renderer: Renderer | None = None
+    object_poses: Mapping[str, Pose] = field(default_factory=dict)
+    time: float | None = None
+
+    def require_labels(self) -> NDArray[np.uint16]:
+        """Return the labels; ArgumentError where there are none."""
+        if self.labels is None:
+            raise ArgumentError("expected an image with labels, got none; render with object_mask")
+        return self.labels
+
+
+@record
+class Tolerance:
+    """How far two depths along a ray may differ and still be taken for one; the larger of both limits counts.
+
+    It is the key ``tolerance`` under a job's ``truth:``.
+    """
+
+    abs_m: float = checked(number, least=0, default=0.02, help="metres")
+    rel: float = checked(number, least=0, default=0.01, help="share of the distance")
+
+
+Record = Mapping[str, Any] | list[Any]
+"""What a truth derives: plain JSON values."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A truth that a job's ``truth:`` may name.
+
+    Attributes:
+        name: the key under ``truth:``, and of the record in its file.
+        derive: function of an observation and the options; returns the record. None of a truth between
+            frames.
+        needs: the modalities that the image must have.
+        file: suffix of the file that holds the record. Where it is not ``truth.json``, the record is the
+            whole file.
+        keys: keys of the job that are added to the options: ``tolerance``, ``seam``, ``layout``.
+        captures: whether ``derive`` uses the renderer, so that it must not run beside the next image; or a
+            function of the scene's geometry and the options that returns this.
+        options: record of the options (:mod:`omniscv.records`) that ``derive`` gets; None: it gets the
+            mapping as it is.
+        format: of a truth between frames, the export that writes it.
+    """
+
+    name: str
+    derive: Callable[[Observation, Any], Record] | None
+    needs: tuple[str, ...] = ()
+    file: str = SHARED_FILE
+    keys: tuple[str, ...] = ()
+    captures: bool | Callable[[SceneGeometry, Any], bool] = False
+    options: type[Any] | None = None
+    format: str = ""
+
+    @property
+    def kind(self) -> str:
+        """The kind of the file that holds the record, as :class:`omniscv.dataset.Frame` names it."""
+        return self.file.partition(".")[0]
+
+    def read_options(self, options: Mapping[str, Any]) -> Any:
+        """Return the options as ``derive`` gets them.
+
+        Raises:
+            ArgumentError: an unknown option, or a wrong value.
+        """
+        return options if self.options is None else read(self.options, options)
+
+    def apply(self, observation: Observation, options: Mapping[str, Any]) -> Record:
+        """Return the record of an image.
+
+        Raises:
+            OmniscvError: wrong options, or as ``derive`` raises.
+        """
+        assert self.derive is not None, f"{self.name} lies between frames"
+        return self.derive(observation, self.read_options(options))
+
+    def may_capture(self, geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
+        """Return whether ``derive`` may use the renderer."""
+        return (
+            self.captures(geometry, self.read_options(options)) if callable(self.captures) else self.captures
+        )
+
+
+def derive(
+    observation: Observation,
+    truths: Mapping[str, Mapping[str, Any]],
+    records: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the records of an image: by kind, the content of ``STEM.KIND.json``.
+
+    Args:
+        observation: the image.
+        truths: options by name.
+        records: that were derived of the image before, to which these are added.
+
+    Raises:
+        OmniscvError: as a truth raises, with the key and its name before it.
+    """
+    contents: dict[str, Any] = {kind: dict(content) for kind, content in (records or {}).items()}
+    for name, options in truths.items():
+        truth = get(name)
+        with within(f"{observation.key}: truth.{name}"):
+            record = truth.apply(observation, options)
+        if truth.file == SHARED_FILE:
+            contents.setdefault(truth.kind, {})[name] = record
+        else:
+            contents[truth.kind] = record
+    return contents
+
+
+_MODULES = {
+    "poses": "registry",
+    "layout": "room_layout",
+    "boxes": "object_boxes",
+    "bfov": "spherical_fit",
+    "boxes3d": "object_boxes",
+    "amodal": "visibility",
+    "flow": "optical_flow",
+}
+"""The truths of this package, in the order in which files hold them, and the modules that register them."""
+
+_TRUTHS: dict[str, Truth] = {}
+
+
+def register(truth: Truth) -> None:
+    """Add a truth, or replace the one of its name."""
+    _TRUTHS[truth.name] = truth
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all truths."""
+    plugins.load()
+    return tuple(dict.fromkeys((*_MODULES, *_TRUTHS)))
+
+
+def get(name: str) -> Truth:
+    """Return a truth by its name; ArgumentError for an unknown one."""
+    one_of("truth", name, names())
+    if name not in _TRUTHS:
+        import_module(f"omniscv.truth.{_MODULES[name]}")
+    return _TRUTHS[name]
+
+
+def _object_poses(observation: Observation, options: NoOptions) -> dict[str, Any]:
+    """Return by name the position (metres) and rotation of objects, world frame."""
+    return {name: pose.to_dict() for name, pose in sorted(observation.object_poses.items())}
+
+
+register(Truth("poses", _object_poses, options=NoOptions))
