@@ -227,8 +227,8 @@ def test_a_camera_outside_the_room_sees_only_what_its_walls_leave():
     ("corners", "words"),
     [
         (PLAIN[::-1], "counterclockwise"),
-        (PLAIN[:2], "at least 3 corners"),
-        ([PLAIN[0], *PLAIN], "that differ"),
+        (PLAIN[:2], "at least 3 different"),
+        ([PLAIN[0], *PLAIN], "different corners"),
     ],
 )
 def test_what_is_no_room_is_refused(corners, words):
@@ -239,7 +239,7 @@ def test_what_is_no_room_is_refused(corners, words):
 def test_other_wrong_arguments_are_refused_in_one_line():
     room = room_of_plan(PLAIN)
     camera = example("pinhole")
-    with pytest.raises(ArgumentError, match=r"depth: expected the shape \(128, 128\)"):
+    with pytest.raises(ArgumentError, match=r"depth: expected the image.s shape \(128, 128\)"):
         project_layout(room, camera, POSE, np.ones((3, 4)))
     with pytest.raises(ArgumentError, match=r"room\.ceiling_z: expected a finite number > 3"):
         project_layout(Room(room.corners_w, 3.0, 2.0, room.walls, "f", "c"), camera, POSE)
