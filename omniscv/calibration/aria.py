@@ -2,12 +2,12 @@
 
 Half pixel: Aria puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
 ``fisheye624`` with one focal length as ``FisheyeRadTanThinPrism``, ``kannala-brandt`` as
-``KannalaBrandtK3``; ``Fisheye62``, which has no thin prism, is read. Cameras are named by their labels; these
-give the image size, which the file has not. Not carried: skew, a limit ``fov_deg``; the circle and the angle
-beyond which Aria's own programs refuse a pixel, because they are constants of those programs.
+``KannalaBrandtK3``; ``Fisheye62``, which has no thin prism, is read. Cameras are named by their labels, which
+imply the image size: the file does not hold it. Not carried: skew, a limit ``fov_deg``; the circle and the
+angle beyond which Aria's own programs refuse a pixel, which are constants of those programs.
 
-What is written holds the cameras only. Aria's programs need the rest of the device too (its class, the IMUs):
-replace ``CameraCalibrations`` in the file of a device.
+Only the cameras are written. Aria's programs need the rest of the device too (its class, the IMUs): replace
+``CameraCalibrations`` in the file of a device.
 
 Source: projectaria_tools 2.3, ``calibration/loader/SensorCalibrationJson.cpp`` and
 ``camera_projections/FisheyeRadTanThinPrism.h``.
@@ -17,16 +17,14 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import field, mapping
+from omniscv.calibration.common import known, parse_mapping, read_known, vector
 from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, read_numbers
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
+from omniscv.records import checked, record
 
 _TABLE = """
 FisheyeRadTanThinPrism fisheye624     f cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3
@@ -42,24 +40,62 @@ _SIZES = {
     "camera-et-left": (640, 480),
     "camera-et-right": (640, 480),
 }
-"""Full resolution by label: the images that the calibration is of."""
+"""Full resolution by label: the calibration is of these images."""
+
+
+@record
+class _Projection:
+    name: str = checked(one_of, words=tuple(_MODELS), key="Name")
+    parameters: Any = checked(lambda name, value: value, key="Params")  # as many as the model has
+
+
+def _quaternion(name: str, value: object) -> tuple[float, ...]:
+    """Return (x, y, z, w) of ``[w, [x, y, z]]``."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise ArgumentError(f"{name}: expected [w, [x, y, z]], got {shown(value)}")
+    return (*vector(f"{name}: [x, y, z]", value[1]).tolist(), number(f"{name}: w", value[0]))
+
+
+@record(eq=False)
+class _Transform:
+    translation: Array = checked(vector, key="Translation")
+    quaternion: tuple[float, ...] = checked(_quaternion, key="UnitQuaternion")
+
+
+@record(eq=False)
+class _Entry:
+    """A camera of a device."""
+
+    label: str = checked(one_of, words=tuple(_SIZES), key="Label")
+    projection: _Projection = checked(known(_Projection), key="Projection")
+    T_device_camera: _Transform = checked(known(_Transform), key="T_Device_Camera")
+    time_offset: float = checked(number, default=0.0, key="TimeOffsetSec_Device_Camera")
+
+    def mounted(self) -> RigCamera:
+        """Return the camera with its pose in the device's frame."""
+        row = _MODELS[self.projection.name]
+        values = numbers("Projection.Params", self.projection.parameters, (len(row.numbers),)).tolist()
+        camera = camera_of(row.model, *_SIZES[self.label], read_numbers(row, values, HALF_PIXEL))
+        with within("T_Device_Camera"):
+            pose = Pose.from_quaternion(self.T_device_camera.translation, self.T_device_camera.quaternion)
+        return RigCamera(camera, pose, self.time_offset)
 
 
 def read_aria(text: str) -> dict[str, Camera]:
     """Return the cameras of a device's calibration by their labels.
 
     Raises:
-        ArgumentError: no JSON, a key missing or wrong, an unknown label or model, or no camera.
+        ArgumentError: not JSON, a key missing or wrong, an unknown label or model, or no camera.
     """
-    return {label: each.camera for label, each in rig_from_aria(text).cameras.items()}
+    return {label: mounted.camera for label, mounted in rig_from_aria(text).cameras.items()}
 
 
 def write_aria(cameras: Mapping[str, Camera]) -> str:
     """Return the JSON of cameras named by labels, all at the device's origin.
 
     Raises:
-        ArgumentError: an unknown label, an image of another size than its label's, or a model that Aria has
-            not.
+        ArgumentError: an unknown label, an image size that is not its label's, or a model that Aria does not
+            have.
     """
     return rig_to_aria(Rig({label: RigCamera(camera) for label, camera in cameras.items()}))
 
@@ -70,18 +106,17 @@ def rig_from_aria(text: str) -> Rig:
     Raises:
         ArgumentError: as :func:`read_aria`.
     """
-    entries = field(mapping(text), "CameraCalibrations")
+    entries = parse_mapping(text).get("CameraCalibrations")
     if not isinstance(entries, list) or not entries:
         raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
-    found: dict[str, RigCamera] = {}
-    for i, entry in enumerate(entries):
+    mounted: dict[str, RigCamera] = {}
+    for i, data in enumerate(entries):
+        entry = read_known(_Entry, data, f"CameraCalibrations[{i}]")
         with within(f"CameraCalibrations[{i}]"):
-            label = one_of("Label", field(entry, "Label"), _SIZES)
-            if label in found:
-                raise ArgumentError(f"Label: expected each label once, got {label} again")
-            late = number("TimeOffsetSec_Device_Camera", entry.get("TimeOffsetSec_Device_Camera", 0.0))
-            found[label] = RigCamera(_camera(label, field(entry, "Projection")), _pose(entry), late)
-    return Rig(found)
+            if entry.label in mounted:
+                raise ArgumentError(f"Label: expected each label once, got {entry.label} again")
+            mounted[entry.label] = entry.mounted()
+    return Rig(mounted)
 
 
 def rig_to_aria(rig: Rig) -> str:
@@ -94,7 +129,7 @@ def rig_to_aria(rig: Rig) -> str:
     for label, mounted in rig.cameras.items():
         with within(label):
             row, values = _projection(label, mounted.camera)
-        x, y, z, w = (Rotation.from_matrix(mounted.pose.rotation).as_quat(canonical=True) + 0.0).tolist()
+        x, y, z, w = mounted.pose.quaternion()
         entries.append(
             {
                 "Label": label,
@@ -111,34 +146,14 @@ def rig_to_aria(rig: Rig) -> str:
     return json.dumps({"CameraCalibrations": entries}, indent=1)
 
 
-def _camera(label: str, projection: object) -> Camera:
-    row = _MODELS[one_of("Projection: Name", field(projection, "Name"), _MODELS)]
-    values = numbers("Projection: Params", field(projection, "Params"), (len(row.numbers),)).tolist()
-    return camera_of(row.model, *_SIZES[label], read_numbers(row, values, HALF_PIXEL))
-
-
-def _pose(entry: Mapping[str, Any]) -> Pose:
-    given = field(entry, "T_Device_Camera")
-    with within("T_Device_Camera"):
-        translation = numbers("Translation", field(given, "Translation"), (3,))
-        quaternion = field(given, "UnitQuaternion")
-        if not isinstance(quaternion, list) or len(quaternion) != 2:
-            raise ArgumentError(f"UnitQuaternion: expected [w, [x, y, z]], got {shown(quaternion)}")
-        w = number("UnitQuaternion: w", quaternion[0])
-        xyz = numbers("UnitQuaternion: [x, y, z]", quaternion[1], (3,))
-        if not np.hypot(w, np.linalg.norm(xyz)) > 1e-12:
-            raise ArgumentError(f"UnitQuaternion: expected one of length 1, got {shown(quaternion)}")
-        return Pose(translation, Rotation.from_quat([*xyz, w]).as_matrix())
-
-
 def _projection(label: str, camera: Camera) -> tuple[FormatModel, list[float]]:
     size = _SIZES[one_of("label", label, _SIZES)]
-    found = fit_format(camera, _MODELS.values(), HALF_PIXEL)
-    if found is None:
+    carried = fit_format(camera, _MODELS.values(), HALF_PIXEL)
+    if carried is None:
         raise ArgumentError(
             f"Aria: expected fisheye624 with one focal length or kannala-brandt, unskewed, got {camera.name}"
         )
     if (camera.width, camera.height) != size:
-        wanted = "x".join(map(str, size))
-        raise ArgumentError(f"size: expected {wanted} px of {label}, got {camera.width}x{camera.height}")
-    return found
+        expected = f"{size[0]}x{size[1]} px of {label}"
+        raise ArgumentError(f"size: expected {expected}, got {camera.width}x{camera.height}")
+    return carried

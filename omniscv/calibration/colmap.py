@@ -1,13 +1,13 @@
-"""COLMAP's text files: ``cameras.txt``, and the lines of ``rigs.txt`` and ``frames.txt``.
+"""COLMAP's text files ``cameras.txt`` and ``rigs.txt``, and the lines of ``frames.txt``.
 
 Half pixel: none to shift. COLMAP's top-left pixel has its centre at (0.5, 0.5), as ours. The camera frames
-agree: x right, y down, z forward. Carried: the models of ``MODELS``, and ``equirectangular``. Lenses that are
-another model's special case go as that one: ``fisheye-equidistant`` as a fisheye without coefficients,
+agree: x right, y down, z forward. Carried: the models of ``MODELS``, and ``equirectangular``. Special
+cases are written as the general model: ``fisheye-equidistant`` as a fisheye without coefficients,
 ``fisheye-stereographic`` and an undistorted ``unified`` as ``EUCM``, without the circle in which they end.
 
-Not carried: every other model, a limit ``fov_deg``, a name that is no whole number. COLMAP reaches only rays
-less than 90 degrees off the axis in every model but ``EQUIRECTANGULAR``; a comment says so where a camera
-sees more.
+Not carried: every other model, a limit ``fov_deg``, a name that is no whole number, a rig's time offsets.
+COLMAP reaches only rays less than 90 degrees off the axis in every model but ``EQUIRECTANGULAR``; a comment
+says so for cameras that see more.
 
 Source: COLMAP 4.2, ``src/colmap/sensor/models.h`` and ``scene/reconstruction_io_text.cc``.
 """
@@ -15,12 +15,12 @@ Source: COLMAP 4.2, ``src/colmap/sensor/models.h`` and ``scene/reconstruction_io
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import numbers, one_of, shown, within
-from omniscv.calibration.common import whole_number
+from omniscv.calibration.common import check_first_is_origin, whole_number
 from omniscv.calibration.intrinsics import FormatModel, camera_of, fit_format, read_numbers
 from omniscv.cameras import Camera, Equirectangular
+from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -45,10 +45,10 @@ _ROWS = [line.split() for line in _TABLE.strip().splitlines()]
 MODELS = {name: FormatModel(name, model, tuple(names)) for name, model, *names in _ROWS}
 """COLMAP's models by name, with our model and COLMAP's order of the parameters."""
 
-_ONLY_READ = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "FISHEYE", "DIVISION"}
-_ONLY_READ |= {"SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
-# Special cases of others, which more programs that read COLMAP's files know.
-_WRITTEN = [name for name in MODELS if name not in _ONLY_READ]
+_SPECIAL = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "FISHEYE", "DIVISION"}
+_SPECIAL |= {"SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
+# Fewer of the programs that read COLMAP's files know the special cases of other models.
+_WRITTEN = [row for name, row in MODELS.items() if name not in _SPECIAL]
 
 NAMES = (*MODELS, "EQUIRECTANGULAR")
 
@@ -102,11 +102,11 @@ def camera_line(camera_id: int, camera: Camera) -> str:
     """
     if isinstance(camera, Equirectangular):
         return f"{camera_id} EQUIRECTANGULAR {camera.width} {camera.height} {camera.width} {camera.height}"
-    found = fit_format(camera, [MODELS[name] for name in _WRITTEN], 0.0)
-    if found is None:
+    carried = fit_format(camera, _WRITTEN, 0.0)
+    if carried is None:
         known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
         raise ArgumentError(f"COLMAP: expected equirectangular, {known}, unskewed, got {camera.name}")
-    row, values = found
+    row, values = carried
     return " ".join(map(str, [camera_id, row.name, camera.width, camera.height, *values]))
 
 
@@ -121,33 +121,80 @@ def refuses(camera: Camera) -> str | None:
 
 def pose_words(pose: Pose) -> str:
     """Return ``QW QX QY QZ TX TY TZ`` of a pose as COLMAP has it: from the world to the camera."""
-    inverse = Rotation.from_matrix(pose.R_w_c.T)
-    x, y, z, w = (inverse.as_quat(canonical=True) + 0.0).tolist()
-    t = (-pose.t_w_c @ pose.R_w_c + 0.0).tolist()
-    return " ".join(map(str, [w, x, y, z, *t]))
+    world = pose.inverse()
+    x, y, z, w = world.quaternion()
+    return " ".join(map(str, [w, x, y, z, *(world.position + 0.0).tolist()]))
 
 
 def pose_of(words: list[str]) -> Pose:
-    """Return the pose whose :func:`pose_words` are given.
+    """Return the pose that :func:`pose_words` wrote.
 
     Raises:
         ArgumentError: not seven finite numbers, or a quaternion of length 0.
     """
     w, x, y, z, *t = numbers("QW QX QY QZ TX TY TZ", words, (7,)).tolist()
-    if not np.linalg.norm([w, x, y, z]) > 1e-12:
-        raise ArgumentError(f"QW QX QY QZ: expected a quaternion, got {shown(words[:4])}")
-    R_c_w = Rotation.from_quat([x, y, z, w]).as_matrix()
-    return Pose(-np.array(t) @ R_c_w, R_c_w.T)
+    return Pose.from_quaternion(t, (x, y, z, w)).inverse()
+
+
+def rig_from_colmap(cameras: str, rigs: str) -> Rig:
+    """Return the rig of a ``cameras.txt`` and a ``rigs.txt`` with one rig, in the frame of its reference.
+
+    Raises:
+        ArgumentError: not one rig, a sensor that is no camera or has no pose, a line that does not follow
+            the format, or as :func:`read_colmap`.
+    """
+    known = read_colmap(cameras)
+    lines = [words for line in rigs.splitlines() if (words := line.partition("#")[0].split())]
+    if len(lines) != 1 or len(lines[0]) < 4:
+        raise ArgumentError(
+            f"rigs.txt: expected one line 'RIG_ID NUM_SENSORS CAMERA ID ...', got {shown(lines)}"
+        )
+    _, count, *words = lines[0]
+    sensors: dict[str, RigCamera] = {}
+    while words:
+        (sensor, name), words = words[:2], words[2:]
+        pose = Pose(np.zeros(3), np.eye(3))
+        with within(f"rigs.txt: sensor {name}"):
+            if sensor != "CAMERA" or name not in known or name in sensors:
+                raise ArgumentError(f"expected each sensor a CAMERA of cameras.txt, got {shown(sensor)}")
+            if sensors:
+                if words[:1] != ["1"]:
+                    raise ArgumentError(f"expected HAS_POSE 1, got {shown(words[:1])}")
+                pose, words = pose_of(words[1:8]), words[8:]
+            sensors[name] = RigCamera(known[name], pose)
+    if len(sensors) != whole_number("NUM_SENSORS", count):
+        raise ArgumentError(f"rigs.txt: NUM_SENSORS: expected {len(sensors)}, as listed, got {count}")
+    return Rig(sensors)
+
+
+def rig_to_colmap(rig: Rig) -> tuple[str, str]:
+    """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by whole numbers, their ids.
+
+    Raises:
+        ArgumentError: other names, a first camera that is not the rig's frame, time offsets, or as
+            :func:`write_colmap`.
+    """
+    check_first_is_origin(rig, "COLMAP")
+    for name, mounted in rig.cameras.items():
+        if mounted.time_offset:
+            got = f"{mounted.time_offset:.15g}"
+            raise ArgumentError(f"{name}: time_offset: expected 0, as COLMAP carries none, got {got}")
+    cameras = write_colmap({name: mounted.camera for name, mounted in rig.cameras.items()})
+    return cameras, rig_line(1, {int(name): mounted.pose for name, mounted in rig.cameras.items()}) + "\n"
 
 
 def rig_line(rig_id: int, sensors: Mapping[int, Pose]) -> str:
-    """Return a rig's line of ``rigs.txt``: ids of cameras and their poses in one frame, the first camera is
-    the reference, whose frame COLMAP takes for the rig's."""
+    """Return a rig's line of ``rigs.txt``.
+
+    Args:
+        rig_id: from 1.
+        sensors: poses in one frame by the ids of cameras; the first camera is COLMAP's reference.
+    """
     (reference, T_rig_ref), *others = sensors.items()
-    parts = [f"{rig_id} {len(sensors)} CAMERA {reference}"]
+    words = [f"{rig_id} {len(sensors)} CAMERA {reference}"]
     for camera_id, pose in others:
-        parts.append(f"CAMERA {camera_id} 1 {pose_words(T_rig_ref.inverse() @ pose)}")
-    return " ".join(parts)
+        words.append(f"CAMERA {camera_id} 1 {pose_words(T_rig_ref.inverse() @ pose)}")
+    return " ".join(words)
 
 
 def frame_line(frame_id: int, rig_id: int, pose: Pose, images: Mapping[int, int]) -> str:
@@ -156,7 +203,7 @@ def frame_line(frame_id: int, rig_id: int, pose: Pose, images: Mapping[int, int]
     Args:
         frame_id, rig_id: from 1.
         pose: of the reference camera, world frame.
-        images: ids of images by the ids of the cameras that took them.
+        images: ids of images by ids of cameras.
     """
     data = " ".join(f"CAMERA {camera_id} {image_id}" for camera_id, image_id in images.items())
     return f"{frame_id} {rig_id} {pose_words(pose)} {len(images)} {data}"

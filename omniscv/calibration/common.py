@@ -1,43 +1,93 @@
-"""What the formats share: values out of untrusted text."""
+"""Shared by the formats: values out of untrusted text, and cameras of any model as JSON."""
 
+import json
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import numpy as np
 
 from omniscv import arguments
-from omniscv.arguments import shown
-from omniscv.cameras import Camera
+from omniscv.arguments import Reader, numbers, shown
+from omniscv.cameras import Camera, from_dict
+from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
-from omniscv.storage import bounded
+from omniscv.geometry import Array
+from omniscv.records import key_of, mapping, read
+from omniscv.storage.bounded import parse_yaml
+
+T = TypeVar("T")
 
 
-def mapping(text: str) -> dict[str, Any]:
-    """Return the mapping that a YAML (or JSON) document is; raise ArgumentError for all else."""
-    data = bounded.parse_yaml(text)
-    if not isinstance(data, dict):
-        raise ArgumentError(f"expected a YAML mapping, got {shown(data)}")
-    return data
+def parse_mapping(text: str) -> dict[str, Any]:
+    """Return a YAML (or JSON) document that is a mapping; ArgumentError for anything else."""
+    return mapping("file", parse_yaml(text))
 
 
-def field(data: object, key: str) -> Any:
-    """Return ``data[key]``; raise ArgumentError where ``data`` is no mapping, or has no such key."""
-    if not isinstance(data, dict):
-        raise ArgumentError(f"expected a mapping with {key!r} in it, got {shown(data)}")
-    if key not in data:
-        raise ArgumentError(f"expected the key {key!r}, got {shown(list(data))}")
-    return data[key]
+def read_known(cls: type[T], value: object, where: str = "") -> T:
+    """Return a record of a mapping that may have more keys: programs write more than cameras need."""
+    known = {key_of(field) for field in fields(cls)}  # type: ignore[arg-type]
+    return read(cls, {key: item for key, item in mapping(where, value).items() if key in known}, where)
 
 
-def whole_number(key: str, value: object) -> int:
-    """Return a whole number >= 1, given as such or in digits; raise ArgumentError for all else."""
+def known(cls: type[Any]) -> Reader:
+    """Return a reader of a record inside another: see :func:`read_known`."""
+    return lambda name, value: value if isinstance(value, cls) else read_known(cls, value, name)
+
+
+def whole_number(name: str, value: object) -> int:
+    """Return a whole number >= 1, given as such or in digits; ArgumentError for anything else."""
     if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 10:
         value = int(value)
-    return arguments.whole_number(key, value)
+    return arguments.whole_number(name, value)
+
+
+def image_size(name: str, value: object) -> tuple[int, int]:
+    """Return (width, height), a list of two whole numbers; ArgumentError for anything else."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise ArgumentError(f"{name}: expected [width, height], got {shown(value)}")
+    width, height = (whole_number(f"{name}[{i}]", size) for i, size in enumerate(value))
+    return width, height
+
+
+def vector(name: str, value: object) -> Array:
+    """Return three finite numbers; ArgumentError for anything else."""
+    return numbers(name, value, (3,))
 
 
 def only_camera(cameras: Mapping[str, Camera], program: str) -> tuple[str, Camera]:
-    """Return the name and the camera of a file that holds one; raise ArgumentError if there are more."""
+    """Return the name and the camera of a file that holds one; ArgumentError if there are more."""
     if len(cameras) != 1:
-        raise ArgumentError(
-            f"cameras: {program}'s file holds one camera, got {len(cameras)}: {shown(list(cameras))}"
-        )
+        got = f"{len(cameras)}: {shown(list(cameras))}"
+        raise ArgumentError(f"cameras: {program}'s file holds one camera, got {got}")
     return next(iter(cameras.items()))
+
+
+def check_first_is_origin(rig: Rig, program: str) -> None:
+    """Raise ArgumentError where the first camera is not the rig's frame."""
+    name, first = next(iter(rig.cameras.items()))
+    offset = max(np.abs(first.pose.position).max(), np.abs(first.pose.rotation - np.eye(3)).max())
+    if offset > 1e-12:
+        raise ArgumentError(
+            f"{program}: expected a rig in the frame of its first camera, got another frame; save "
+            f"rig.seen_from({name!r})"
+        )
+
+
+def read_json(text: str) -> dict[str, Camera]:
+    """Return the camera, named ``cam0``, that ``camera.to_dict()`` described; pixel centres are at .5.
+
+    Raises:
+        ArgumentError: no JSON or YAML, or as :func:`omniscv.cameras.from_dict`.
+    """
+    return {"cam0": from_dict(parse_mapping(text))}
+
+
+def write_json(cameras: Mapping[str, Camera]) -> str:
+    """Return the JSON of one camera of any model; its name is not carried.
+
+    Raises:
+        ArgumentError: not exactly one camera.
+    """
+    _, camera = only_camera(cameras, "our JSON")
+    return json.dumps(camera.to_dict(), indent=1)

@@ -1,10 +1,11 @@
-"""The nearest camera of one model to another camera: for programs that lack its model."""
+"""Fit a camera of one model to another camera, for programs that lack its model."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,37 +16,34 @@ from omniscv.cameras import Camera, create
 from omniscv.errors import ArgumentError
 
 Floats = NDArray[np.float64]
-Values = Mapping[str, float]
 
-_SCALED_PX = 256  # the longer side of the image in which the numbers are fitted: they are near 1 there
-_GRID = 25  # rays across and down that are fitted
-_MOST_RAYS = 1 << 20  # whose errors are measured
-_STEPS = 60  # of least squares, at most
-_PLACE = ("fx", "fy", "cx", "cy")
-_ENDLESS = (-np.inf, np.inf)
+_SCALED_PX = 256  # longer side of the image in which the numbers are fitted: they are near 1 there
+_GRID = 25  # fitted rays across and down
+_MOST_RAYS = 1 << 20  # rays whose errors are measured, at most
+_STEPS = 60  # iterations of least squares, at most
+_MATRIX = ("fx", "fy", "cx", "cy")
+_UNBOUNDED = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)
 class _Family:
-    """What is fitted of a model.
+    """The numbers of a model that are fitted.
 
     Attributes:
-        names: of the numbers, those of the place first.
+        names: of the numbers, focal lengths and centre first.
         starts: values from which the fit may start, by name; 0 where not given.
-        bounds: of numbers that the model limits.
-        reach_deg: off the axis, up to which rays are fitted; beyond, the model loses its meaning.
+        bounds: by name, of numbers that the model limits.
+        reach_deg: rays are fitted up to this angle off the axis.
     """
 
     names: tuple[str, ...]
-    starts: Mapping[str, tuple[float, ...]]
-    bounds: Mapping[str, tuple[float, float]]
+    starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     reach_deg: float = 180.0
 
 
-def _family(names: str, starts: Mapping[str, tuple[float, ...]] | None = None, **others: object) -> _Family:
-    bounds = others.pop("bounds", {})
-    place = others.pop("place", _PLACE)
-    return _Family((*place, *names.split()), starts or {}, bounds, **others)  # type: ignore[arg-type, misc]
+def _family(names: str, matrix: Sequence[str] = _MATRIX, **options: Any) -> _Family:
+    return _Family((*matrix, *names.split()), **options)
 
 
 _ONE_FOCAL = ("focal", "cx", "cy")
@@ -55,36 +53,36 @@ _FAMILIES: dict[str, _Family] = {
     "kannala-brandt": _family("k1 k2 k3 k4"),
     "fisheye624": _family("k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3"),
     "unified": _family(
-        "xi k1 k2 p1 p2", {"xi": (0.01, 0.5, 1.0, 1.5, 2.5)}, bounds={"xi": (-1 + 1e-6, 30.0)}
+        "xi k1 k2 p1 p2", starts={"xi": (0.01, 0.5, 1.0, 1.5, 2.5)}, bounds={"xi": (-1 + 1e-6, 30.0)}
     ),
     "extended-unified": _family(
         "alpha beta",
-        {"alpha": (0.1, 0.3, 0.5, 0.6, 0.75), "beta": (1.0,)},
+        starts={"alpha": (0.1, 0.3, 0.5, 0.6, 0.75), "beta": (1.0,)},
         bounds={"alpha": _ALPHA, "beta": (1e-3, 1e3)},
     ),
     "double-sphere": _family(
         "xi alpha",
-        {"xi": (-0.4, -0.2, 0.0, 0.5), "alpha": (0.2, 0.5, 0.6, 0.7)},
+        starts={"xi": (-0.4, -0.2, 0.0, 0.5), "alpha": (0.2, 0.5, 0.6, 0.7)},
         bounds={"xi": (-1 + 1e-6, 1.0), "alpha": _ALPHA},
     ),
-    "division": _family("k", {"k": (-0.5, -0.2, -0.05, 0.0)}, place=_ONE_FOCAL),
-    "ftheta": _family("c2 c3 c4 c5", place=_ONE_FOCAL),
-    "fisheye-equidistant": _family("", place=_ONE_FOCAL),
-    "fisheye-stereographic": _family("", place=_ONE_FOCAL),
-    "fisheye-orthographic": _family("", place=_ONE_FOCAL, reach_deg=90.0),
-    "fisheye-equisolid": _family("", place=_ONE_FOCAL),
+    "division": _family("k", _ONE_FOCAL, starts={"k": (-0.5, -0.2, -0.05, 0.0)}),
+    "ftheta": _family("c2 c3 c4 c5", _ONE_FOCAL),
+    "fisheye-equidistant": _family("", _ONE_FOCAL),
+    "fisheye-stereographic": _family("", _ONE_FOCAL),
+    "fisheye-orthographic": _family("", _ONE_FOCAL, reach_deg=90.0),
+    "fisheye-equisolid": _family("", _ONE_FOCAL),
 }
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A camera near another one.
+    """A camera fitted to another one.
 
     Attributes:
-        camera: of the model that was wanted, with an image of the same size, without skew.
-        max_px, rms_px: how far from each other the two see the same ray, over the rays that both see: the
-            largest distance, and the root of the mean square.
-        coverage: which part of the other camera's valid pixels these rays are.
+        camera: of the model, with the image size of the other camera, without skew.
+        max_px, rms_px: largest and root mean square distance between the pixels of a ray in the two cameras,
+            over the rays that both see.
+        coverage: fraction of the other camera's valid pixels whose rays both see.
     """
 
     camera: Camera
@@ -99,10 +97,10 @@ def models() -> list[str]:
 
 
 def fit(camera: Camera, model: str) -> Fit:
-    """Return the camera of a model that sees a camera's rays nearest to where that does, in least squares.
+    """Return the camera of a model whose pixels are nearest to those of another camera in least squares.
 
     Rays that no camera of the model sees are left out, and for ``pinhole`` those more than 80 degrees off the
-    axis, where tangents grow without end.
+    axis, where tangents grow without bound.
 
     Args:
         camera: a central camera that sees along +z.
@@ -121,14 +119,14 @@ def fit(camera: Camera, model: str) -> Fit:
         raise ArgumentError(f"camera: expected one that sees along +z, as lenses do, got {shown(camera)}")
     focals = {getattr(camera, name, None) for name in ("fx", "fy")} - {None}
     if len(focals or {getattr(camera, "focal", None)} - {None}) == 1:
-        one = (*_ONE_FOCAL, *(name for name in family.names if name not in (*_PLACE, "focal")))
+        one = (*_ONE_FOCAL, *(name for name in family.names if name not in (*_MATRIX, "focal")))
         family = replace(family, names=one)
     fitting = _Fitting(camera, model, family, axis)
     return fitting.measured(fitting.solved())
 
 
 class _Fitting:
-    """A fit under way. Numbers are those of the image scaled to a longer side of 256 px."""
+    """A fit. Numbers belong to the image scaled to a longer side of 256 px."""
 
     def __init__(self, camera: Camera, model: str, family: _Family, axis: Floats) -> None:
         self._camera, self._model, self._family = camera, model, family
@@ -141,67 +139,66 @@ class _Fitting:
             raise ArgumentError(f"camera: expected {wanted}, got {len(self._rays)}")
 
     def solved(self) -> Floats:
-        """The numbers of least squares, from the best of the starts."""
+        """Return the numbers of least squares, from the best of the starts."""
         x = min(self._starts(), key=lambda x: float(np.square(self._residuals(x)).sum()))
         names = self._family.names
-        shape = [i for i, name in enumerate(names) if name in (*_PLACE, "focal", *self._family.starts)]
-        # The model without its distortion first: both together lie in a long valley.
+        shape = [i for i, name in enumerate(names) if name in (*_MATRIX, "focal", *self._family.starts)]
+        # First without distortion: together the two lie in a long valley.
         return self._refined(self._refined(x, shape) if x[len(shape) :].any() == 0 else x, range(len(names)))
 
     def _refined(self, x: Floats, free: Sequence[int]) -> Floats:
-        """Numbers of least squares in which only some, by index, differ from ``x``."""
+        """Return the numbers of least squares when only some, by index, may differ from ``x``."""
         from scipy.optimize import least_squares  # slow to load, and reading files does without
 
         free = list(free)
-        bounds = np.array([self._family.bounds.get(self._family.names[i], _ENDLESS) for i in free]).T
+        bounds = np.array([self._family.bounds.get(self._family.names[i], _UNBOUNDED) for i in free]).T
 
-        def whole(part: Floats) -> Floats:
+        def with_free(values: Floats) -> Floats:
             changed = x.copy()
-            changed[free] = part
+            changed[free] = values
             return changed
 
-        def residuals(part: Floats) -> Floats:
-            return self._residuals(whole(part))
+        def residuals(values: Floats) -> Floats:
+            return self._residuals(with_free(values))
 
-        low, high = bounds
-        found = least_squares(
-            residuals, x[free], bounds=(low, high), x_scale="jac",
+        solution = least_squares(
+            residuals, x[free], bounds=tuple(bounds), x_scale="jac",
             ftol=1e-13, xtol=1e-13, gtol=1e-15, max_nfev=_STEPS,
         )  # fmt: skip
-        return whole(found.x)
+        return with_free(solution.x)
 
     def measured(self, x: Floats) -> Fit:
-        """The camera of fitted numbers, and its errors."""
+        """Return the camera of fitted numbers, and its errors."""
         camera = self._camera
         step = max(1, int(np.ceil(np.sqrt(camera.width * camera.height / _MOST_RAYS))))
         u, v = np.arange(0.5, camera.width, step), np.arange(0.5, camera.height, step)
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-        everything = int(np.count_nonzero(camera.valid(pixels)))
+        total = int(np.count_nonzero(camera.valid(pixels)))
         pixels, rays = self._within_reach(pixels)
-        found = self._built(x, 1.0)
-        both = found.valid(pixels)
+        fitted = self._built(x, 1.0)
+        both = fitted.valid(pixels)
         off = np.linalg.norm(self._seen(x, rays[both]) / self._scale - pixels[both], axis=-1)
         off = off[np.isfinite(off)]
         if not len(off):
-            raise ArgumentError(f"camera: expected one that {self._model} can come near, got {shown(camera)}")
-        return Fit(found, float(off.max()), float(np.sqrt(np.mean(off**2))), len(off) / everything)
+            raise ArgumentError(f"camera: expected one that {self._model} can fit, got {shown(camera)}")
+        return Fit(fitted, float(off.max()), float(np.sqrt(np.mean(off**2))), len(off) / total)
 
     def _within_reach(self, pixels: Floats) -> tuple[Floats, Floats]:
-        """Those of pixels (N, 2) that the camera sees, within the model's reach; their rays (N, 3)."""
+        """Return the valid pixels (M, 2) of (N, 2) within the model's reach, and their rays (M, 3)."""
         rays = self._camera.unproject(pixels)
         near = rays.valid & (rays.directions[:, 2] >= np.cos(np.radians(self._family.reach_deg)) - 1e-9)
         return pixels[near], rays.directions[near]
 
     def _starts(self) -> Iterator[Floats]:
         names = self._family.names
-        place = {"fx": 100.0, "fy": 100.0, "focal": 100.0, "cx": self._axis[0], "cy": self._axis[1]}
+        matrix = {"fx": 100.0, "fy": 100.0, "focal": 100.0, "cx": self._axis[0], "cy": self._axis[1]}
         for values in product(*self._family.starts.values()):
-            start = place | dict(zip(self._family.starts, values, strict=True))
+            start = matrix | dict(zip(self._family.starts, values, strict=True))
             x = np.array([start.get(name, 0.0) for name in names])
             offsets = self._seen(x, self._rays) - self._axis
-            wanted = self._pixels * self._scale - self._axis
+            targets = self._pixels * self._scale - self._axis
             both = np.isfinite(offsets).all(axis=-1)
-            ratio = (offsets[both] * wanted[both]).sum() / max(np.square(offsets[both]).sum(), 1e-12)
+            ratio = (offsets[both] * targets[both]).sum() / max(np.square(offsets[both]).sum(), 1e-12)
             if ratio > 0:
                 x[[name in ("fx", "fy", "focal") for name in names]] *= ratio
             yield x
@@ -209,40 +206,42 @@ class _Fitting:
             yield self._rational_start()
 
     def _rational_start(self) -> Floats:
-        """OpenCV's radial terms, which are linear in ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``, none
-        of them below 0: so no denominator vanishes."""
+        """Return OpenCV's radial terms fitted to ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``.
+
+        The equation is linear in them. All are at least 0, so that no denominator vanishes.
+        """
         from scipy.optimize import nnls
 
         x, y, z = self._rays.T
-        wanted = self._pixels * self._scale - self._axis
+        targets = self._pixels * self._scale - self._axis
         near = z > np.cos(np.radians(20.0))
         focal = [
-            float(wanted[near, i] @ (each / z)[near] / max(np.square((each / z)[near]).sum(), 1e-12))
-            for i, each in enumerate((x, y))
+            float(targets[near, i] @ slope[near] / max(np.square(slope[near]).sum(), 1e-12))
+            for i, slope in enumerate((x / z, y / z))
         ]
-        r, r_d = np.hypot(x, y) / z, np.hypot(*(wanted / np.maximum(focal, 1e-6)).T)
+        r, r_d = np.hypot(x, y) / z, np.hypot(*(targets / np.maximum(focal, 1e-6)).T)
         powers = r[:, None] ** [2, 4, 6]
         terms = np.hstack([r[:, None] * powers, -r_d[:, None] * powers]) / (1 + r[:, None] ** 7)
         k1, k2, k3, k4, k5, k6 = nnls(terms, (r_d - r) / (1 + r**7))[0]
-        found = [k1, k2, 0.0, 0.0, k3, k4, k5, k6]
+        distortion = [k1, k2, 0.0, 0.0, k3, k4, k5, k6]
         one = "focal" in self._family.names
-        return np.array([*([np.mean(focal)] if one else focal), *self._axis, *found])
+        return np.array([*([np.mean(focal)] if one else focal), *self._axis, *distortion])
 
     def _residuals(self, x: Floats) -> Floats:
-        """(2 N,) px; a ray that is not seen counts as one at the other end of the image."""
+        """Return (2 N,) px; a ray that is not seen counts as one at the other end of the image."""
         off = self._seen(x, self._rays) - self._pixels * self._scale
         return np.asarray(np.where(np.isfinite(off), off, _SCALED_PX).ravel())
 
     def _seen(self, x: Floats, rays: Floats) -> Floats:
-        """(N, 2) where rays are seen in the scaled image and beyond its sides; NaN where not."""
+        """Return (N, 2) px of rays in the scaled image and beyond its sides; NaN if not seen."""
         try:
             camera = self._built(x, self._scale, margin=_SCALED_PX)
-        except ArgumentError:  # numbers that the model refuses
+        except ArgumentError:  # the model refuses the numbers
             return np.full((len(rays), 2), np.nan)
         return camera.project(rays)[0] - _SCALED_PX
 
     def _built(self, x: Floats, scale: float, margin: int = 0) -> Camera:
-        """The camera of fitted numbers, of an image of the original's size times ``scale`` and a margin."""
+        """Return the camera of fitted numbers with the original's image size times ``scale`` and a margin."""
         factor = scale / self._scale
         numbers = dict(zip(self._family.names, x.tolist(), strict=True))
         for name in {"fx", "fy", "focal", "cx", "cy"} & numbers.keys():
@@ -250,15 +249,14 @@ class _Fitting:
         width, height = (
             max(1, round(size * scale)) + 2 * margin for size in (self._camera.width, self._camera.height)
         )
-        return _made(self._model, width, height, numbers, factor)
+        return _create(self._model, width, height, numbers, factor)
 
 
-def _made(model: str, width: int, height: int, numbers: dict[str, float], factor: float) -> Camera:
+def _create(model: str, width: int, height: int, numbers: dict[str, float], factor: float) -> Camera:
     if model in MODELS:
         both = {"fx": numbers["focal"], "fy": numbers["focal"]} if "focal" in numbers else {}
         return camera_of(model, width, height, numbers | both)
     if model == "ftheta":
         polynomial = [0.0, numbers["focal"], *(100 * factor * numbers[f"c{i}"] for i in range(2, 6))]
-        given = {"cx": numbers["cx"], "cy": numbers["cy"], "polynomial": polynomial}
-        return create(model, width, height, **given)  # type: ignore[arg-type]
+        return create(model, width, height, cx=numbers["cx"], cy=numbers["cy"], polynomial=polynomial)
     return create(model, width, height, focal=numbers["focal"], center=[numbers["cx"], numbers["cy"]])

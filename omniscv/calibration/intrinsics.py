@@ -1,6 +1,6 @@
-"""A camera's numbers by the names that calibration files give them, and the camera that they make.
+"""Cameras as numbers by the names of calibration files, to and fro.
 
-A format is then a list of which models it has, and which of the numbers: see :func:`fit_format`.
+A format is a list of models and the numbers that it holds of each: see :func:`fit_format`.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,7 +23,7 @@ _ARGUMENTS: dict[str, dict[str, str]] = {
     "double-sphere": {"skew": "skew", "xi": "xi", "alpha": "alpha"},
     "division": {"k": "k"},
 }
-"""The constructor arguments of a model beyond size, focal lengths and centre, and the numbers each holds."""
+"""By model: the constructor arguments beyond size, focal lengths and centre, and the numbers of each."""
 
 MODELS = tuple(_ARGUMENTS)
 """The models that are described by such numbers."""
@@ -44,7 +44,7 @@ class FormatModel(NamedTuple):
     Attributes:
         name: in the format.
         model: ours.
-        numbers: their names in the format's order; ``f`` is fx = fy. What is not there is 0.
+        numbers: their names in the format's order; ``f`` is fx = fy. Missing ones are 0.
     """
 
     name: str
@@ -53,9 +53,9 @@ class FormatModel(NamedTuple):
 
 
 def intrinsics(camera: Camera) -> list[Intrinsics]:
-    """Return the models and numbers that give a camera's rays, its own first; none for other models.
+    """Return the models and numbers of a camera's rays, its own model first; none for other models.
 
-    The circle in which the image of a lens such as ``fisheye-equidistant`` ends is no number of these.
+    The image circle of lenses such as ``fisheye-equidistant`` is not among these numbers.
 
     Raises:
         ArgumentError: a camera with a limit ``fov_deg``, which no format holds.
@@ -74,13 +74,13 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
     for argument, names in _ARGUMENTS[camera.name].items():
         values = np.ravel(getattr(camera, argument, 0.0)).tolist()
         place |= zip(names.split(), values, strict=False)
-    own = Intrinsics(camera.name, place)
+    exact = Intrinsics(camera.name, place)
     distorted = any(place.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
-    return [own, _extended(own)] if camera.name == "unified" and not distorted else [own]
+    return [exact, _extended(exact)] if camera.name == "unified" and not distorted else [exact]
 
 
 def _extended(unified: Intrinsics) -> Intrinsics:
-    """The unified model as the extended one, in which ``beta`` is 1."""
+    """Return the unified model as the extended one with ``beta`` = 1."""
     numbers = unified.numbers
     alpha = numbers["xi"] / (1 + numbers["xi"])
     scaled = {name: (1 - alpha) * numbers[name] for name in ("fx", "fy")}
@@ -93,17 +93,17 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
     Raises:
         ArgumentError: numbers that the model refuses.
     """
-    given: dict[str, object] = {}
+    terms: dict[str, object] = {}
     for argument, names in _ARGUMENTS[model].items():
         values = [numbers.get(name, 0.0) for name in names.split()]
         if any(values) or argument not in ("skew", "distortion"):
-            given[argument] = values if " " in names else values[0]
+            terms[argument] = values if " " in names else values[0]
     center = {"cx": numbers["cx"], "cy": numbers["cy"]}
     if model == "division":
-        return create(model, width, height, focal=_one_focal(numbers), **center, **given)  # type: ignore[arg-type]
-    if model == "pinhole" and not given and numbers["fx"] == numbers["fy"]:
+        return create(model, width, height, focal=_one_focal(numbers), **center, **terms)  # type: ignore[arg-type]
+    if model == "pinhole" and not terms and numbers["fx"] == numbers["fy"]:
         return create(model, width, height, focal=numbers["fx"], center=[*center.values()])
-    return create(model, width, height, fx=numbers["fx"], fy=numbers["fy"], **center, **given)  # type: ignore[arg-type]
+    return create(model, width, height, fx=numbers["fx"], fy=numbers["fy"], **center, **terms)  # type: ignore[arg-type]
 
 
 def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> Numbers:
@@ -123,7 +123,7 @@ def fit_format(
     Args:
         camera: what is written.
         rows: the models of the format, those of fewest numbers first.
-        shift_px: taken from the principal point.
+        shift_px: subtracted from the principal point.
 
     Returns:
         None where the format has no such model.
@@ -131,10 +131,10 @@ def fit_format(
     Raises:
         ArgumentError: a camera with a limit ``fov_deg``.
     """
-    found = intrinsics(camera)
-    for own in found:
+    rows = list(rows)
+    for model, numbers in intrinsics(camera):
         for row in rows:
-            if row.model == own.model and (values := _in_order(row, own.numbers, shift_px)) is not None:
+            if row.model == model and (values := _in_order(row, numbers, shift_px)) is not None:
                 return row, values
     return None
 
@@ -145,14 +145,10 @@ def _in_order(row: FormatModel, numbers: Numbers, shift_px: float) -> list[float
         if shifted.pop("fx") != shifted["fy"]:
             return None
         shifted["f"] = shifted.pop("fy")
-    wanted = set(_names_of(row.model))
-    if any(value for name, value in shifted.items() if name in wanted and name not in row.numbers):
+    needed = {"fx", "fy", "cx", "cy", *" ".join(_ARGUMENTS[row.model].values()).split()}
+    if any(value for name, value in shifted.items() if name in needed and name not in row.numbers):
         return None
     return [shifted.get(name, 0.0) for name in row.numbers]
-
-
-def _names_of(model: str) -> list[str]:
-    return ["fx", "fy", "cx", "cy", *" ".join(_ARGUMENTS[model].values()).split()]
 
 
 def _one_focal(numbers: Mapping[str, float]) -> float:

@@ -1,4 +1,4 @@
-"""Kalibr's ``camchain.yaml``: cameras ``cam0``, ``cam1``, ... with a model, intrinsics and a resolution.
+"""Kalibr's ``camchain.yaml``: cameras ``cam0``, ``cam1``, ... with models, intrinsics, resolutions, poses.
 
 Half pixel: Kalibr puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
 
@@ -10,18 +10,22 @@ Half pixel: Kalibr puts pixel centres at whole numbers, so its principal point i
 ``omni-none``, ``omni-radtan``
     ``unified``, Mei's sphere model: ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)`` of the
     unit direction x_s; and ``fisheye-stereographic``, whose xi is 1, without the circle in which it ends.
-    ``omni-none`` with ``fv = -fu < 0``, or ``fu = -fv < 0``, is a picture in a mirror:
+    ``omni-none`` with ``fv = -fu < 0``, or ``fu = -fv < 0``, is the picture of a mirror:
     ``catadioptric-planar`` (xi = 0), ``-hyperbolic`` (0 < xi < 1) and ``-parabolic`` (xi = 1), with
     ``fu = -eta focal``. Our frame looks at the mirror, Mei's z away from it: half a turn about x,
     ``X_mei = (x, -y, -z)``, hence the sign of fv (about y, and fu, where that is the negative one).
-    docs/calibration.md: files of Kalibr's own programs, which refuse negative focal lengths. The mirror's
-    size is not carried, and no ray depends on it: a hyperboloid comes back with ``distance`` 1, a paraboloid
-    with ``semi_latus_rectum`` 1.
+    Kalibr's own programs refuse negative focal lengths: see docs/calibration.md. The mirror's size is not
+    carried, and no ray depends on it: hyperboloids are read with ``distance`` 1, paraboloids with
+    ``semi_latus_rectum`` 1.
 ``eucm-none``, ``ds-none``
     ``extended-unified`` and ``double-sphere``.
 
+Rigs: a chain has each camera's pose relative to the one before it, ``T_cn_cnm1``, and ``timeshift_cam_imu``,
+which is our time offset: the time at which an image was taken, in the IMU's time, minus its stamp. The first
+camera is the rig's frame: see :meth:`Rig.seen_from`. ``T_cam_imu`` is ignored.
+
 Not carried: every other model (of Kalibr's own, ``pinhole-fov``), skew, a limit ``fov_deg``, where a mirror
-ends, topics. Poses and time shifts are in :mod:`omniscv.calibration.rigs`.
+ends, topics.
 
 Source: Kalibr, ``kalibr_common/ConfigReader.py``.
 """
@@ -31,13 +35,18 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import yaml
 
-from omniscv.arguments import numbers, shown, within
-from omniscv.calibration.common import field, mapping, whole_number
+from omniscv.arguments import number, numbers, one_of, shown, within
+from omniscv.calibration.common import check_first_is_origin, image_size, parse_mapping, read_known
 from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, read_numbers
-from omniscv.cameras import Camera, central_mirrors
+from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
+from omniscv.cameras.central_mirrors import SphereModel
+from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.records import checked, mapping, record
 
 _TABLE = """
 pinhole none        pinhole          fx fy cx cy
@@ -50,66 +59,130 @@ ds      none        double-sphere    xi alpha fx fy cx cy
 """
 _ROWS = [line.split() for line in _TABLE.strip().splitlines()]
 _MODELS = {
-    (name, distortion): FormatModel(f"{name}-{distortion}", model, tuple(names))
+    f"{name}-{distortion}": FormatModel(f"{name}-{distortion}", model, tuple(names))
     for name, distortion, model, *names in _ROWS
 }
-"""(camera_model, distortion_model): our model; the intrinsics, then the coefficients in their order."""
+"""``camera_model-distortion_model``: our model; its intrinsics, then its coefficients, in Kalibr's order."""
 
 _NAME = re.compile(r"cam\d+")
 
 
+@record
+class _Entry:
+    """A camera of a chain; the numbers are checked once the model is known."""
+
+    camera_model: Any
+    distortion_model: Any
+    intrinsics: Any
+    distortion_coeffs: Any
+    resolution: tuple[int, int] = checked(image_size)
+
+
 def read_kalibr(text: str) -> dict[str, Camera]:
-    """Return the cameras of a camchain, by their names ``cam0``, ``cam1``, ...; their poses are not read.
+    """Return the cameras of a chain by their names ``cam0``, ``cam1``, ...; their poses are ignored.
 
     Raises:
         ArgumentError: not YAML, no camera in it, a key missing or of the wrong length, a number not
             finite, or parameters that no model of ours has.
     """
-    chain = mapping(text)
-    cameras = {}
-    for name, entry in chain.items():
-        if isinstance(name, str) and _NAME.fullmatch(name):
-            with within(name):
-                cameras[name] = _camera(entry)
-    if not cameras:
-        raise ArgumentError(f"expected cameras cam0, cam1, ..., got {shown(list(chain))}")
-    return cameras
+    return {name: _camera(name, entry) for name, entry in _entries(text).items()}
 
 
 def write_kalibr(cameras: Mapping[str, Camera]) -> str:
-    """Return the camchain of cameras named ``cam0``, ``cam1``, ...; intrinsics only.
+    """Return the chain of cameras named ``cam0``, ``cam1``, ...; intrinsics only.
 
     Raises:
         ArgumentError: another name, or a camera that Kalibr's models cannot carry.
     """
+    return _dump({name: _entry(name, camera) for name, camera in cameras.items()})
+
+
+def rig_from_kalibr(text: str) -> Rig:
+    """Return the rig of a chain ``cam0``, ``cam1``, ... in the frame of ``cam0``.
+
+    Raises:
+        ArgumentError: as :func:`read_kalibr`, or a camera after ``cam0`` has no pose.
+    """
+    entries = _entries(text)
+    cameras = {name: _camera(name, entry) for name, entry in entries.items()}
+    names = [f"cam{i}" for i in range(len(cameras))]
+    if sorted(cameras) != sorted(names):
+        raise ArgumentError(f"expected a chain {', '.join(names)}, got {shown(sorted(cameras))}")
+    mounted: dict[str, RigCamera] = {}
+    T_0_n = Pose(np.zeros(3), np.eye(3))
+    for name in names:
+        entry = entries[name]
+        if mounted:
+            if "T_cn_cnm1" not in entry:
+                raise ArgumentError(f"{name}: missing key 'T_cn_cnm1', the pose in a chain")
+            T_0_n = T_0_n @ _rigid(f"{name}.T_cn_cnm1", entry["T_cn_cnm1"]).inverse()
+        shift = number(f"{name}.timeshift_cam_imu", entry.get("timeshift_cam_imu", 0.0))
+        mounted[name] = RigCamera(cameras[name], T_0_n, shift)
+    return Rig(mounted)
+
+
+def rig_to_kalibr(rig: Rig) -> str:
+    """Return the chain of a rig whose cameras are named ``cam0``, ``cam1``, ... in this order.
+
+    Raises:
+        ArgumentError: other names, a first camera that is not the rig's frame, or as :func:`write_kalibr`.
+    """
+    if list(rig.cameras) != [f"cam{i}" for i in range(len(rig.cameras))]:
+        raise ArgumentError(
+            f"Kalibr: expected cameras cam0, cam1, ... in order, got {shown(list(rig.cameras))}"
+        )
+    check_first_is_origin(rig, "Kalibr")
+    shifted = any(mounted.time_offset for mounted in rig.cameras.values())
     chain = {}
-    for name, camera in cameras.items():
-        if not _NAME.fullmatch(name):
-            raise ArgumentError(f"name: expected cam0, cam1, ..., got {shown(name)}")
-        with within(name):
-            chain[name] = _entry(camera)
+    previous: Pose | None = None
+    for name, mounted in rig.cameras.items():
+        chain[name] = entry = _entry(name, mounted.camera)
+        if previous is not None:
+            T_n_m = mounted.pose.inverse() @ previous
+            rows = np.column_stack([T_n_m.rotation, T_n_m.position]).tolist()
+            entry["T_cn_cnm1"] = [*rows, [0.0, 0.0, 0.0, 1.0]]
+        if shifted:
+            entry["timeshift_cam_imu"] = mounted.time_offset
+        previous = mounted.pose
+    return _dump(chain)
+
+
+def _entries(text: str) -> dict[str, dict[str, Any]]:
+    """The entries of a chain that are cameras."""
+    chain = parse_mapping(text)
+    entries = {name: mapping(name, entry) for name, entry in chain.items() if _NAME.fullmatch(name)}
+    if not entries:
+        raise ArgumentError(f"expected cameras cam0, cam1, ..., got {shown(list(chain))}")
+    return entries
+
+
+def _dump(chain: dict[str, Any]) -> str:
     return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
 
 
-def _camera(entry: object) -> Camera:
-    model = field(entry, "camera_model"), field(entry, "distortion_model")
-    if model not in list(_MODELS):
-        known = ", ".join(map("-".join, _MODELS))
-        raise ArgumentError(f"camera_model, distortion_model: expected one of {known}, got {shown(model)}")
-    row = _MODELS[model]
-    of_lens = row.numbers.index("cy") + 1
-    counts = {"intrinsics": of_lens, "distortion_coeffs": len(row.numbers) - of_lens}
-    values: list[float] = []
-    for key, count in counts.items():
-        values += numbers(key, field(entry, key), (count,)).tolist()
-    resolution = field(entry, "resolution")
-    if not isinstance(resolution, list) or len(resolution) != 2:
-        raise ArgumentError(f"resolution: expected [width, height], got {shown(resolution)}")
-    width, height = (whole_number(f"resolution[{i}]", size) for i, size in enumerate(resolution))
-    read = read_numbers(row, values, HALF_PIXEL)
-    if row.name == "omni-none" and min(read["fx"], read["fy"]) < 0:
-        return _mirror(width, height, **read)
-    return camera_of(row.model, width, height, read)
+def _rigid(name: str, value: object) -> Pose:
+    matrix = numbers(name, value, (4, 4))
+    if matrix[3].tolist() != [0, 0, 0, 1]:
+        raise ArgumentError(f"{name}: expected a last row [0, 0, 0, 1], got {shown(matrix[3])}")
+    with within(name):
+        return Pose(matrix[:3, 3], matrix[:3, :3])
+
+
+def _camera(name: str, entry: dict[str, Any]) -> Camera:
+    data = read_known(_Entry, entry, name)
+    with within(name):
+        model = one_of(
+            "camera_model-distortion_model", f"{data.camera_model}-{data.distortion_model}", _MODELS
+        )
+        row = _MODELS[model]
+        split = row.numbers.index("cy") + 1
+        lens = numbers("intrinsics", data.intrinsics, (split,)).tolist()
+        terms = numbers("distortion_coeffs", data.distortion_coeffs, (len(row.numbers) - split,)).tolist()
+        values = read_numbers(row, [*lens, *terms], HALF_PIXEL)
+        width, height = data.resolution
+        if row.name == "omni-none" and min(values["fx"], values["fy"]) < 0:
+            return _mirror(width, height, **values)
+        return camera_of(row.model, width, height, values)
 
 
 def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float, cy: float) -> Camera:
@@ -120,38 +193,43 @@ def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float,
         )
     focal, center = abs(fx), (cx, cy)
     if xi == 0:
-        return central_mirrors.CatadioptricPlanar(width, height, focal=focal, center=center)
+        return CatadioptricPlanar(width, height, focal=focal, center=center)
     if xi == 1:
-        return central_mirrors.CatadioptricParabolic(width, height, 1.0, focal=focal, center=center)
+        return CatadioptricParabolic(width, height, 1.0, focal=focal, center=center)
     # focal is -eta f here; xi = d / D and -eta = 2p / D with D^2 = d^2 + (2p)^2; we take d = 1.
     minus_eta = math.sqrt((1 - xi) * (1 + xi))
-    return central_mirrors.CatadioptricHyperbolic(
-        width, height, 1.0, minus_eta / xi, focal=focal / minus_eta, center=center
-    )
+    return CatadioptricHyperbolic(width, height, 1.0, minus_eta / xi, focal=focal / minus_eta, center=center)
 
 
-def _entry(camera: Camera) -> dict[str, Any]:
-    if isinstance(camera, central_mirrors.SphereModel):
-        row, values = _MODELS["omni", "none"], _mirror_values(camera)
-    elif found := fit_format(camera, _MODELS.values(), HALF_PIXEL):
-        row, values = found
-    else:
-        known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
-        raise ArgumentError(f"Kalibr: expected {known}, unskewed, or a central mirror, got {camera.name}")
-    of_lens = row.numbers.index("cy") + 1
+def _entry(name: str, camera: Camera) -> dict[str, Any]:
+    if not _NAME.fullmatch(name):
+        raise ArgumentError(f"name: expected cam0, cam1, ..., got {shown(name)}")
+    with within(name):
+        row, values = _row_and_values(camera)
+    split = row.numbers.index("cy") + 1
     model, distortion = row.name.split("-")
     return {
         "camera_model": model,
-        "intrinsics": values[:of_lens],
+        "intrinsics": values[:split],
         "distortion_model": distortion,
-        "distortion_coeffs": values[of_lens:],
+        "distortion_coeffs": values[split:],
         "resolution": [camera.width, camera.height],
     }
 
 
-def _mirror_values(camera: central_mirrors.SphereModel) -> list[float]:
+def _row_and_values(camera: Camera) -> tuple[FormatModel, list[float]]:
+    if isinstance(camera, SphereModel):
+        return _MODELS["omni-none"], _mirror_values(camera)
+    carried = fit_format(camera, _MODELS.values(), HALF_PIXEL)
+    if carried is None:
+        known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
+        raise ArgumentError(f"Kalibr: expected {known}, unskewed, or a central mirror, got {camera.name}")
+    return carried
+
+
+def _mirror_values(camera: SphereModel) -> list[float]:
     """xi, fu, fv, pu, pv of a mirror's picture."""
-    if isinstance(camera, central_mirrors.CatadioptricHyperbolic) and camera.xi == 1:
+    if isinstance(camera, CatadioptricHyperbolic) and camera.xi == 1:
         raise ArgumentError(
             "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi rounds "
             f"to 1: distance {camera.distance!r}, semi_latus_rectum {camera.semi_latus_rectum!r}"

@@ -1,8 +1,7 @@
 """NVIDIA's camera models: the USD attributes of Isaac Sim, and NCore's f-theta cameras in JSON.
 
 Half pixel: both put pixel centres at whole numbers, so their principal points are ours minus 0.5. NCore's
-manual defines it so; for Isaac Sim it is taken from that definition, and for its two OpenCV models from
-OpenCV: no renderer was run here.
+manual defines it so. For Isaac Sim the same is assumed, as for OpenCV's models: no renderer was run here.
 
 ``isaac``: a USD layer (text) whose prims ``Camera`` have ``omni:lensdistortion`` attributes. Carried:
 ``ftheta`` by its polynomial from pixel to angle, of degree 4 at most, without linear terms, ``maxFov`` from
@@ -10,8 +9,8 @@ OpenCV: no renderer was run here.
 ``opencvFisheye``, and ``fisheye-equidistant`` without the circle in which it ends. Programs hold these
 attributes in 32-bit floats; the text has all digits.
 
-``ncore``: ``ftheta`` with either polynomial as the reference. The other polynomial, which only approximates
-the inverse, is not read, and fitted in writing.
+``ncore``: ``ftheta`` with either polynomial as the reference. The other polynomial, an approximation of the
+inverse, is ignored in reading, and fitted in writing.
 
 Not carried: other models, a limit ``fov_deg``; the prims' transforms.
 
@@ -27,10 +26,19 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import field, mapping, only_camera, whole_number
-from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, refuse_limit
+from omniscv.calibration.common import only_camera, parse_mapping, read_known, vector, whole_number
+from omniscv.calibration.intrinsics import (
+    HALF_PIXEL,
+    FormatModel,
+    camera_of,
+    fit_format,
+    read_numbers,
+    refuse_limit,
+)
 from omniscv.cameras import Camera, FTheta, create
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Array
+from omniscv.records import checked, record
 
 _PREFIX = "omni:lensdistortion:"
 _PRIM = re.compile(r'\bdef\s+Camera\s+"([^"\n]{1,100})"')
@@ -44,13 +52,10 @@ _APIS = {
     "opencvFisheye": "OmniLensDistortionOpenCvFisheyeAPI",
 }
 _PLACE = ("fx", "fy", "cx", "cy")
-_OPENCV = {
-    "opencvPinhole": (*_PLACE, "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4"),
-    "opencvFisheye": (*_PLACE, "k1", "k2", "k3", "k4"),
-}
+_PLAIN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 _MODELS = {
-    "opencvPinhole": FormatModel("opencvPinhole", "pinhole", _OPENCV["opencvPinhole"]),
-    "opencvFisheye": FormatModel("opencvFisheye", "kannala-brandt", _OPENCV["opencvFisheye"]),
+    "opencvPinhole": FormatModel("opencvPinhole", "pinhole", (*_PLACE, *_PLAIN)),
+    "opencvFisheye": FormatModel("opencvFisheye", "kannala-brandt", (*_PLACE, "k1", "k2", "k3", "k4")),
 }
 
 
@@ -63,15 +68,15 @@ def read_isaac(layer: str) -> dict[str, Camera]:
     Raises:
         ArgumentError: no ``omni:lensdistortion`` attributes, one missing or wrong, or another model.
     """
-    found: dict[str, Camera] = {}
-    for name, part in _prims(layer):
-        given = dict(_ATTRIBUTE.findall(part))
-        if given:
+    cameras: dict[str, Camera] = {}
+    for name, text in _prims(layer):
+        attributes = {key: value.strip("\"'") for key, value in _ATTRIBUTE.findall(text)}
+        if attributes:
             with within(name):
-                found[name] = _isaac_camera({key: value.strip("\"'") for key, value in given.items()})
-    if not found:
+                cameras[name] = _isaac_camera(attributes)
+    if not cameras:
         raise ArgumentError(f"expected attributes {_PREFIX}model = ..., got none")
-    return found
+    return cameras
 
 
 def write_isaac(cameras: Mapping[str, Camera]) -> str:
@@ -89,16 +94,16 @@ def write_isaac(cameras: Mapping[str, Camera]) -> str:
         lines += ["", f'def Camera "{name}" (', f'    prepend apiSchemas = ["{_APIS[model]}"]', ")", "{"]
         lines.append(f'    token {_PREFIX}model = "{model}"')
         for key, value in values.items():
-            kinds: dict[type[Any], str] = {tuple: "float2", list: "int2"}
-            kind = kinds.get(type(value), "float")
-            shown_value = f"({value[0]}, {value[1]})" if kind != "float" else str(value)
-            lines.append(f"    {kind} {_PREFIX}{model}:{key} = {shown_value}")
+            usd_types: dict[type[Any], str] = {tuple: "float2", list: "int2"}
+            usd_type = usd_types.get(type(value), "float")
+            value_text = f"({value[0]}, {value[1]})" if usd_type != "float" else str(value)
+            lines.append(f"    {usd_type} {_PREFIX}{model}:{key} = {value_text}")
         lines.append("}")
     return "\n".join(lines) + "\n"
 
 
 def _prims(layer: str) -> Iterator[tuple[str, str]]:
-    """Name and text of every prim; what comes before the first one is ``cam0``'s."""
+    """Yield name and text of every prim; the text before the first one belongs to ``cam0``."""
     name, start = "cam0", 0
     for prim in _PRIM.finditer(layer):
         yield name, layer[start : prim.start()]
@@ -106,22 +111,48 @@ def _prims(layer: str) -> Iterator[tuple[str, str]]:
     yield name, layer[start:]
 
 
-def _isaac_camera(given: Mapping[str, str]) -> Camera:
-    model = one_of("model", field(given, "model"), _APIS)
-    own = {key.partition(":")[2]: value for key, value in given.items() if key.startswith(f"{model}:")}
-    if model == "ftheta":
-        c = [number(f"k{i}", field(own, f"k{i}")) for i in range(5)]
-        center = numbers("opticalCenter", field(own, "opticalCenter").strip("()").split(","), (2,))
-        size = [_pixels(key, field(own, key)) for key in ("nominalWidth", "nominalHeight")]
-        most = number("maxFov", own.get("maxFov", 360.0), above=0, most=360) / 2
-        return _ftheta(size, center, c, "pixel-to-angle", None if most == 180 else most)
-    words = field(own, "imageSize").strip("()").split(",")
+def _pixels(name: str, value: object) -> int:
+    """Return a number of pixels, which may be given as a float."""
+    size = number(name, value)
+    return whole_number(name, int(size) if size.is_integer() else value)
+
+
+def _pair(name: str, value: str) -> list[str]:
+    words = [word.strip() for word in value.strip("()").split(",")]
     if len(words) != 2:
-        raise ArgumentError(f"imageSize: expected (width, height), got {shown(own['imageSize'])}")
-    width, height = (_pixels("imageSize", each) for each in words)
-    values = {key: number(key, own.get(key, 0.0)) for key in _OPENCV[model]}
-    values["cx"], values["cy"] = values["cx"] + HALF_PIXEL, values["cy"] + HALF_PIXEL
-    return camera_of(_MODELS[model].model, width, height, values)
+        raise ArgumentError(f"{name}: expected (x, y), got {shown(value)}")
+    return words
+
+
+@record(eq=False)
+class _IsaacFTheta:
+    """The attributes of f-theta, whose sizes are floats."""
+
+    width: int = checked(_pixels, key="nominalWidth")
+    height: int = checked(_pixels, key="nominalHeight")
+    center: Array = checked(lambda name, value: numbers(name, _pair(name, value), (2,)), key="opticalCenter")
+    k0: float = checked(number)
+    k1: float = checked(number)
+    k2: float = checked(number)
+    k3: float = checked(number)
+    k4: float = checked(number)
+    max_fov_deg: float = checked(number, above=0, most=360, default=360.0, key="maxFov")
+
+
+def _isaac_camera(attributes: Mapping[str, str]) -> Camera:
+    model = one_of("model", attributes.get("model"), _APIS)
+    values = {
+        key.partition(":")[2]: value for key, value in attributes.items() if key.startswith(f"{model}:")
+    }
+    if model == "ftheta":
+        f = read_known(_IsaacFTheta, values)
+        limit = None if f.max_fov_deg == 360 else f.max_fov_deg / 2
+        polynomial = [f.k0, f.k1, f.k2, f.k3, f.k4]
+        return _ftheta([f.width, f.height], f.center, polynomial, "pixel-to-angle", limit)
+    row = _MODELS[model]
+    terms = read_numbers(row, (number(key, values.get(key, 0.0)) for key in row.numbers), HALF_PIXEL)
+    width, height = (_pixels("imageSize", word) for word in _pair("imageSize", values.get("imageSize", "")))
+    return camera_of(row.model, width, height, terms)
 
 
 def _isaac_values(camera: Camera) -> tuple[str, dict[str, Any]]:
@@ -130,24 +161,18 @@ def _isaac_values(camera: Camera) -> tuple[str, dict[str, Any]]:
         refuse_limit(camera)
         c = camera.polynomial.tolist()
         if camera.reference != "pixel-to-angle" or any(c[5:]) or camera.linear.tolist() != [1, 0, 0]:
-            wanted = "a polynomial from pixel to angle of degree 4 at most, without linear terms"
+            expected = "a polynomial from pixel to angle of degree 4 at most, without linear terms"
             got = f"{camera.reference}, {shown(c)}, linear {shown(camera.linear)}"
-            raise ArgumentError(f"Isaac: expected {wanted}, got ftheta: {got}")
+            raise ArgumentError(f"Isaac: expected {expected}, got ftheta: {got}")
         most = 360.0 if camera.max_angle_deg is None else 2 * camera.max_angle_deg
         values = {"nominalWidth": camera.width, "nominalHeight": camera.height, "opticalCenter": (cx, cy)}
         return "ftheta", values | {"maxFov": most} | {f"k{i}": [*c, 0, 0, 0][i] for i in range(5)}
-    found = fit_format(camera, _MODELS.values(), HALF_PIXEL)
-    if found is None:
+    carried = fit_format(camera, _MODELS.values(), HALF_PIXEL)
+    if carried is None:
         raise ArgumentError(f"Isaac: expected ftheta, pinhole or kannala-brandt, unskewed, got {camera.name}")
-    row, numbers_of = found
-    return row.name, {"imageSize": [camera.width, camera.height]} | dict(
-        zip(row.numbers, numbers_of, strict=True)
-    )
-
-
-def _pixels(key: str, value: str) -> int:
-    """A size, which f-theta's attributes hold as floats."""
-    return whole_number(key, int(found) if (found := number(key, value.strip())).is_integer() else value)
+    row, terms = carried
+    size = {"imageSize": [camera.width, camera.height]}
+    return row.name, size | dict(zip(row.numbers, terms, strict=True))
 
 
 # -- NCore ----------------------------------------------------------------------------------------------
@@ -160,25 +185,36 @@ _POLYNOMIALS = {
 _DEGREE = 5
 
 
+@record(eq=False)
+class _NCore:
+    """NCore's parameters, a polynomial and its approximate inverse."""
+
+    size: list[int] = checked(
+        lambda name, value: [_pixels(name, size) for size in numbers(name, value, (2,)).tolist()],
+        key="resolution",
+    )
+    reference: str = checked(one_of, words=tuple(_REFERENCES), key="reference_poly")
+    center: Array = checked(numbers, shape=(2,), key="principal_point")
+    max_angle: float = checked(number, above=0)
+    linear: Array = checked(vector, default_factory=lambda: np.array([1.0, 0.0, 0.0]), key="linear_cde")
+    by_pixel: Any = checked(lambda name, value: value, default=None, key="pixeldist_to_angle_poly")
+    by_angle: Any = checked(lambda name, value: value, default=None, key="angle_to_pixeldist_poly")
+
+
 def read_ncore(document: str) -> dict[str, Camera]:
     """Return the camera, named ``cam0``, of NCore's f-theta parameters in JSON.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or no camera has these parameters.
     """
-    data = mapping(document)
-    data = data.get("camera_model_parameters", data)
-    size = numbers("resolution", field(data, "resolution"), (2,)).tolist()
-    reference = one_of("reference_poly", field(data, "reference_poly"), _REFERENCES)
-    key = _POLYNOMIALS[reference]
-    polynomial = numbers(key, field(data, key), (None,)).tolist()
-    center = numbers("principal_point", field(data, "principal_point"), (2,))
-    linear = numbers("linear_cde", data.get("linear_cde", [1, 0, 0]), (3,))
-    most = float(np.degrees(number("max_angle", field(data, "max_angle"), above=0)))
-    most = 180.0 if abs(most - 180) < 1e-9 else most
-    sizes = [_pixels("resolution", str(each)) for each in size]
-    limit = None if most == 180 else most
-    return {"cam0": _ftheta(sizes, center, polynomial, _REFERENCES[reference], limit, linear.tolist())}
+    data = parse_mapping(document)
+    f = read_known(_NCore, data.get("camera_model_parameters", data))
+    key = _POLYNOMIALS[f.reference]
+    polynomial = numbers(key, f.by_pixel if f.reference == "PIXELDIST_TO_ANGLE" else f.by_angle, (None,))
+    max_angle_deg = float(np.degrees(f.max_angle))
+    limit = None if abs(max_angle_deg - 180) < 1e-9 else max_angle_deg
+    reference = _REFERENCES[f.reference]
+    return {"cam0": _ftheta(f.size, f.center, polynomial.tolist(), reference, limit, f.linear.tolist())}
 
 
 def write_ncore(cameras: Mapping[str, Camera]) -> str:
@@ -196,17 +232,17 @@ def write_ncore(cameras: Mapping[str, Camera]) -> str:
         if camera.polynomial[_DEGREE + 1 :].any():
             got = len(camera.polynomial) - 1
             raise ArgumentError(f"polynomial: expected degree {_DEGREE} at most, got {got}")
-    own = (camera.polynomial.tolist() + [0.0] * _DEGREE)[: _DEGREE + 1]
+    exact = (camera.polynomial.tolist() + [0.0] * _DEGREE)[: _DEGREE + 1]
     by_angle = camera.reference == "angle-to-pixel"
-    other = _inverse(camera)
+    inverse = _inverse(camera)
     most = 180.0 if camera.max_angle_deg is None else camera.max_angle_deg
     parameters = {
         "resolution": [camera.width, camera.height],
         "shutter_type": "GLOBAL",
         "principal_point": (camera.center - HALF_PIXEL).tolist(),
         "reference_poly": "ANGLE_TO_PIXELDIST" if by_angle else "PIXELDIST_TO_ANGLE",
-        "pixeldist_to_angle_poly": other if by_angle else own,
-        "angle_to_pixeldist_poly": own if by_angle else other,
+        "pixeldist_to_angle_poly": inverse if by_angle else exact,
+        "angle_to_pixeldist_poly": exact if by_angle else inverse,
         "max_angle": float(np.radians(most)),
         "linear_cde": camera.linear.tolist(),
     }
@@ -214,21 +250,21 @@ def write_ncore(cameras: Mapping[str, Camera]) -> str:
 
 
 def _inverse(camera: FTheta) -> list[float]:
-    """Coefficients 0, c1, ... c5 of the inverse of a camera's polynomial, nearest over what it sees."""
+    """Return 0, c1, ... c5 that approximate the inverse of a camera's polynomial in its image."""
     rays = camera.unproject()
-    theta = np.arctan2(np.hypot(*np.moveaxis(rays.directions[rays.valid][:, :2], -1, 0)),
-                       rays.directions[rays.valid][:, 2])  # fmt: skip
-    own = np.linspace(0, theta.max(initial=1e-3), 400)
-    c, d, e = camera.linear
+    x, y, z = rays.directions[rays.valid].T
+    last = np.arctan2(np.hypot(x, y), z).max(initial=1e-3)
     if camera.reference == "pixel-to-angle":
+        c, d, e = camera.linear
         offsets = np.linalg.solve([[c, d], [e, 1.0]], (camera.pixels()[rays.valid] - camera.center).T)
-        own = np.linspace(0, np.hypot(*offsets).max(initial=1.0), 400)
-    x, y = np.polynomial.polynomial.polyval(own, camera.polynomial), own
-    powers = x[:, None] ** np.arange(1, _DEGREE + 1)
+        last = np.hypot(*offsets).max(initial=1.0)
+    argument = np.linspace(0, last, 400)
+    value = np.polynomial.polynomial.polyval(argument, camera.polynomial)
+    powers = value[:, None] ** np.arange(1, _DEGREE + 1)
     scale = np.abs(powers).max(axis=0)
     scale[scale == 0] = 1
-    found = np.linalg.lstsq(powers / scale, y, rcond=None)[0] / scale
-    return [0.0, *found.tolist()]
+    inverse = np.linalg.lstsq(powers / scale, argument, rcond=None)[0] / scale
+    return [0.0, *inverse.tolist()]
 
 
 def _ftheta(
@@ -240,8 +276,8 @@ def _ftheta(
     linear: list[float] | None = None,
 ) -> Camera:
     cx, cy = (np.asarray(center) + HALF_PIXEL).tolist()
-    given: dict[str, Any] = {"polynomial": polynomial, "reference": reference, "linear": linear or [1, 0, 0]}
-    return create("ftheta", *size, cx=cx, cy=cy, max_angle_deg=max_angle_deg, **given)
+    terms: dict[str, Any] = {"polynomial": polynomial, "reference": reference, "linear": linear or [1, 0, 0]}
+    return create("ftheta", *size, cx=cx, cy=cy, max_angle_deg=max_angle_deg, **terms)
 
 
 def looks_like_isaac(document: str) -> bool:

@@ -1,7 +1,7 @@
 """OCamCalib's ``calib_results.txt``: Scaramuzza's polynomial, its inverse, centre, affine part, size.
 
 Half pixel: the centre is written "starting from 0 (C convention)", so pixel centres are at whole
-numbers and its centre is ours minus 0.5. (In MATLAB itself ``xc``, ``yc`` start from 1: minus 1 more.)
+numbers and its centre is ours minus 0.5. (In MATLAB ``xc``, ``yc`` start from 1: subtract 1 more.)
 
 Rows come first: x runs down the rows, y along the columns, and z **against** the view (``f(0) = a0 < 0``)::
 
@@ -9,13 +9,13 @@ Rows come first: x runs down the rows, y along the columns, and z **against** th
                 column = yc + e x + y                    v = v_0 + e' u'' + v''
                 ray (x, y, f(rho))                       ray (u'', v'', -f(rho))
 
-The camera frames are half a turn apart: (our x, our y, our z) = (y, x, -z). OCamCalib's affine part leaves
-the columns unstretched and ours the rows, so ``(c', d', e') = (1, e, d) / c``, and for the rays to stay,
+The camera frames are half a turn apart: (our x, our y, our z) = (y, x, -z). OCamCalib's affine part does not
+scale columns, and ours does not scale rows, so ``(c', d', e') = (1, e, d) / c``; the rays stay the same if
 ``a_k' = a_k c^(1-k)``. The same two formulas lead back.
 
 Carried: ``scaramuzza``. Not carried: every other model, a limit ``fov_deg``, an affine part that mirrors
-(c <= 0). The inverse polynomial only approximates the first one: it is not used in reading, and fitted in
-writing to within 0.01 px, as OCamCalib does.
+(c <= 0). The inverse polynomial is an approximation: it is ignored in reading, and fitted in writing to
+within 0.01 px, as OCamCalib does.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def read_ocamcalib(text: str) -> dict[str, Camera]:
     """Return the camera of a ``calib_results.txt``, named ``cam0``.
 
     Raises:
-        ArgumentError: a number is missing, left over or not finite, c is not above 0, a0 is not below 0.
+        ArgumentError: a number is missing, surplus or not finite, c <= 0, or a0 >= 0.
     """
     words = [word for line in text.splitlines() for word in line.partition("#")[0].split()]
     polynomial, words = _counted("polynomial", words)
@@ -46,7 +46,7 @@ def read_ocamcalib(text: str) -> dict[str, Camera]:
     center, words = numbers("center, row and column", words[:2], (2,)), words[2:]
     affine, words = numbers("affine parameters c, d, e", words[:3], (3,)), words[3:]
     if len(words) != 2:
-        raise ArgumentError(f"image size: expected height and width and no more, got {shown(words)}")
+        raise ArgumentError(f"image size: expected height and width at the end, got {shown(words)}")
     height, width = whole_number("height", words[0]), whole_number("width", words[1])
     coefficients, affine = _exchange_axes(polynomial, affine)
     return {"cam0": Scaramuzza(width, height, coefficients, affine, center=center[::-1] + HALF_PIXEL)}
@@ -57,8 +57,8 @@ def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
 
     Raises:
         ArgumentError: not exactly one camera, another model, a limit ``fov_deg``, an affine part with
-            c <= 0, or a polynomial whose inverse no polynomial of degree 32 meets within 0.01 px
-            in the image.
+            c <= 0, or a polynomial whose inverse no polynomial of degree 32 approximates within 0.01 px in
+            the image.
     """
     name, camera = only_camera(cameras, "OCamCalib")
     with within(name):
@@ -75,37 +75,37 @@ def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
         'affine parameters "c", "d", "e"': [*affine],
         'image size: "height" and "width"': [camera.height, camera.width],
     }
-    # Blank lines where OCamCalib has them: many readers count lines.
+    # The blank lines are OCamCalib's: many readers count lines.
     return "".join(
         f"#{title}\n\n{' '.join(str(value) for value in values)}\n\n" for title, values in sections.items()
     )
 
 
 def _counted(key: str, words: list[str]) -> tuple[Array, list[str]]:
-    """The numbers after their count, and the words after them."""
+    """Return the numbers that follow their count, and the rest of the words."""
     count = whole_number(f"number of coefficients of the {key}", words[0] if words else None)
     return numbers(key, words[1 : count + 1], (count,)), words[count + 1 :]
 
 
 def _exchange_axes(coefficients: Array, affine: Array) -> tuple[Array, Array]:
-    """Coefficients and affine part with rows first from those with columns first, or the other way."""
+    """Return coefficients and affine part with rows and columns exchanged."""
     c, d, e = affine
     if not c > 0:
-        raise ArgumentError(f"affine: expected c > 0 (less would mirror the image), got c = {c:.15g}")
-    with np.errstate(over="ignore", invalid="ignore"):  # no camera takes what is not finite
+        raise ArgumentError(f"affine: expected c > 0, which does not mirror the image, got c = {c:.15g}")
+    with np.errstate(over="ignore", invalid="ignore"):  # cameras refuse what is not finite
         powers = c ** (1.0 - np.arange(len(coefficients)))
         return coefficients * powers, np.array([1.0, e, d]) / c
 
 
 def _inverse(polynomial: Array, affine: Array, camera: Scaramuzza) -> Array:
-    """Coefficients of rho by the angle ``atan(z / |(x, y)|)``, least degree first, for all of the image."""
+    """Return the polynomial of rho by the angle ``atan(z / |(x, y)|)``, least degree first."""
     c, d, e = affine
     corners = np.array([[0, 0], [camera.width, 0], [0, camera.height], [camera.width, camera.height]])
     rows_first = (corners - camera.center)[:, ::-1]
     farthest = np.hypot(*np.linalg.solve(np.array([[c, d], [e, 1.0]]), rows_first.T)).max()
     rho = np.linspace(0, farthest, 500)
     angle = np.arctan2(polyval(rho, polynomial), rho)
-    # Where the angle falls another pixel has the ray already.
+    # Beyond its maximum the angle repeats rays of other pixels.
     rising = np.logical_and.accumulate(np.diff(angle, prepend=-np.inf) > 0)
     rho, angle = rho[rising], angle[rising]
     error = np.inf

@@ -4,7 +4,7 @@ Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point i
 
 ``opencv``
     ``pinhole``: K and D of ``cv2.projectPoints``, 4, 5, 8 or 12 coefficients. K has no skew: OpenCV ignores
-    it in this model. With 14 coefficients the last two tilt the sensor, which our model does not.
+    it in this model. The last two of 14 coefficients tilt the sensor, which our model does not.
 ``opencv-fisheye``
     ``kannala-brandt``: K and D of ``cv2.fisheye``, skew in ``K[0, 1] = fx skew``, which its functions take as
     ``alpha``; and ``fisheye-equidistant`` without the circle in which it ends.
@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, shown, within
-from omniscv.calibration import common
-from omniscv.calibration.common import field
+from omniscv.calibration.common import only_camera, parse_mapping, read_known, whole_number
 from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
+from omniscv.records import checked, mapping, record
 
 Floats = NDArray[np.float64]
 
@@ -65,8 +65,8 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
     if len(values) == 14 and values[12:] == [0, 0]:
         values = values[:12]
     if len(values) not in _COUNTS:
-        wanted = "expected 4, 5, 8 or 12 coefficients (and no tilt)"
-        raise ArgumentError(f"D: {wanted}, got {len(values)}: {shown(values)}")
+        got = f"{len(values)}: {shown(values)}"
+        raise ArgumentError(f"D: expected 4, 5, 8 or 12 coefficients (and no tilt), got {got}")
     return camera_of("pinhole", width, height, place | dict(zip(_PLAIN, values, strict=False)))
 
 
@@ -142,21 +142,21 @@ def _place(K: ArrayLike, *, skewed: bool = True) -> dict[str, float]:
     rows = numbers("K", K, (3, 3)).tolist()
     (fx, s, cx), (_, fy, cy), _ = rows
     if rows != [[fx, s, cx], [0, fy, cy], [0, 0, 1]] or (s != 0 and not skewed) or fx == 0:
-        wanted = f"[[fx, {'fx skew' if skewed else '0'}, cx], [0, fy, cy], [0, 0, 1]]"
-        raise ArgumentError(f"K: expected {wanted}, got {rows}")
+        expected = f"[[fx, {'fx skew' if skewed else '0'}, cx], [0, fy, cy], [0, 0, 1]]"
+        raise ArgumentError(f"K: expected {expected}, got {rows}")
     return {"fx": fx, "fy": fy, "cx": cx + HALF_PIXEL, "cy": cy + HALF_PIXEL, "skew": s / fx}
 
 
 def _vector(D: ArrayLike, count: int | None) -> list[float]:
-    found: list[float] = numbers("D", np.squeeze(np.asarray(D, dtype=object)), (count,)).tolist()
-    return found
+    values: list[float] = numbers("D", np.squeeze(np.asarray(D, dtype=object)), (count,)).tolist()
+    return values
 
 
-def _values(camera: Camera, rows: Iterable[FormatModel], wanted: str) -> list[float]:
-    found = fit_format(camera, rows, HALF_PIXEL)
-    if found is None:
-        raise ArgumentError(f"{wanted}, got {camera.name}")
-    return found[1]
+def _values(camera: Camera, rows: Iterable[FormatModel], expected: str) -> list[float]:
+    carried = fit_format(camera, rows, HALF_PIXEL)
+    if carried is None:
+        raise ArgumentError(f"{expected}, got {camera.name}")
+    return carried[1]
 
 
 def _matrix(values: list[float], skew: float = 0.0) -> Floats:
@@ -171,41 +171,40 @@ def read_opencv(text: str) -> dict[str, Camera]:
     """Return the camera, ``cam0``, of a file (YAML, XML, JSON) as OpenCV's calibration sample writes it.
 
     The keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
-    ``fisheye_model``, which may be missing but not 1: the same file with four coefficients of the fisheye
-    model means another lens.
+    ``fisheye_model``. The last may be missing but not 1: four coefficients of the fisheye model describe
+    another lens.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv`.
     """
-    data = _parsed(text, fisheye=0)
-    return {"cam0": from_opencv(_array(data, "camera_matrix", 9), _array(data, _D), *_size(data))}
+    file = _parsed(text, fisheye=0)
+    return {"cam0": from_opencv(file.camera_matrix, file.coefficients, *file.size)}
 
 
 def read_opencv_fisheye(text: str) -> dict[str, Camera]:
-    """Return the camera, named ``cam0``, of a file as :func:`read_opencv`, of the fisheye model: there
+    """Return the camera, ``cam0``, of a file of the fisheye model; else as :func:`read_opencv`.
+
     ``fisheye_model`` may be missing but not 0.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_fisheye`.
     """
-    data = _parsed(text, fisheye=1)
-    matrix, k = _array(data, "camera_matrix", 9), _array(data, _D, 4)
-    return {"cam0": from_opencv_fisheye(matrix, k, *_size(data))}
+    file = _parsed(text, fisheye=1)
+    return {"cam0": from_opencv_fisheye(file.camera_matrix, file.four(), *file.size)}
 
 
 def read_opencv_omnidir(text: str) -> dict[str, Camera]:
-    """Return the camera, named ``cam0``, of a file with ``xi`` as ccalib's omnidirectional sample writes it.
+    """Return the camera, ``cam0``, of a file with ``xi`` as ccalib's omnidirectional sample writes it.
 
-    That sample leaves out ``image_width`` and ``image_height``: they must be added.
+    That sample omits ``image_width`` and ``image_height``: they must be added.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_omnidir`.
     """
-    data = _parsed(text)
-    xi = field(data, "xi")
-    xi = _array(data, "xi", 1)[0] if isinstance(xi, dict) else number("xi", xi)
-    matrix, terms = _array(data, "camera_matrix", 9), _array(data, _D, 4)
-    return {"cam0": from_opencv_omnidir(matrix, xi, terms, *_size(data))}
+    file = _parsed(text)
+    if file.xi is None:
+        raise ArgumentError("missing key 'xi'")
+    return {"cam0": from_opencv_omnidir(file.camera_matrix, file.xi, file.four(), *file.size)}
 
 
 def write_opencv(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
@@ -218,7 +217,7 @@ def write_opencv(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
     Raises:
         ArgumentError: not exactly one camera, or as :func:`to_opencv`.
     """
-    name, camera = common.only_camera(cameras, "OpenCV")
+    name, camera = only_camera(cameras, "OpenCV")
     with within(name):
         K, D = to_opencv(camera)
     return _written(camera, {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}, suffix)
@@ -230,7 +229,7 @@ def write_opencv_fisheye(cameras: Mapping[str, Camera], suffix: str = ".yml") ->
     Raises:
         ArgumentError: not exactly one camera, or as :func:`to_opencv_fisheye`.
     """
-    name, camera = common.only_camera(cameras, "OpenCV")
+    name, camera = only_camera(cameras, "OpenCV")
     with within(name):
         K, D = to_opencv_fisheye(camera)
     return _written(camera, {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}, suffix)
@@ -242,44 +241,79 @@ def write_opencv_omnidir(cameras: Mapping[str, Camera], suffix: str = ".yml") ->
     Raises:
         ArgumentError: not exactly one camera, or as :func:`to_opencv_omnidir`.
     """
-    name, camera = common.only_camera(cameras, "OpenCV")
+    name, camera = only_camera(cameras, "OpenCV")
     with within(name):
         K, xi, D = to_opencv_omnidir(camera)
     return _written(camera, {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}, suffix)
 
 
 def model_of(text: str) -> str | None:
-    """Return which of the three formats a file is; None for another file, and for one of four coefficients
-    that does not say of which model they are."""
+    """Return which of the three formats a file has.
+
+    None for other files, and for four coefficients without a key that says which model they belong to.
+    """
     if not re.search(r"\bcamera_matrix\b", text):
         return None
     if re.search(r'(?:^|[{,])\s*(?:xi\s*:|"xi"\s*:|<xi\b)', text, re.MULTILINE):
         return "opencv-omnidir"
-    if said := re.search(r'\bfisheye_model["> ]*:?\s*([01])\b', text):
-        return "opencv-fisheye" if said[1] == "1" else "opencv"
+    if flag := re.search(r'\bfisheye_model["> ]*:?\s*([01])\b', text):
+        return "opencv-fisheye" if flag[1] == "1" else "opencv"
     shape = re.search(r"\bdistortion_coefficients\b.*?rows\D{1,9}(\d+).*?cols\D{1,9}(\d+)", text, re.DOTALL)
     return "opencv" if shape and "4" not in shape.groups() else None
 
 
 _D = "distortion_coefficients"
 _NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
+_MODEL_NAMES = ("the plain model", "OpenCV's fisheye model")
 
 
-def _parsed(text: str, fisheye: int | None = None) -> dict[str, Any]:
+def _data(name: str, value: object, count: int | None = None) -> Floats:
+    """Return the numbers of a matrix, whose ``data`` is a list, or words in XML."""
+    matrix = mapping(name, value)
+    if "data" not in matrix:
+        raise ArgumentError(f"{name}: missing key 'data'")
+    data = matrix["data"]
+    return numbers(f"{name}: data", data.split() if isinstance(data, str) else data, (count,))
+
+
+def _scalar(name: str, value: object) -> float:
+    return float(_data(name, value, 1)[0]) if isinstance(value, dict) else number(name, value)
+
+
+@record(eq=False)
+class _File:
+    """The keys of ``cv2.FileStorage`` that describe a camera."""
+
+    image_width: int = checked(whole_number)
+    image_height: int = checked(whole_number)
+    camera_matrix: Floats = checked(lambda name, value: _data(name, value, 9).reshape(3, 3))
+    coefficients: Floats = checked(_data, key=_D)
+    fisheye_model: Any = None
+    xi: float | None = checked(_scalar, default=None)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.image_width, self.image_height
+
+    def four(self) -> Floats:
+        """Return the coefficients of a model that has four; ArgumentError for another number."""
+        return numbers(f"{_D}: data", self.coefficients, (4,))
+
+
+def _parsed(text: str, fisheye: int | None = None) -> _File:
     xml = text.lstrip("\ufeff \t\r\n").startswith("<")
-    data = _from_xml(text) if xml else common.mapping(_NOT_YAML.sub("", text))
-    said = data.get("fisheye_model", fisheye)
-    if said not in (fisheye, str(fisheye)):
-        models = ("the plain model", "OpenCV's fisheye model")
+    file = read_known(_File, _from_xml(text) if xml else parse_mapping(_NOT_YAML.sub("", text)))
+    if fisheye is not None and file.fisheye_model not in (None, fisheye, str(fisheye)):
         raise ArgumentError(
-            f"fisheye_model: expected {fisheye}, {models[fisheye or 0]}, got {shown(said)}; read the file as "
-            f"'{('opencv-fisheye', 'opencv')[fisheye or 0]}'"
+            f"fisheye_model: expected {fisheye}, {_MODEL_NAMES[fisheye]}, got {shown(file.fisheye_model)}; "
+            f"read the file as '{('opencv-fisheye', 'opencv')[fisheye]}'"
         )
-    return data
+    return file
 
 
 def _from_xml(text: str) -> dict[str, Any]:
-    """The values below the root of a file of ``cv2.FileStorage``: texts, or dicts of them."""
+    """Return the values below the root of a file of ``cv2.FileStorage``: texts, or dicts of them."""
     from xml.etree import ElementTree
 
     if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):  # entities can stand for gigabytes
@@ -288,19 +322,7 @@ def _from_xml(text: str) -> dict[str, Any]:
         root = ElementTree.fromstring(text.lstrip("\ufeff \t\r\n"))
     except ElementTree.ParseError as cause:
         raise ArgumentError(f"expected XML, got {cause}") from cause
-    return {each.tag: {part.tag: part.text for part in each} or each.text for each in root}
-
-
-def _array(data: Mapping[str, Any], key: str, count: int | None = None) -> Any:
-    with within(key):
-        found = field(field(data, key), "data")
-        values = numbers("data", found.split() if isinstance(found, str) else found, (count,))
-    return values.reshape(3, 3) if count == 9 else values
-
-
-def _size(data: Mapping[str, Any]) -> tuple[int, int]:
-    width, height = (common.whole_number(key, field(data, key)) for key in ("image_width", "image_height"))
-    return width, height
+    return {node.tag: {child.tag: child.text for child in node} or node.text for node in root}
 
 
 def _written(camera: Camera, values: Mapping[str, Any], suffix: str) -> str:

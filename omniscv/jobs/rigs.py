@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from omniscv.arguments import shown, within
-from omniscv.calibration.rigs import load_rig
+from omniscv.calibration import load_rig
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError

@@ -93,13 +93,13 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
     ("changes", "says"),
     [
         ({"Label": "camera-front"}, "Label: expected one of camera-slam-left"),
-        ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection: Name: expected one of"),
-        ({"Projection": {"Name": "Fisheye62", "Params": F624}}, "Projection: Params: expected 11 finite"),
-        ({"Projection": 3}, "expected a mapping with 'Name'"),
-        ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "expected the key 'UnitQuaternion'"),
+        ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection.Name: expected one of"),
+        ({"Projection": {"Name": "Fisheye62", "Params": F624}}, "Projection.Params: expected 11 finite"),
+        ({"Projection": 3}, "Projection: expected a mapping"),
+        ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "T_Device_Camera: missing key 'UnitQuaternion'"),
         (
             {"T_Device_Camera": {"Translation": [0, 0, 0], "UnitQuaternion": [0, [0, 0, 0]]}},
-            "UnitQuaternion: expected one of length 1",
+            "T_Device_Camera: quaternion: expected one of length 1",
         ),
         ({"T_Device_Camera": {"Translation": [0, 0], "UnitQuaternion": [1, [0, 0, 0]]}}, "Translation: exp"),
         ({"TimeOffsetSec_Device_Camera": "late"}, "TimeOffsetSec_Device_Camera: expected a finite"),

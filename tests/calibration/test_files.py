@@ -64,7 +64,7 @@ def saved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def assert_clear(error: pytest.ExceptionInfo[ArgumentError]) -> None:
     """One line, short enough to read, that says what was expected."""
     message = str(error.value)
-    assert "expected" in message
+    assert "expected" in message or "missing key" in message
     assert "\n" not in message
     assert len(message) < 600
 
@@ -106,7 +106,7 @@ def test_a_file_that_cannot_be_read_or_written_is_refused(tmp_path: Path) -> Non
         assert_clear(error)
     path = tmp_path / "binary"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ArgumentError, match="readable text"):
+    with pytest.raises(ArgumentError, match="text file"):
         calibration.load(path)
 
 
@@ -308,14 +308,14 @@ def test_hostile_yaml_is_refused_in_one_line(text: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("image_width: 40", "image_length: 40", "expected the key 'image_width'"),
+        ("image_width: 40", "image_length: 40", "missing key 'image_width'"),
         ("image_width: 40", "image_width: 0", "image_width: expected a whole number"),
         ("camera_matrix: !!opencv-matrix", "camera_matrix: 3 #", "expected YAML"),
         ("[ 15.,", "[ .Nan,", "camera_matrix: data: expected 9 finite"),
         ("[ 15.,", "[ -15.,", "fx: expected a finite number > 0"),
         ("[ 15.,", "[", "camera_matrix: data: expected 9 finite"),
         ("e-05 ]", "e-05, 0.1 ]", "distortion_coefficients: data: expected 4 finite"),
-        ("   data: [ 0.1", "   date: [ 0.1", "distortion_coefficients: expected the key 'data'"),
+        ("   data: [ 0.1", "   date: [ 0.1", "distortion_coefficients: missing key 'data'"),
     ],
 )
 def test_a_bad_opencv_file_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:

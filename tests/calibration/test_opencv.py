@@ -122,7 +122,7 @@ def test_every_form_is_read_by_opencv_and_by_us(format: str, suffix: str, tmp_pa
 
 def test_a_file_of_the_omnidirectional_sample_lacks_its_size() -> None:
     text = calibration.write_opencv_omnidir({"cam0": CAMERAS["opencv-omnidir"]})
-    with pytest.raises(ArgumentError, match="expected the key 'image_width'"):
+    with pytest.raises(ArgumentError, match="missing key 'image_width'"):
         calibration.read_opencv_omnidir(text.replace("image_width", "nothing"))
 
 
@@ -138,7 +138,7 @@ def test_a_file_of_the_omnidirectional_sample_lacks_its_size() -> None:
 )
 @pytest.mark.parametrize("read", [calibration.read_opencv, calibration.read_opencv_omnidir])
 def test_hostile_xml_is_refused_in_one_line(text: str, read: Any) -> None:
-    with pytest.raises(ArgumentError, match="expected") as caught:
+    with pytest.raises(ArgumentError, match="expected|missing key") as caught:
         read(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) <= 300

@@ -115,7 +115,7 @@ ONE = "1 PINHOLE 8 6 5 5 4 3\n2 PINHOLE 8 6 5 5 4 3\n"
         ("1 2 CAMERA 1 CAMERA 2 0\n", "expected HAS_POSE 1"),
         ("1 2 CAMERA 1 IMU 2 1 1 0 0 0 0 0 0\n", "expected each sensor a CAMERA"),
         ("1 2 CAMERA 1 CAMERA 3 1 1 0 0 0 0 0 0\n", "expected each sensor a CAMERA"),
-        ("1 2 CAMERA 1 CAMERA 2 1 0 0 0 0 0 0 0\n", "expected a quaternion"),
+        ("1 2 CAMERA 1 CAMERA 2 1 0 0 0 0 0 0 0\n", "quaternion: expected one of length 1"),
         ("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0\n", "expected 7 finite"),
         ("1 3 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0 0\n", "NUM_SENSORS: expected 2"),
         ("1 1 CAMERA\n", "expected one line|CAMERA"),
@@ -139,10 +139,10 @@ def test_what_a_format_has_no_place_for_is_refused() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("T_cn_cnm1", "T_cm_cnm1", "cam1: expected the key 'T_cn_cnm1'"),
-        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "cam1: T_cn_cnm1: expected a last row"),
-        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]", "cam1: T_cn_cnm1: expected"),
-        ("timeshift_cam_imu: 0.01", "timeshift_cam_imu: no", "cam1: timeshift_cam_imu: expected a finite"),
+        ("T_cn_cnm1", "T_cm_cnm1", "cam1: missing key 'T_cn_cnm1'"),
+        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "cam1.T_cn_cnm1: expected a last row"),
+        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]", "cam1.T_cn_cnm1: expected"),
+        ("timeshift_cam_imu: 0.01", "timeshift_cam_imu: no", "cam1.timeshift_cam_imu: expected a finite"),
         ("cam1:", "cam2:", "expected a chain cam0, cam1, got"),
     ],
 )

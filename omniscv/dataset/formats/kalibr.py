@@ -3,7 +3,7 @@
 Cameras that keep their places to each other are a rig (:mod:`omniscv.dataset.rigs`); of several rigs each
 has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ... in the order
 of their names, which ``rostopic`` holds. ``cam_overlaps`` lists the cameras that see some of the same
-directions. :mod:`omniscv.calibration.rigs` describes the rest.
+directions. :mod:`omniscv.calibration.kalibr` describes the rest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ import yaml
 
 from omniscv.arguments import fields
 from omniscv.calibration import write_kalibr
-from omniscv.calibration.rigs import rig_to_kalibr
+from omniscv.calibration import rig_to_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.dataset.frames import Frame

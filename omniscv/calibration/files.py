@@ -1,0 +1,176 @@
+"""Load and save calibration files and rigs: which format a file has, and the functions for it."""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from omniscv.arguments import one_of, within
+from omniscv.calibration import aria, colmap, common, kalibr, nvidia, ocamcalib, opencv
+from omniscv.cameras import Camera
+from omniscv.cameras.rig import Rig
+from omniscv.errors import ArgumentError
+from omniscv.storage.bounded import read_text
+
+FormatName = Literal[
+    "json",
+    "opencv",
+    "opencv-fisheye",
+    "opencv-omnidir",
+    "kalibr",
+    "colmap",
+    "ocamcalib",
+    "aria",
+    "isaac",
+    "ncore",
+]
+RigFormat = Literal["json", "kalibr", "colmap", "aria"]
+
+_COLMAP_FILES = ("cameras.txt", "rigs.txt")
+
+
+class _Format(NamedTuple):
+    """How a format is recognised by a file's text, read and written."""
+
+    recognises: Callable[[str], object]
+    read: Callable[[str], dict[str, Camera]]
+    write: Callable[..., str]
+
+
+def _matches(pattern: str) -> Callable[[str], object]:
+    return re.compile(pattern, re.MULTILINE).search
+
+
+_FORMATS: dict[str, _Format] = {
+    "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), common.read_json, common.write_json),
+    "opencv": _Format(
+        lambda text: opencv.model_of(text) == "opencv", opencv.read_opencv, opencv.write_opencv
+    ),
+    "opencv-fisheye": _Format(
+        lambda text: opencv.model_of(text) == "opencv-fisheye",
+        opencv.read_opencv_fisheye,
+        opencv.write_opencv_fisheye,
+    ),
+    "opencv-omnidir": _Format(
+        lambda text: opencv.model_of(text) == "opencv-omnidir",
+        opencv.read_opencv_omnidir,
+        opencv.write_opencv_omnidir,
+    ),
+    "kalibr": _Format(_matches(r"^[ \t]*camera_model[ \t]*:"), kalibr.read_kalibr, kalibr.write_kalibr),
+    "colmap": _Format(
+        _matches(rf"^[ \t]*\d+[ \t]+({'|'.join(colmap.NAMES)})[ \t]"), colmap.read_colmap, colmap.write_colmap
+    ),
+    "ocamcalib": _Format(
+        _matches(r"^#[ \t]*polynomial coefficients"), ocamcalib.read_ocamcalib, ocamcalib.write_ocamcalib
+    ),
+    "aria": _Format(_matches(r'"CameraCalibrations"'), aria.read_aria, aria.write_aria),
+    "isaac": _Format(nvidia.looks_like_isaac, nvidia.read_isaac, nvidia.write_isaac),
+    "ncore": _Format(_matches(r'"pixeldist_to_angle_poly"'), nvidia.read_ncore, nvidia.write_ncore),
+}
+
+_RIG_WRITERS: dict[str, Callable[[Rig], str]] = {
+    "json": lambda rig: json.dumps(rig.to_dict(), indent=1),
+    "kalibr": kalibr.rig_to_kalibr,
+    "aria": aria.rig_to_aria,
+}
+
+
+def formats() -> list[str]:
+    """Return the names of the formats."""
+    return list(_FORMATS)
+
+
+def load(path: str | PathLike[str], format: FormatName | None = None) -> dict[str, Camera]:
+    """Return the cameras of a calibration file, by name.
+
+    Names are COLMAP's ids, Kalibr's ``cam0``, ``cam1``, ..., Aria's labels and Isaac's prims; the one camera
+    of the other formats is ``cam0``.
+
+    Args:
+        path: the file.
+        format: one of :func:`formats`; recognised by the content if not given.
+
+    Raises:
+        ArgumentError: the file cannot be read, its format is not recognised, or it does not follow the
+            format; the message starts with the path.
+    """
+    with within(path):
+        text = read_text(Path(path))
+        if format is not None:
+            return _FORMATS[one_of("format", format, _FORMATS)].read(text)
+        matches = [name for name, known in _FORMATS.items() if known.recognises(text)]
+        if len(matches) != 1:
+            raise ArgumentError(
+                f"expected a file that looks like one of {', '.join(_FORMATS)}; it looks like "
+                f"{' and '.join(matches) or 'none of them'}: give format"
+            )
+        return _FORMATS[matches[0]].read(text)
+
+
+def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: FormatName) -> None:
+    """Write cameras as a calibration file.
+
+    Args:
+        path: the file, replaced if it exists; for OpenCV's formats the suffixes ``.xml`` and ``.json`` select
+            the syntax.
+        cameras: by name, at least one. Kalibr's names are ``cam0``, ``cam1``, ...; COLMAP's whole numbers;
+            Aria's its labels; Isaac's are of prims; the other formats hold one camera and no name.
+        format: one of :func:`formats`.
+
+    Raises:
+        ArgumentError: an unknown format, no camera, a camera or name that the format cannot carry, or a
+            file that cannot be written; an existing file is then unchanged.
+    """
+    write = _FORMATS[one_of("format", format, _FORMATS)].write
+    if not cameras:
+        raise ArgumentError("cameras: expected at least one, got none")
+    with within(path):
+        options = {"suffix": Path(path).suffix} if format.startswith("opencv") else {}
+        _write_text(Path(path), write(cameras, **options))
+
+
+def load_rig(path: str | PathLike[str]) -> Rig:
+    """Return the rig of a file or folder.
+
+    Files are JSON (or YAML) as :meth:`Rig.to_dict` gives it, a chain of Kalibr, or the calibration of an Aria
+    device. A folder holds COLMAP's ``cameras.txt`` and ``rigs.txt``.
+
+    Raises:
+        ArgumentError: the file cannot be read or is none of these; the message starts with the path.
+    """
+    path = Path(path)
+    with within(path):
+        if path.is_dir():
+            return colmap.rig_from_colmap(*(read_text(path / name) for name in _COLMAP_FILES))
+        text = read_text(path)
+        data = common.parse_mapping(text)
+        if "CameraCalibrations" in data:
+            return aria.rig_from_aria(text)
+        return Rig.from_dict(data) if "cameras" in data else kalibr.rig_from_kalibr(text)
+
+
+def save_rig(path: str | PathLike[str], rig: Rig, format: RigFormat) -> None:
+    """Write a rig as a file, or for ``colmap`` as two files in a folder, which is made if missing.
+
+    Raises:
+        ArgumentError: an unknown format, a rig that it cannot carry, or a file that cannot be written.
+    """
+    path = Path(path)
+    with within(path):
+        if one_of("format", format, (*_RIG_WRITERS, "colmap")) == "colmap":
+            texts = dict(zip((path / name for name in _COLMAP_FILES), colmap.rig_to_colmap(rig), strict=True))
+        else:
+            texts = {path: _RIG_WRITERS[format](rig)}
+        for file, text in texts.items():
+            _write_text(file, text, make_folder=True)
+
+
+def _write_text(path: Path, text: str, make_folder: bool = False) -> None:
+    try:
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as cause:
+        raise ArgumentError(f"expected a file that can be written, got {cause}") from cause
