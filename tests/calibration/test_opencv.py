@@ -138,7 +138,7 @@ def test_a_file_of_the_omnidirectional_sample_lacks_its_size() -> None:
 )
 @pytest.mark.parametrize("read", [calibration.read_opencv, calibration.read_opencv_omnidir])
 def test_hostile_xml_is_refused_in_one_line(text: str, read: Any) -> None:
-    with pytest.raises(ArgumentError, match="expected|missing key") as caught:
+    with pytest.raises(ArgumentError, match=r"expected|missing key") as caught:
         read(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) <= 300

@@ -14,8 +14,7 @@ import numpy as np
 import yaml
 
 from omniscv.arguments import fields
-from omniscv.calibration import write_kalibr
-from omniscv.calibration import rig_to_kalibr
+from omniscv.calibration import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.dataset.frames import Frame
