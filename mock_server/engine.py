@@ -1,4 +1,4 @@
-"""The engine's frames: the requests received are answered together, then the world moves on."""
+"""The engine's frames: all received requests are answered, then the world advances."""
 
 import contextlib
 import itertools
@@ -14,21 +14,21 @@ Request = tuple[float, bytes]
 """Time of arrival (seconds, monotonic) and payload."""
 
 MAX_WAITING = 1 << 25
-"""Bytes of one client's requests that wait for their replies, ``_OVERHEAD`` for each included."""
+"""The most bytes of one client's waiting requests, with ``_OVERHEAD`` for each."""
 
-_OVERHEAD = 256  # bytes of memory that a request takes beside its text
+_OVERHEAD = 256  # bytes of memory per request beside its text
 _MAX_TEXTS, _MAX_TEXT = 100_000, 200
 
 
 class Requests:
-    """The requests of one client that are not answered yet."""
+    """The waiting requests of one client."""
 
     def __init__(self) -> None:
         self._queue: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._lock, self._waiting = threading.Lock(), 0
 
     def put(self, payload: bytes) -> bool:
-        """Add a request; return False where too many wait."""
+        """Add a request; return False if too many wait."""
         with self._lock:
             self._waiting += len(payload) + _OVERHEAD
             if self._waiting > MAX_WAITING:
@@ -37,7 +37,7 @@ class Requests:
         return True
 
     def end(self) -> None:
-        """Add the end of the requests: the client has left."""
+        """Mark the end of the requests: the client has left."""
         self._queue.put(None)
 
     def get(self, timeout_s: float) -> Request | None:
@@ -51,10 +51,10 @@ class Requests:
 
 
 class PacedRequests(Requests):
-    """The requests of a client whose server's frames last as long as an engine's.
+    """Waiting requests where frames last as long as an engine's.
 
-    A frame begins when the one before it has lasted ``frame_s``; it answers requests that came at least
-    ``latency_s`` before it began.
+    A frame starts ``frame_s`` after the one before; it answers requests that came ``latency_s`` before its
+    start, or earlier.
     """
 
     def __init__(self, frame_s: float, latency_s: float) -> None:
@@ -78,7 +78,7 @@ class PacedRequests(Requests):
 
 
 class Statistics:
-    """Counts the commands received, by the starts of their texts; very many different ones by their verbs."""
+    """Counts of received commands, by the starts of their texts; beyond ``_MAX_TEXTS``, by their verbs."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -97,9 +97,9 @@ class Statistics:
 def replies(
     dialect: Dialect, statistics: Statistics, requests: Requests, stopping: threading.Event
 ) -> Iterator[Request]:
-    """Yield one client's replies, each with the time of its request, until the client leaves.
+    """Yield one client's replies, with the times of their requests, until the client leaves.
 
-    Frames end by themselves, at the frame rate of the settings, while no request comes.
+    While no request comes, frames end at the frame rate of the settings.
     """
     pending: deque[tuple[int, float, int, Later]] = deque()  # frame, request's time, id, reply
     held: list[Request] = []
@@ -127,7 +127,7 @@ def replies(
 
 
 def _received(dialect: Dialect, requests: Requests) -> list[Request | None]:
-    """Return the requests of the next frame; none if none comes within a frame's time."""
+    """Return the requests of the next frame; an empty list if none comes in a frame's time."""
     received: list[Request | None] = []
     most = dialect.requests_per_frame
     with contextlib.suppress(queue.Empty):
@@ -138,7 +138,7 @@ def _received(dialect: Dialect, requests: Requests) -> list[Request | None]:
 
 
 def _reply(dialect: Dialect, statistics: Statistics, payload: bytes) -> tuple[int, bytes | Later | None]:
-    """Return a request's id and reply; None where the plugin does not reply."""
+    """Return a request's id and reply; None if the plugin does not reply."""
     parsed = dialect.parse(payload)
     if parsed is None:
         return 0, dialect.malformed(payload)
@@ -150,5 +150,5 @@ def _reply(dialect: Dialect, statistics: Statistics, payload: bytes) -> tuple[in
 
 
 def _payload(identity: int, body: str | bytes | None) -> bytes:
-    body = body or "ok"  # the plugin replies this to an empty success, early or late
+    body = body or "ok"  # the plugin's reply to an empty success
     return b"%d:%b" % (identity, body if isinstance(body, bytes) else body.encode())

@@ -1,9 +1,9 @@
 """Faults that the server injects on request: ``NAME[=VALUE][@PROBABILITY]``, such as ``delay=0.2@0.05``.
 
-Probability is 1 when left out. Every fault has an independent random generator, seeded from the server's seed
-and its name: the same requests get the same faults, whatever other faults are on. ``KINDS`` lists all, as
-``python -m mock_server --help`` does. ``Server.faults`` turns faults on and off while the server runs, except
-the ``PERMANENT`` ones.
+The default probability is 1. Every fault has an independent random generator, seeded by the server's seed and
+the fault's name: the same requests get the same faults, whatever other faults are active. ``KINDS`` lists all
+faults, as ``python -m mock_server --help`` does. ``Server.faults`` starts and stops faults while the server
+runs, except the ``PERMANENT`` ones.
 """
 
 import math
@@ -17,7 +17,7 @@ Value = float | str | None
 
 
 class Kind(NamedTuple):
-    """What a fault does, its value where none is given (None: it takes no value), and its largest value."""
+    """What a fault does, its default value (None: it takes no value), and its largest value."""
 
     text: str
     default: Value = None
@@ -66,15 +66,15 @@ KINDS = {
     "sky-dome": Kind("the sky is the object SkyDome, a sphere of VALUE metres around the camera", 500.0),
     "object-missing": Kind("VALUE (the last object) is in lit and normals only, until its colour is set", ""),
 }
-"""All faults by name; what ends a fault is a console command, after ``vrun``."""
+"""All faults by name. A fault is ended by a console command, after ``vrun``."""
 
 PERMANENT = ("vignette", "mask-gamma", "half-depth", "sky-dome", "object-missing")
-"""Faults that hold from the start, without a probability."""
+"""Faults that are active from the start, without a probability."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that is on."""
+    """An active fault."""
 
     name: str
     value: Value
@@ -90,7 +90,7 @@ def parse(text: str) -> Fault:
     """Return the fault that a text of the grammar above describes.
 
     Raises:
-        ValueError: an unknown name, or a value or probability that it cannot have.
+        ValueError: an unknown name, or a value or probability out of its range.
     """
     head, at, chance = text.partition("@")
     name, equals, value = head.partition("=")
@@ -104,8 +104,8 @@ def parse(text: str) -> Fault:
         return Fault(name, kind.default, probability)
     if kind.default is None:
         raise ValueError(f"fault {name}: expected no value, got {reprlib.repr(text)}")
-    given = value if isinstance(kind.default, str) else _number(value, kind.most, f"fault {name}")
-    return Fault(name, given, probability)
+    number = value if isinstance(kind.default, str) else _number(value, kind.most, f"fault {name}")
+    return Fault(name, number, probability)
 
 
 def _number(text: str, most: float, where: str) -> float:
@@ -119,14 +119,14 @@ def _number(text: str, most: float, where: str) -> float:
 
 
 class Faults(dict[str, Fault]):
-    """The faults of one server that are on, by name.
+    """The active faults of one server, by name.
 
     Args:
-        texts: faults in the grammar above; the last of a name counts.
+        texts: faults in the grammar above; of one name, the last counts.
         seed: seed of the random generators.
 
     Raises:
-        ValueError: a text that is no fault.
+        ValueError: a wrong text.
     """
 
     def __init__(self, texts: Iterable[str] = (), seed: int = 0) -> None:
@@ -134,15 +134,15 @@ class Faults(dict[str, Fault]):
         self._seed = seed
         self._random: dict[str, random.Random] = {}
         self.struck: dict[str, int] = {}
-        """How often each fault has struck."""
+        """How often each fault was drawn."""
         for text in texts:
             self._add(parse(text))
 
     def start(self, text: str) -> None:
-        """Turn a fault on, from now.
+        """Start a fault.
 
         Raises:
-            ValueError: a text that is no fault, or a fault that holds from the start or not at all.
+            ValueError: a wrong text, or a permanent fault.
         """
         fault = parse(text)
         if fault.name in PERMANENT:
@@ -150,11 +150,11 @@ class Faults(dict[str, Fault]):
         self._add(fault)
 
     def stop(self, name: str) -> None:
-        """Turn a fault off."""
+        """Stop a fault."""
         self.pop(name, None)
 
     def strike(self, name: str) -> Fault | None:
-        """Return a fault, if it is on and its random generator draws it."""
+        """Return a fault if it is active and its random generator draws it."""
         fault = self.get(name)
         if fault is None or self._random[name].random() >= fault.probability:
             return None

@@ -1,8 +1,8 @@
 """The tracing kernel: every ray against every solid, in float64.
 
-A solid is a row of numbers; the columns are named below. It runs without the GIL and without numba's thread
-pool, which must not be entered from two Python threads: callers distribute rays over threads. What is called
-for each ray with an array is inlined: its references would be counted, which takes as long as a few solids.
+A solid is a row of numbers; ``COLUMNS`` names them. The kernel runs without the GIL and without numba's
+thread pool, which two Python threads must not enter: callers distribute rays over threads. Functions that
+take arrays for each ray are inlined: counting references would take as long as testing a few solids.
 """
 
 import math
@@ -30,7 +30,7 @@ Hit = tuple[float, float, float, float]
 _MISS = (math.inf, 0.0, 0.0, 0.0)
 
 _BUNDLE = 128
-"""Rays that are tested together: neighbours in an image miss most solids together."""
+"""Rays that are culled together: neighbours in an image miss the same solids."""
 
 _SLACK_RAD = 1e-6
 """More than the rounding of an arc cosine near 1, which is 1.5e-8."""
@@ -119,7 +119,7 @@ def nearest_hits(
 
     ``directions`` of any length become unit vectors.
     """
-    # Arrays are read by element below, because views of rows take longer to make than a solid to test.
+    # Arrays are read by element below: a view of a row takes longer than testing a solid.
     kept = np.empty(solids.shape[0], dtype=np.int64)
     for start in range(0, origins.shape[0], _BUNDLE):
         stop = min(start + _BUNDLE, origins.shape[0])
@@ -144,8 +144,8 @@ def _normalise(directions: Floats, start: int, stop: int) -> None:
 @njit(cache=True, nogil=True)
 def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Floats, kept: Ints) -> int:
     """Put into ``kept`` the solids whose bounding spheres a bundle of rays may hit; return their number."""
-    # The bundle lies in the cone about its mean direction, widened by how far its origins are apart. Rays
-    # with NaN, and a mean of 0, compare as false, so that no solid is left out for them.
+    # The bundle lies in a cone about its mean direction, widened by the spread of its origins. Comparisons
+    # with NaN, of a ray or of a mean of length 0, are false, so that no solid is skipped.
     count = stop - start
     o0 = o1 = o2 = a0 = a1 = a2 = 0.0
     for i in range(start, stop):
@@ -183,7 +183,7 @@ def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tup
     for k in range(number):
         s = kept[k]
         v = (o[0] - solids[s, 2], o[1] - solids[s, 3], o[2] - solids[s, 4])
-        # Skipped unless the ray enters the solid's bounding sphere before the nearest hit so far.
+        # Skip it unless the ray enters its bounding sphere before the nearest hit so far.
         toward, radius = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2]), solids[s, 17]
         beside = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - toward * toward
         if toward < -radius or toward - radius > best or beside > radius * radius:

@@ -1,7 +1,4 @@
-"""Motions of objects: how far an object has moved, and turned about the vertical, as functions of time.
-
-Closed formulas, so that a scene at any time is as exact as a still one.
-"""
+"""Motions of objects: translation, and rotation about the vertical, as closed formulas of time."""
 
 import math
 from dataclasses import dataclass
@@ -36,7 +33,7 @@ class Steady:
 
 @dataclass(frozen=True)
 class Swing:
-    """A sinusoid of the time: its greatest offset, metres, and turn, degrees, and its period."""
+    """A sinusoid of time: its amplitudes, metres and degrees, and its period."""
 
     by: Triple
     turn_deg: float
@@ -50,10 +47,9 @@ class Swing:
 
 @dataclass(frozen=True)
 class Waypoints:
-    """Straight ways between points (time, x, y, z, turn in degrees), in the order of their times.
+    """Straight lines between points (time, x, y, z, turn in degrees), in the order of their times.
 
-    Before the first point the object is at the first, behind the last at the last; with ``repeat``, the last
-    point is the first one of the next round.
+    The object rests at the first point before, and at the last one after; with ``repeat``, it starts again.
     """
 
     points: tuple[Triple, ...]

@@ -1,4 +1,4 @@
-"""The objects of a running scene: where commands and the clock have put them, in Unreal's frame.
+"""The objects of a running scene, as commands and the clock have moved them, in Unreal's frame.
 
 Unreal: left-handed, centimetres, X forward, Y right, Z up.
 """
@@ -33,10 +33,10 @@ _FIXED = ((False, False, True), (False, True, False), (False, True, True), (True
 
 @dataclass
 class SceneObject:
-    """An object's state. Its location is the middle of its box, and rotations and scales are about it.
+    """An object's state. Its location is the centre of its box; rotations and scales are about it.
 
-    ``key`` is its name in the scene, ``rest`` its pose where no command has placed it. An object that is not
-    ``annotated`` is missing in masks and depth.
+    ``key`` is its name in the scene, ``rest`` its pose without commands. An object that is not ``annotated``
+    is missing in masks and depth.
     """
 
     name: str
@@ -52,18 +52,18 @@ class SceneObject:
 
     @property
     def is_placed(self) -> bool:
-        """Whether a command has placed it."""
+        """Whether a command has moved it."""
         return (self.location, self.rotation) != self.rest
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What is to see of the objects at one time.
+    """The visible state of the objects at one time.
 
     Attributes:
-        scene: the objects as they are described.
+        scene: the objects as described.
         time_s: on the scene's clock.
-        placed: keys, locations and rotations of the objects that commands have placed.
+        placed: keys, locations and rotations of the objects that commands have moved.
         hidden: keys of hidden objects.
         missing: keys of objects that are not annotated.
     """
@@ -76,19 +76,19 @@ class Moment:
 
     @cached_property
     def shown(self) -> Scene:
-        """The scene with its objects where they are."""
+        """The scene at this moment."""
         return self.scene.at(
             self.time_s,
-            {key: (MIRROR @ axes(turn) @ MIRROR, MIRROR @ place / 100.0) for key, place, turn in self.placed},
+            {key: (MIRROR @ axes(turn) @ MIRROR, MIRROR @ at / 100.0) for key, at, turn in self.placed},
         )
 
 
 class Objects:
-    """The objects of a scene by name, and those that commands add.
+    """The objects of a scene, and those that commands add.
 
     Attributes:
-        by_name: in the order of the list that clients get.
-        scene: the objects as they are described, those of commands included.
+        by_name: in the order of the reply to ``vget /objects``.
+        scene: the objects as described, spawned ones included.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -99,44 +99,44 @@ class Objects:
         for key, color in zip(scene.objects, self._palette, strict=False):
             location, rotation = _in_unreal(scene.pose(key))
             self._actors.append(SceneObject(key, color, key, location, rotation, (location, rotation)))
-        self.by_name = {each.name: each for each in self._actors}
+        self.by_name = {actor.name: actor for actor in self._actors}
         self._spawned = 0
 
     def set_time(self, time_s: float) -> None:
-        """Let moving objects be where they are at a time, also those that commands have placed."""
+        """Set the time of moving objects, also of those that commands have moved; see :meth:`follow`."""
         self._time_s, self._late = time_s, bool(self.scene.moving)
 
     def follow(self) -> None:
-        """Put moving objects where they are at the time that was set last."""
+        """Update the poses of moving objects to the time that was set last."""
         if self._late:
-            self._late, there = False, self.scene.at(self._time_s)
-            for each in self._actors:
-                if each.key in there.moving:
-                    each.rest = each.location, each.rotation = _in_unreal(there.pose(each.key))
+            self._late, scene = False, self.scene.at(self._time_s)
+            for actor in self._actors:
+                if actor.key in scene.moving:
+                    actor.rest = actor.location, actor.rotation = _in_unreal(scene.pose(actor.key))
 
     def moment(self) -> Moment:
-        """Return what is to see now."""
+        """Return the visible state now."""
         moving = frozenset(self.scene.moving) if self._late else frozenset()
-        placed = (each for each in self._actors if each.is_placed and each.key not in moving)
+        placed = (actor for actor in self._actors if actor.is_placed and actor.key not in moving)
         return Moment(
             self.scene,
             self._time_s if self.scene.moving else 0.0,
-            tuple((each.key, each.location, each.rotation) for each in placed),
-            frozenset(each.key for each in self._actors if each.hidden),
-            frozenset(each.key for each in self._actors if not each.annotated and not each.hidden),
+            tuple((actor.key, actor.location, actor.rotation) for actor in placed),
+            frozenset(actor.key for actor in self._actors if actor.hidden),
+            frozenset(actor.key for actor in self._actors if not actor.annotated and not actor.hidden),
         )
 
     def colors(self) -> list[Color]:
         """Return the mask colours, in the order of the labels from 1."""
-        return [each.color for each in self._actors]
+        return [actor.color for actor in self._actors]
 
     def rename(self, actor: SceneObject, name: str) -> None:
-        """Give an object another name, at the same position of the list."""
-        self.by_name = {name if each is actor else key: each for key, each in self.by_name.items()}
+        """Rename an object; it keeps its position in the list."""
+        self.by_name = {name if other is actor else key: other for key, other in self.by_name.items()}
         actor.name = name
 
     def spawn_cube(self, name: str = "") -> SceneObject | None:
-        """Add a cube of one metre at the origin, not annotated until it has a colour; None: too many."""
+        """Add a cube of one metre at the origin, annotated once it has a colour; None: too many."""
         if self._spawned == _MOST_SPAWNED:
             return None
         key = f"{_LAST}{self._spawned:06}"
@@ -157,9 +157,9 @@ class Objects:
 
     def _describe(self) -> None:
         self.scene = self._unscaled
-        for each in self._actors:
-            if each.scale != _WHOLE:
-                self.scene = self.scene.scaled(each.key, each.scale)
+        for actor in self._actors:
+            if actor.scale != _WHOLE:
+                self.scene = self.scene.scaled(actor.key, actor.scale)
 
 
 def palette() -> Iterator[Color]:
@@ -172,6 +172,6 @@ def palette() -> Iterator[Color]:
 
 def _in_unreal(pose: tuple[Array, Array]) -> Pose:
     """Return location and rotation of an object that is turned about the vertical."""
-    R_w_o, place = pose
-    x, y, z = (100.0 * place @ MIRROR).tolist()
+    R_w_o, center = pose
+    x, y, z = (100.0 * center @ MIRROR).tolist()
     return (x, y, z), (0.0, -math.degrees(math.atan2(R_w_o[1, 0], R_w_o[0, 0])) + 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""From a view's ray hits to the pixels of each mode, and to the plugin's bytes: PNG, BMP, NPY and EXR."""
+"""Convert a view's ray hits to the pixels of each mode, and to the plugin's bytes: PNG, BMP, NPY and EXR."""
 
 import struct
 import tempfile
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Bytes = NDArray[np.uint8]
 
 LARGEST_HALF = 65504.0
-"""The largest half float: depth saturates at it, also the sky's."""
+"""The largest half float: depth saturates there, also the sky's."""
 
 
 def normals(normal: NDArray[np.float64]) -> Bytes:
@@ -25,19 +25,19 @@ def gray_depth(depth: NDArray[np.float64]) -> Bytes:
 
 
 def rescaled(distance: NDArray[np.float64]) -> Bytes:
-    """Return (H, W, 3) grey levels of distances from 0 to the image's own largest: for display only."""
+    """Return (H, W, 3) grey levels of distances, white at the image's largest: for display only."""
     limited = np.minimum(distance, LARGEST_HALF)
     return _gray(limited / limited.max())
 
 
 def stored(depth: NDArray[np.float64], half: bool) -> NDArray[np.float32]:
-    """Return depth in the server's unit as in the engine's buffers: float32, rounded to half floats."""
+    """Return depth as in the engine's buffers: float32; with ``half``, rounded to half floats."""
     limited = np.minimum(depth, LARGEST_HALF)
     return (limited.astype(np.float16) if half else limited).astype(np.float32)
 
 
 def through_vertex_colors(colors: Bytes) -> Bytes:
-    """Return what is displayed of vertex colours: to linear light in 8 bits, and back (reference, 5.2)."""
+    """Return vertex colours as displayed: converted to 8-bit linear light and back (reference, 5.2)."""
     linear = np.floor((colors / 255.0) ** 2.2 * 255.999)
     return np.asarray(np.round((linear / 255.0) ** (1 / 2.2) * 255), dtype=np.uint8)
 

@@ -12,7 +12,7 @@ from mock_server.faults import Fault, Faults
 
 MAGIC = 0x9E2B83C1
 MAX_PAYLOAD = 1 << 24
-"""Bytes of a request; dialect N2 of the plugin allows sixteen times as many, the others any number."""
+"""The most bytes of a request; dialect N2 allows sixteen times as many, the others any number."""
 
 _HEADER = struct.Struct("<II")
 _BLOCK, _PIECES = 1 << 16, 50
@@ -21,7 +21,7 @@ _INT64_DIGITS = 18
 
 
 class FrameError(Exception):
-    """A header that no client would send: the connection is dropped."""
+    """A wrong header: the connection is dropped."""
 
 
 def frame(payload: bytes) -> bytes:
@@ -45,7 +45,7 @@ def read_frame(connection: socket.socket) -> bytes | None:
 
 
 def _read_exactly(connection: socket.socket, size: int) -> bytes | None:
-    """Return so many bytes; memory grows with what is received, not with what the header claims."""
+    """Return so many bytes; memory grows with the bytes received, not with the header's size."""
     data = bytearray()
     while len(data) < size:
         block = connection.recv(min(_BLOCK, size - len(data)))
@@ -62,7 +62,7 @@ def to_int32(digits: str) -> int:
 
 
 class Transport:
-    """Sends frames with faults. ``wait`` waits for so many seconds; it is true if the server is stopping."""
+    """Sends frames with faults. ``wait(seconds)`` returns True if the server is stopping."""
 
     def __init__(self, connection: socket.socket, faults: Faults, wait: Callable[[float], bool]) -> None:
         self._connection, self._faults, self._wait = connection, faults, wait
@@ -102,9 +102,9 @@ class Transport:
             self._connection.sendall(piece)
 
     def _corrupted(self, payload: bytes) -> bytes:
-        """Return the frame's bytes, with at most one fault: the first of those that strike."""
+        """Return the frame's bytes with at most one fault, the first that is drawn."""
         whole = frame(payload)
-        identity, _, body = payload.partition(b":")  # "error:", where the request had no id either
+        identity, _, body = payload.partition(b":")  # "error:" if the request had no id either
         corrupted: dict[str, Callable[[Fault], bytes]] = {
             "missing": lambda _: b"",
             "zero-size": lambda _: frame(b""),

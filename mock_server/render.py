@@ -1,4 +1,4 @@
-"""Perspective views of a scene: the ray of every pixel, traced."""
+"""Traced perspective views of a scene."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -44,10 +44,10 @@ def pinhole_rays(
     rows: slice = slice(None),
     where: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array]:
-    """Return (H, W, 3) unit directions in the world, and (H, W) lengths of the rays per metre of depth.
+    """Return (H, W, 3) unit directions in the world frame, and (H, W) ray lengths per metre of depth.
 
-    Of a view of ``size`` (width, height), or of some ``rows`` of it. With ``where`` (height, width), only of
-    the N pixels that it names there, row by row: (N, 3) and (N,).
+    They are of a view of ``size`` (width, height), or of some ``rows`` of it. With ``where`` (height, width),
+    only of its N True pixels, row by row: (N, 3) and (N,).
     """
     width, height = size
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)

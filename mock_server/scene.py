@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise, takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,10 +26,10 @@ from mock_server.textures import Texture
 
 Array = NDArray[np.float64]
 Poses = Mapping[str, tuple[ArrayLike, ArrayLike]]
-"""By object, ``R_w_o`` (3, 3) and the place (3,) of the middle of its box, metres, world frame."""
+"""By object, ``R_w_o`` (3, 3) and the centre (3,) of its box, metres, world frame."""
 
 LATEST_S = 1e9
-"""The greatest time of a scene, seconds: no motion overflows until then."""
+"""The latest time of a scene, seconds, before which no motion overflows."""
 
 _CHUNK = 1 << 13
 _THREADS = 2
@@ -58,64 +59,64 @@ class Hits:
 
 
 class Scene:
-    """Solids with names and textures, or a pattern painted on the sphere of directions.
+    """Solids with names and textures, or a pattern on the sphere of directions.
 
-    Picklable, and safe to use from several threads and in forked processes.
+    Picklable; safe in several threads and forked processes.
 
     Args:
         name: the scene's name.
-        description: as in a scene's YAML file; docs/scenes.md explains the words.
+        description: of a scene's YAML file; docs/scenes.md explains the keys.
 
     Attributes:
-        name: as given.
+        name: of the scene.
         objects: names of the objects, sorted.
         solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
-        moving: names of the objects that move by themselves, sorted.
-        time: the time that is shown, seconds; 0 as loaded.
-        sky: (3,) float64, 0..1, the colour of rays that hit nothing; None where a pattern gives it.
-        room: the room; None without one, or where a wall of it is elsewhere.
+        moving: names of the objects with a motion, sorted.
+        time: of the scene, seconds; 0 when loaded.
+        sky: (3,) float64, 0..1, the colour of rays that hit nothing; None with a pattern.
+        room: the room; None without one, or if a wall of it has moved.
 
     Raises:
-        ValueError: a word or value of the description is wrong; the message names it.
+        ValueError: a wrong key or value of the description.
     """
 
     def __init__(self, name: str, description: Mapping[str, object]) -> None:
-        parts = scene_file.read(description, name)
+        file = scene_file.read(description, name)
         self.name = name
-        self._sky, self._pattern = np.array(parts.sky), parts.pattern
+        self._sky, self._pattern = np.array(file.sky), file.pattern
         self.sky = None if self._pattern else self._sky
-        self._whole_room: Room | None = parts.room
-        self._moving = parts.moving
-        self.moving = tuple(sorted(parts.moving))
+        self._whole_room: Room | None = file.room
+        self._moving = file.moving
+        self.moving = tuple(sorted(file.moving))
         self.time = 0.0
-        self._take(np.array(parts.rows).reshape(-1, COLUMNS), parts.names, parts.textures)
+        self._describe(np.array(file.rows).reshape(-1, COLUMNS), file.names, file.textures)
 
-    def _take(self, rows: Array, names: Sequence[str], each_texture: Sequence[Texture]) -> None:
-        """Take solids, each of an object and a texture, as the description."""
+    def _describe(self, rows: Array, owners: Sequence[str], textures: Sequence[Texture]) -> None:
+        """Set the solids as described: the row, object and texture of each."""
         self._described = rows
-        self.objects: tuple[str, ...] = tuple(sorted(set(names)))
-        labels = {each: label for label, each in enumerate(self.objects, start=1)}
-        self._labels = np.array([0] + [labels[each] for each in names], dtype=np.uint16)
-        textures_used = {each: index for index, each in enumerate(dict.fromkeys(each_texture))}
-        self._textures = list(textures_used)
-        self._texture_of = np.array([textures_used[each] for each in each_texture] + [-1], dtype=np.int16)
-        self._owner = np.array(names, dtype=object)
-        self._place({})
+        self.objects: tuple[str, ...] = tuple(sorted(set(owners)))
+        labels = {name: label for label, name in enumerate(self.objects, start=1)}
+        self._labels = np.array([0] + [labels[name] for name in owners], dtype=np.uint16)
+        self._textures = list(dict.fromkeys(textures))
+        indices = {texture: index for index, texture in enumerate(self._textures)}
+        self._texture_of = np.array([indices[texture] for texture in textures] + [-1], dtype=np.int16)
+        self._owner = np.array(owners, dtype=object)
+        self._move({})
 
     def label(self, name: str) -> int:
         """Return an object's label: 1 + its rank in ``objects``."""
         return 1 + self.objects.index(name)
 
     def digest(self) -> str:
-        """Return a SHA-256 of the description, hexadecimal; lengths count to the micrometre."""
+        """Return the SHA-256 of the description, hexadecimal; lengths are rounded to micrometres."""
         colors = self._sky if self._pattern is None else self._pattern(_SOME_DIRECTIONS)
-        numbers = [(np.round(each, 6) + 0.0).tolist() for each in (self._described, colors)]
+        numbers = [(np.round(array, 6) + 0.0).tolist() for array in (self._described, colors)]
         seen = (self.objects, numbers, self._labels.tolist(), self._textures, self._texture_of.tolist())
         moving = repr(sorted(self._moving.items())) if self._moving else ""
         return hashlib.sha256((repr(seen) + moving).encode()).hexdigest()
 
     def bounds(self, name: str) -> tuple[Array, Array]:
-        """Return the least and the greatest corner of an object's box, (3,) metres each, world frame.
+        """Return the least and the greatest corner of an object's bounding box, (3,) metres, world frame.
 
         Raises:
             ValueError: no object has that name.
@@ -123,7 +124,7 @@ class Scene:
         return solids.extent(self._rows(name), np.eye(3))
 
     def box(self, name: str) -> tuple[Array, Array, Array]:
-        """Return the smallest box around an object that is turned as its largest solid that is no sphere.
+        """Return the smallest box around an object with the axes of its largest solid that is not a sphere.
 
         Returns:
             Its centre (3,), its axes as rows (3, 3), and its size along them (3,); metres, world frame.
@@ -138,8 +139,7 @@ class Scene:
         return (low + high) / 2 @ axes, axes, high - low
 
     def vertices(self, name: str) -> Array:
-        """Return (N, 3) points of an object, metres, world frame, as of a mesh: the corners of its boxes and
-        rectangles, 64 on each rim of its cylinders, and on circles of its spheres.
+        """Return (N, 3) mesh points of an object, metres, world frame; see :func:`mock_server.solids.points`.
 
         Raises:
             ValueError: no object has that name.
@@ -153,20 +153,20 @@ class Scene:
         return rows
 
     def pose(self, name: str) -> tuple[Array, Array]:
-        """Return where an object is: ``R_w_o`` (3, 3), the identity for an object as it is described, and the
-        place (3,) of the middle of its box, which turns with it; metres, world frame.
+        """Return an object's pose: ``R_w_o`` (3, 3), the identity as described, and the centre (3,) of its
+        box, which rotates with it; metres, world frame.
 
         Raises:
             ValueError: no object has that name.
         """
-        return self._poses.get(name) or (np.eye(3), self._middle(name))
+        return self._poses.get(name) or (np.eye(3), self._center(name))
 
     def at(self, time_s: float, poses: Poses | None = None) -> Scene:
         """Return the scene at a time. Textures move with their objects.
 
         Args:
-            time_s: seconds; moving objects are where they are then, all others as described.
-            poses: of objects that are elsewhere, moving ones too.
+            time_s: seconds; of moving objects.
+            poses: of objects that are moved, in place of their motions.
 
         Raises:
             ValueError: a time beyond ``LATEST_S``, or no object of a name.
@@ -177,40 +177,40 @@ class Scene:
             return self
         result = copy.copy(self)
         result.time = time_s
-        result._place(poses or {})
+        result._move(poses or {})
         return result
 
     def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
-        """Return another scene, in which some objects are described elsewhere; textures stay as described.
+        """Return another scene, whose description has some objects moved; textures stay in the world.
 
         Args:
-            moves: by object, a rotation (3, 3), the point it turns about, and where that point goes
-                (both (3,) metres, world frame).
+            moves: by object, a rotation (3, 3), its pivot, and the pivot's target (both (3,) metres, world
+                frame).
         """
         result = copy.copy(self)
         result._described = self._described.copy()
-        for name, how in moves.items():
+        for name, move in moves.items():
             rows = self._owner == name
-            result._described[rows] = solids.carried(self._described[rows], *how)
+            result._described[rows] = solids.moved(self._described[rows], *move)
         if self._of_room(moves):
             result._whole_room = None
-        result._place({})
+        result._move({})
         return result
 
     def scaled(self, name: str, factors: ArrayLike) -> Scene:
-        """Return another scene, in which an object is larger along the world's axes, by three factors, about
-        the middle of its box; :func:`mock_server.solids.scaled` explains what is round."""
+        """Return another scene, with an object scaled along the world's axes by three factors, about the
+        centre of its box; see :func:`mock_server.solids.scaled`."""
         result, rows = copy.copy(self), self._owner == name
         result._described = self._described.copy()
-        result._described[rows] = solids.scaled(self._described[rows], np.array(factors), self._middle(name))
-        result._place({})
+        result._described[rows] = solids.scaled(self._described[rows], np.array(factors), self._center(name))
+        result._move({})
         return result
 
     def joined(self, name: str, description: Mapping[str, object]) -> Scene:
         """Return another scene with one more object, described as in a scene's file.
 
         Raises:
-            ValueError: a wrong description, or a name that is taken.
+            ValueError: a wrong description, or a name that exists.
         """
         if name in self.objects:
             raise ValueError(f"object: expected a name that is not taken, got {name!r}")
@@ -219,27 +219,27 @@ class Scene:
         result._moving = self._moving | added.moving
         result.moving = tuple(sorted(result._moving))
         rows = np.concatenate([self._described, added.rows])
-        result._take(rows, [*self._owner, *added.names], [*used, *added.textures])
+        result._describe(rows, [*self._owner, *added.names], [*used, *added.textures])
         return result
 
-    def _place(self, poses: Poses) -> None:
-        """Move objects from where they are described to where they are at this time, or to given poses."""
+    def _move(self, poses: Poses) -> None:
+        """Move objects from their description to these poses, or to those of their motions at this time."""
         self.solids, self.room = self._described, self._whole_room
         self._poses: dict[str, tuple[Array, Array]] = {}
         for name in self.moving:
             if name not in poses:
-                how, axis = self._moving[name]
-                offset, turn_deg = how.at(self.time)
-                R, middle = motion.turned(turn_deg), self._middle(name)
-                pivot = middle if axis is None else np.array([*axis, 0.0])
-                self._poses[name] = R, R @ (middle - pivot) + pivot + offset
-        for name, (R_w_o, place) in poses.items():
-            self._poses[name] = np.array(R_w_o, dtype=np.float64), np.array(place, dtype=np.float64)
+                function, axis = self._moving[name]
+                offset, turn_deg = function.at(self.time)
+                R, center = motion.turned(turn_deg), self._center(name)
+                pivot = center if axis is None else np.array([*axis, 0.0])
+                self._poses[name] = R, R @ (center - pivot) + pivot + offset
+        for name, (R_w_o, target) in poses.items():
+            self._poses[name] = np.array(R_w_o, dtype=np.float64), np.array(target, dtype=np.float64)
         if self._poses:
             self.solids = self._described.copy()
-        for name, (R, place) in self._poses.items():
+        for name, (R, center) in self._poses.items():
             rows = self._owner == name
-            self.solids[rows] = solids.carried(self._described[rows], R, self._middle(name), place)
+            self.solids[rows] = solids.moved(self._described[rows], R, self._center(name), center)
         if self._of_room(self._poses):
             self.room = None
 
@@ -247,12 +247,12 @@ class Scene:
         room = self._whole_room
         return room is not None and bool({*room.walls, room.floor, room.ceiling} & names.keys())
 
-    def _middle(self, name: str) -> Array:
-        """Return the middle (3,) of an object's box as described."""
+    def _center(self, name: str) -> Array:
+        """Return the centre (3,) of an object's box as described."""
         rows = self._described[self._owner == name]
         if not len(rows):
             raise self._no_object(name)
-        return solids.middle(rows)
+        return solids.center(rows)
 
     def _no_object(self, name: str) -> ValueError:
         return ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
@@ -262,16 +262,16 @@ class Scene:
 
         Args:
             origins: (..., 3) metres, world frame; broadcast against the directions.
-            directions: (..., 3), any length but zero; distances are along the unit direction. A ray
-                with NaN in it hits nothing.
-            hidden: names of objects to leave out.
+            directions: (..., 3), of any length but zero; distances are along the unit direction. A ray with
+                NaN hits nothing.
+            hidden: names of objects to omit.
 
         Returns:
             Hits of shape (...). A ray that starts inside a solid hits its wall from inside.
         """
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         shape = np.broadcast_shapes(o.shape, d.shape)
-        o, d = (np.array(np.broadcast_to(each, shape), order="C").reshape(-1, 3) for each in (o, d))
+        o, d = (np.array(np.broadcast_to(array, shape), order="C").reshape(-1, 3) for array in (o, d))
         kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
         rows, count = np.ascontiguousarray(self.solids[kept]), len(d)
         distance, normal, row = np.full(count, np.inf), np.zeros((count, 3)), np.full(count, -1, np.int64)
@@ -283,27 +283,19 @@ class Scene:
         if kept.size:
             row = np.where(row < 0, -1, kept[row])
         outer = shape[:-1]
-        given = np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3)
-        paint = partial(self._painted, given, d, distance, row, normal, shape)
-        return Hits(
-            self._labels[row + 1].reshape(outer), distance.reshape(outer), normal.reshape(shape), paint
-        )
+        starts = np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3)
+        paint = partial(self._paint, shape, starts, d, distance, row, normal)
+        labels = self._labels[row + 1].reshape(outer)
+        return Hits(labels, distance.reshape(outer), normal.reshape(shape), paint)
 
-    def _painted(
-        self,
-        o: Array,
-        d: Array,
-        distance: Array,
-        row: NDArray[np.int64],
-        normal: Array,
-        shape: tuple[int, ...],
-    ) -> Array:
-        color = np.empty((len(d), 3))
+    def _paint(self, shape: tuple[int, ...], *rays: NDArray[Any]) -> Array:
+        """Return the colours of rays: origins, directions, distances, rows and normals."""
+        color = np.empty((len(rays[0]), 3))
 
         def chunk(part: slice) -> None:
-            color[part] = self._color(o[part], d[part], distance[part], row[part], normal[part])
+            color[part] = self._color(*(values[part] for values in rays))
 
-        _by_chunks(chunk, len(d))
+        _by_chunks(chunk, len(color))
         return color.reshape(shape)
 
     def _color(self, o: Array, d: Array, distance: Array, row: NDArray[np.int64], normal: Array) -> Array:
@@ -314,37 +306,37 @@ class Scene:
         color[: ends[0]] = self._sky if self._pattern is None else self._pattern(d[missed])
         for index, (start, stop) in enumerate(pairwise(ends)):
             if start < stop:
-                mine = order[start:stop]
+                hits = order[start:stop]
                 # take() copies rows in a fifth of the time of an index in brackets
-                facing, points = normal.take(mine, axis=0), d.take(mine, axis=0)
-                points *= distance[mine, None]
-                points += o.take(mine, axis=0)
-                points, faced = self._carried_back(points, facing, row[mine])
-                color[start:stop] = textures.paint(self._textures[index], points, faced, facing)
+                facing, points = normal.take(hits, axis=0), d.take(hits, axis=0)
+                points *= distance[hits, None]
+                points += o.take(hits, axis=0)
+                points, normals = self._as_described(points, facing, row[hits])
+                color[start:stop] = textures.paint(self._textures[index], points, normals, facing)
         inverse = np.empty_like(order)
         inverse[order] = np.arange(len(order))
         return color.take(inverse, axis=0)
 
-    def _carried_back(self, points: Array, normals: Array, row: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return points and normals (N, 3) as before their objects were moved: textures move with objects."""
+    def _as_described(self, points: Array, normals: Array, row: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return points and normals (N, 3) before their objects were moved: textures move with objects."""
         if not self._poses:
             return points, normals
-        faced, labels = normals.copy(), self._labels[row + 1]
-        for name, (R, place) in self._poses.items():
-            mine = labels == self.label(name)
-            points[mine] = (points[mine] - place) @ R + self._middle(name)
-            faced[mine] = normals[mine] @ R
-        return points, faced
+        turned, labels = normals.copy(), self._labels[row + 1]
+        for name, (R, center) in self._poses.items():
+            hits = labels == self.label(name)
+            points[hits] = (points[hits] - center) @ R + self._center(name)
+            turned[hits] = normals[hits] @ R
+        return points, turned
 
 
 def _by_chunks(work: Callable[[slice], None], count: int) -> None:
-    """Call a function with the parts of a range, on several cores."""
+    """Call a function with chunks of a range, in several threads."""
     parts = [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
     if len(parts) < 2:
         for part in parts:
             work(part)
         return
-    # Threads of this call alone: a pool kept between calls would hang in a forked process.
+    # New threads: a pool kept between calls would hang in a forked process.
     with ThreadPoolExecutor(_THREADS) as pool:
         list(pool.map(work, parts))
 
@@ -353,24 +345,24 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """Return a scene by its name, or from a YAML file.
 
     Raises:
-        ValueError: no scene has that name, the file cannot be read, or a word or value in it is wrong.
+        ValueError: an unknown name, a file that cannot be read, or a wrong key or value in it.
     """
     path = _path(name_or_path)
-    text = _text(path)
     try:
-        description = yaml_text.parse(text)
+        description = yaml_text.parse(yaml_text.read_text(path))
     except ValueError as cause:
         raise ValueError(f"scene: {path}: {cause}") from cause
     return Scene(path.stem, description)
 
 
 def summary(name_or_path: str | Path) -> str:
-    """Return the comment that a scene's file begins with, in one line; empty without one.
+    """Return the comment at the start of a scene's file, in one line; empty without one.
 
     Raises:
         ValueError: as :func:`load_scene`.
     """
-    lines = takewhile(lambda line: line.startswith("#"), _text(_path(name_or_path)).splitlines())
+    text = yaml_text.read_text(_path(name_or_path))
+    lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     return " ".join(line.strip("# ") for line in lines)
 
 
@@ -382,10 +374,3 @@ def _path(name_or_path: str | Path) -> Path:
         known = ", ".join(scene_names())
         raise ValueError(f"scene: expected one of {known}, or a YAML file; got {str(name_or_path)!r}")
     return SCENES / f"{name_or_path}.yaml"
-
-
-def _text(path: Path) -> str:
-    try:
-        return yaml_text.read_text(path)
-    except ValueError as cause:
-        raise ValueError(f"scene: {path}: {cause}") from cause

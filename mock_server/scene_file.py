@@ -1,4 +1,4 @@
-"""Reads the description of a scene, as in its YAML file; docs/scenes.md explains the words."""
+"""Read the description of a scene, as in its YAML file; docs/scenes.md explains the keys."""
 
 import functools
 import itertools
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Pattern = Callable[[Array], Array]
 Range = Literal["from -1e9 to 1e9", "from 1e-9 to 1e9", "from 0 to 1"]
 Moving = tuple[Motion, tuple[float, ...] | None]
-"""A motion, and X and Y of the vertical axis that it turns about; None: through the middle of the box."""
+"""A motion, and X and Y of its vertical axis of rotation; None: through the centre of the box."""
 
 _MOST_SOLIDS, _MOST_CORNERS, _MOST_POINTS, _LONGEST_NAME = 10_000, 256, 10_000, 100
 _RANGES: Mapping[Range, tuple[float, float]] = {
@@ -45,7 +45,7 @@ class Room:
     Attributes:
         corners: (N, 2) float64, X and Y of the floor's corners, metres, counter-clockwise from above.
         height: of the ceiling, metres.
-        walls: N names of objects, of the wall from corner i to corner i + 1.
+        walls: N names of objects: wall i is from corner i to corner i + 1.
         floor, ceiling: names of objects.
     """
 
@@ -58,10 +58,10 @@ class Room:
 
 @dataclass
 class SceneFile:
-    """What a description becomes: solids, each of an object and a texture, and a sky or a pattern."""
+    """A description, read: solids with their objects and textures, and a sky or a pattern."""
 
     sky: tuple[float, ...]  # the colour of rays that hit nothing, 0..1
-    pattern: Pattern | None  # what they show instead, as a function of unit directions (N, 3)
+    pattern: Pattern | None  # their colours as a function of unit directions (N, 3)
     room: Room | None = None
     rows: list[Array] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
@@ -69,11 +69,11 @@ class SceneFile:
     moving: dict[str, Moving] = field(default_factory=dict)
 
     def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
-        """Add a solid of a centre, axes as rows, and half sizes; see ``kernel.COLUMNS``."""
+        """Add a solid by its centre, axes as rows, and half sizes; see ``kernel.COLUMNS``."""
         if len(self.rows) == _MOST_SOLIDS:
             raise ValueError(f"{shown(name)}: expected at most {_MOST_SOLIDS} solids in a scene, got more")
         row = np.zeros(COLUMNS)
-        row[0], row[2:17] = kind, np.concatenate([np.ravel(each) for each in columns])
+        row[0], row[2:17] = kind, np.concatenate([np.ravel(column) for column in columns])
         row[17] = _MARGIN * np.hypot(np.hypot(row[14], row[15] if kind != CYLINDER else 0.0), row[16])
         self.rows.append(row)
         self.names.append(name)
@@ -84,7 +84,7 @@ def read(description: object, where: str) -> SceneFile:
     """Return the solids and the sky of a description.
 
     Raises:
-        ValueError: a word is unknown or missing, or a value is wrong; the message names it.
+        ValueError: an unknown or missing key, or a wrong value; the message names it.
     """
     data = _mapping(description, where, "sky", "room", "objects", "pattern")
     sky = _numbers(data.get("sky", (0.0, 0.0, 0.0)), 3, f"{where}: sky", "from 0 to 1")
@@ -95,33 +95,33 @@ def read(description: object, where: str) -> SceneFile:
         if not isinstance(name, str) or name.split() != [name] or len(name) > _LONGEST_NAME:
             wanted = f"expected names without spaces, of at most {_LONGEST_NAME} characters"
             raise ValueError(f"{where}: objects: {wanted}, got {shown(name)}")
-        here = f"{where}: {name if name.isprintable() else ascii(name)}"
-        item = _mapping(value, here, "solids", "texture", "moving")
-        texture = _texture(item.get("texture", {}), f"{here}: texture")
-        for solid in _list(item.get("solids"), 1, f"{here}: solids"):
-            _add_solid(scene, name, solid, texture, here)
+        inner = f"{where}: {name if name.isprintable() else ascii(name)}"
+        item = _mapping(value, inner, "solids", "texture", "moving")
+        texture = _texture(item.get("texture", {}), f"{inner}: texture")
+        for solid in _list(item.get("solids"), 1, f"{inner}: solids"):
+            _add_solid(scene, name, solid, texture, inner)
         if "moving" in item:
-            scene.moving[name] = _moving(item["moving"], f"{here}: moving")
+            scene.moving[name] = _moving(item["moving"], f"{inner}: moving")
     return scene
 
 
 def _numbers(value: object, count: int, where: str, what: Range = "from -1e9 to 1e9") -> tuple[float, ...]:
     values = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] if count == 1 else []
-    found = [float(x) for x in values if isinstance(x, abstract.Real) and not isinstance(x, bool)]
+    numbers = [float(x) for x in values if isinstance(x, abstract.Real) and not isinstance(x, bool)]
     least, most = _RANGES[what]
-    if not len(found) == len(values) == count or not all(least <= x <= most for x in found):
+    if not len(numbers) == len(values) == count or not all(least <= x <= most for x in numbers):
         expected = f"{count} number{'s' if count > 1 else ''} ({what})"
         raise ValueError(f"{where}: expected {expected}, got {shown(value)}")
-    return tuple(found)
+    return tuple(numbers)
 
 
 def _mapping(value: object, where: str, *words: str) -> Mapping[str, object]:
-    """Return a value that is a mapping, of these words only if there are any."""
+    """Return a value that is a mapping, with these keys only if there are any."""
     if not isinstance(value, Mapping):
         raise ValueError(f"{where}: expected a mapping, got {shown(value)}")
-    unknown = [key for key in value if words and key not in words]
-    if unknown:
-        raise ValueError(f"{where}: expected words among {', '.join(sorted(words))}; got {shown(unknown[0])}")
+    for key in value:
+        if words and key not in words:
+            raise ValueError(f"{where}: unknown key {shown(key)}; known keys: {', '.join(sorted(words))}")
     return value
 
 
@@ -147,7 +147,7 @@ def _texture(value: object, where: str) -> Texture:
 
 
 def _moving(value: object, where: str) -> Moving:
-    """Return the motion of an object; each kind has words of its own."""
+    """Return the motion of an object; each kind has its own keys."""
     data = _mapping(value, where)
     readers = {"steady": _steady, "swing": _swing, "waypoints": _waypoints}
     kind = data.get("kind")
@@ -172,15 +172,15 @@ def _swing(data: Mapping[str, object], where: str) -> Motion:
 
 def _waypoints(data: Mapping[str, object], where: str) -> Motion:
     _mapping(data, where, "kind", "about", "points", "repeat")
-    here, repeat = f"{where}: points", data.get("repeat", False)
+    name, repeat = f"{where}: points", data.get("repeat", False)
     if not isinstance(repeat, bool):
         raise ValueError(f"{where}: repeat: expected true or false, got {shown(repeat)}")
-    listed = _list(data.get("points"), 2, here)
+    listed = _list(data.get("points"), 2, name)
     if len(listed) > _MOST_POINTS:
-        raise ValueError(f"{here}: expected at most {_MOST_POINTS}, got {len(listed)}")
-    points = tuple(_numbers(point, 5, here) for point in listed)
+        raise ValueError(f"{name}: expected at most {_MOST_POINTS}, got {len(listed)}")
+    points = tuple(_numbers(point, 5, name) for point in listed)
     if any(a[0] >= b[0] for a, b in itertools.pairwise(points)):
-        raise ValueError(f"{here}: expected [time, x, y, z, turn] with times that grow")
+        raise ValueError(f"{name}: expected [time, x, y, z, turn] with times that grow")
     return Waypoints(points, repeat)
 
 

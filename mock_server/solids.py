@@ -1,4 +1,4 @@
-"""Rows of solids, as the kernel has them (``kernel.COLUMNS``): extent, points, and where they go."""
+"""Rows of solids (``kernel.COLUMNS``): extent, points, and transformations."""
 
 import itertools
 
@@ -9,7 +9,7 @@ from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
 
 Array = NDArray[np.float64]
 
-_THINNEST = 1e-9  # of factors: a solid of no size at all could not be traced
+_THINNEST = 1e-9  # the least factor: a solid of size 0 cannot be traced
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
 _RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
@@ -34,36 +34,36 @@ def extent(rows: Array, frame: Array) -> tuple[Array, Array]:
     return (centers - reach).min(axis=0), (centers + reach).max(axis=0)
 
 
-def middle(rows: Array) -> Array:
-    """Return the middle (3,) of the box around solids."""
+def center(rows: Array) -> Array:
+    """Return the centre (3,) of the box around solids."""
     low, high = extent(rows, np.eye(3))
     return np.asarray((low + high) / 2)
 
 
 def points(rows: Array) -> Array:
-    """Return (N, 3) points as of a mesh: corners of boxes and rectangles, 64 on each rim of a cylinder, and
-    circles of spheres."""
-    found = []
+    """Return (N, 3) mesh points: corners of boxes and rectangles, 64 on each rim of a cylinder or circle of a
+    sphere."""
+    meshes = []
     for row in rows:
         unit, (a, b, c) = _MESHES[int(row[0])], row[14:17]
         half = {SPHERE: (a, a, a), CYLINDER: (a, a, c)}.get(int(row[0]), (a, b, c))
-        found.append(row[2:5] + (unit * half) @ row[5:14].reshape(3, 3))
-    return np.concatenate(found)
+        meshes.append(row[2:5] + (unit * half) @ row[5:14].reshape(3, 3))
+    return np.concatenate(meshes)
 
 
-def carried(rows: Array, R: Array, pivot: Array, place: Array) -> Array:
-    """Return solids turned about a point that goes to another place."""
+def moved(rows: Array, R: Array, pivot: Array, target: Array) -> Array:
+    """Return solids rotated about a point that moves to ``target``."""
     result = rows.copy()
-    result[:, 2:5] = (rows[:, 2:5] - pivot) @ R.T + place
+    result[:, 2:5] = (rows[:, 2:5] - pivot) @ R.T + target
     result[:, 5:14] = (rows[:, 5:14].reshape(-1, 3, 3) @ R.T).reshape(-1, 9)
     return result
 
 
 def scaled(rows: Array, factors: Array, pivot: Array) -> Array:
-    """Return solids scaled along the world's axes, from a point that stays.
+    """Return solids scaled along the world's axes about a fixed point.
 
-    Boxes and rectangles take the factors of the axes that theirs are nearest to. What is round stays round,
-    by the least factor across its axis, as an engine scales its collision shapes.
+    Boxes and rectangles take the factors of the nearest axes. Round solids stay round, by the least factor
+    across their axis, as an engine scales collision shapes.
     """
     result, sizes = rows.copy(), np.maximum(np.abs(factors), _THINNEST)
     result[:, 2:5] = (rows[:, 2:5] - pivot) * factors + pivot

@@ -1,4 +1,4 @@
-"""Colours of surfaces by closed formulas of position and normal: the same from every viewpoint.
+"""Surface colours by closed formulas of position and normal, the same from every viewpoint.
 
 A texture is a kind, two colours and two numbers; ``kind`` is one of:
 
@@ -32,7 +32,7 @@ class Texture:
 
 
 _LIGHT = np.array([0.35, 0.25, 0.9]) / np.linalg.norm([0.35, 0.25, 0.9])
-_NUDGE = 1e-6  # metres: a wall that lies on a boundary of the pattern shows one colour, not rounding
+_NUDGE = 1e-6  # metres: a wall on a boundary of the pattern shows one colour, not rounding
 _LINE = 0.04  # a tile's joint, part of its edge
 
 
@@ -61,12 +61,12 @@ def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Arr
 
 
 def _between(colors: Array, weight: Array) -> Array:
-    """Return (N, 3) mixtures of two colours, by the share of the second."""
+    """Return (N, 3) mixtures of two colours by the weight of the second."""
     return np.asarray((1 - weight[:, None]) * colors[0] + weight[:, None] * colors[1])
 
 
 def _second(texture: Texture, p: Array, normals: Array) -> NDArray[np.intp]:
-    """Return (N,) where a surface shows the second of two colours (1), and where the first (0)."""
+    """Return (N,) indices of the two colours: 0 the first, 1 the second."""
     scale = texture.scale
     if texture.kind == "checker":
         cell = np.floor(p[:, 0] / scale) + np.floor(p[:, 1] / scale) + np.floor(p[:, 2] / scale)

@@ -37,10 +37,10 @@ _START_CM: Triple = (0.0, 0.0, 150.0)
 
 
 class Player:
-    """A pawn that commands move: location (cm) and control rotation (degrees).
+    """The pawn: location (cm) and control rotation (degrees).
 
-    Commands run before a frame's tick. The tick limits the rotation and publishes the pose to whatever
-    follows the pawn; followers are later still (protocol reference, sections 2.2, 4 and 7.2).
+    Commands run before a frame's tick. The tick limits the rotation and publishes the pose; cameras follow
+    some ticks later (protocol reference, sections 2.2, 4 and 7.2).
     """
 
     def __init__(self, location: Triple) -> None:
@@ -48,28 +48,28 @@ class Player:
         self._poses: deque[Pose] = deque([(location, _ORIGIN)] * 4, maxlen=4)
 
     def limit(self) -> None:
-        """Limit the rotation, as the controller does in each frame of a game that runs."""
+        """Limit the rotation, as the controller does in each frame of a running game."""
         pitch, yaw, roll = self.rotation
         self.rotation = (_limited(pitch), yaw % 360.0, _limited(roll))
 
     def publish(self) -> None:
-        """End a frame for what follows the pawn."""
+        """Store the pose at the end of a frame, for :meth:`delayed`."""
         self._poses.append((self.location, self.rotation))
 
     def delayed(self, location_frames: int, rotation_frames: int) -> Pose:
-        """Return location and rotation as they were that many ticks before the last one."""
+        """Return location and rotation of so many ticks before the last one."""
         return self._poses[-1 - location_frames][0], self._poses[-1 - rotation_frames][1]
 
 
 def _limited(angle: float) -> float:
-    """Return an angle between -89.9 and 89.9 degrees, written in [0, 360)."""
+    """Clamp an angle to -89.9..89.9 degrees, and return it in [0, 360)."""
     signed = (angle + 180.0) % 360.0 - 180.0
     return max(-_STEEPEST_DEG, min(_STEEPEST_DEG, signed)) % 360.0
 
 
 @dataclass
 class Camera:
-    """A capture camera; ``actor`` is the name of the actor that carries it, if it was spawned."""
+    """A capture camera; ``actor`` is the name of its actor if it was spawned."""
 
     name: str
     location: Triple  # cm
@@ -79,7 +79,7 @@ class Camera:
     actor: str = ""
 
     def has_pixels(self) -> bool:
-        """Return whether captures have pixels: size and field of view are possible, and fit in memory."""
+        """Return whether captures have pixels: size and field of view are possible and fit in memory."""
         return 0 < self.size[0] * self.size[1] <= _MOST_PIXELS and 0 < self.fov < 180
 
     def fov_h_deg(self) -> float:
@@ -91,11 +91,13 @@ class Camera:
 
 
 class World:
-    """A running scene: a player, cameras (the first is the player's, new ones have ``size`` and ``fov_deg``),
-    objects by name, and a clock. Raise ValueError where the missing object is none of the scene's.
+    """A running scene: a player, cameras (the first is the player's), objects by name, and a clock.
 
-    The clock advances by ``step_s`` in each frame, unless the game is paused. It places the moving objects:
-    what a command has done to one of them lasts until the clock advances.
+    The clock advances in each frame, unless the game is paused, and moves the moving objects: a command that
+    moves one of them lasts until the clock advances.
+
+    Raises:
+        ValueError: the object of the fault ``object-missing`` does not exist.
     """
 
     def __init__(self, scene: Scene, settings: Settings, faults: Faults) -> None:
@@ -126,24 +128,24 @@ class World:
 
     @property
     def objects(self) -> dict[str, SceneObject]:
-        """The objects by name, where they are now. What is looked up may be changed."""
+        """The objects by name, at their present poses; callers may change them."""
         self._touched = True
         self.things.follow()
         return self.things.by_name
 
     def placed(self) -> Scene:
-        """Return the scene with its objects where they are now."""
+        """Return the scene at this moment."""
         return self._now().shown
 
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
-        here, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
-        self.cameras.append(Camera("FusionCameraSensor", here, _ORIGIN, self._fov_deg, self._size, actor))
+        location, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
+        self.cameras.append(Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor))
         self._spawned += 1
         return actor
 
     def destroy(self, name: str) -> bool:
-        """Remove a spawned camera, by its actor's name, or an object; return whether there was one."""
+        """Remove a spawned camera by its actor's name, or an object; return whether it existed."""
         for camera in self.cameras:
             if name and camera.actor == name:
                 self.cameras.remove(camera)
@@ -186,12 +188,12 @@ class World:
         self._touched |= bool(self.scene.moving)
 
     def _now(self) -> Moment:
-        """Return what is to see now: the last frame's moment where nothing has changed since."""
+        """Return the present moment; the last frame's if nothing has changed since."""
         now = self.things.moment() if self._touched else self._moments[-1]
         return self._moments[-1] if now == self._moments[-1] else now
 
     def on_command(self, text: str) -> None:
-        """Receive each command before it is answered: some end a fault."""
+        """Look at a command before it is answered: some end a fault."""
         if re.fullmatch(r"vrun r\.Tonemapper\.Quality [01]\s*", text):
             self._vignette = None
         if re.fullmatch(r"vrun r\.EyeAdaptationQuality 0\s*", text):
@@ -200,7 +202,7 @@ class World:
             self._slomo = min(max(float(slomo[1]), _SLOWEST), _FASTEST)
 
     def capture(self, camera: Camera, late: int = 0) -> ViewHits:
-        """Return a camera's view in every mode: of the objects now, or some frames before the last."""
+        """Return a camera's view in every mode: of the objects now, or ``late`` frames before the last."""
         torn = None if self.paused else self.faults.strike("torn")
         for _ in range(int(torn.amount()) if torn else 0):
             self._advance()
@@ -221,7 +223,7 @@ class World:
         return view
 
     def image(self, view: ViewHits, mode: str) -> pixels.Bytes:
-        """Return (H, W, 3) a view in a view mode; modes that the mock does not have look like ``lit``."""
+        """Return (H, W, 3) a view in a view mode; modes that the mock lacks look like ``lit``."""
         if mode == "object_mask":
             colors = [(0, 0, 0), *self.things.colors(), self._dome.color]
             table = np.array(colors, dtype=np.uint8)
@@ -256,9 +258,9 @@ class World:
         return depth
 
     def _traced(self, camera: Camera, moment: Moment, hidden: frozenset[str]) -> ViewHits:
-        """Return a view: traced once, and kept for requests of other modes."""
-        place = (camera.location, camera.rotation, camera.fov, camera.size)
-        key = (*place, moment.scene, moment.time_s, moment.placed, hidden)
+        """Return a view, cached for requests of other modes."""
+        view = (camera.location, camera.rotation, camera.fov, camera.size)
+        key = (*view, moment.scene, moment.time_s, moment.placed, hidden)
         if key not in self._views:
             pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
             self._views[key] = render_view(moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden)
@@ -270,8 +272,8 @@ class World:
         return self._views[key]
 
     def _pose_shown(self, camera: Camera) -> Pose:
-        """Return the pose that an image is taken from: the camera's, or an earlier one."""
-        numbers = (i for i, each in enumerate(self.cameras) if each is camera)
+        """Return the pose of an image: the camera's, or an earlier one by the fault ``stale``."""
+        numbers = (i for i, other in enumerate(self.cameras) if other is camera)
         key = next(numbers, camera.name)  # the window's camera has no number
         pose = camera.location, camera.rotation
         shown = self._shown.setdefault(key, pose)
@@ -290,7 +292,7 @@ class World:
 
 
 def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
-    """Return the view with a sphere around the camera behind everything."""
+    """Return the view with a sphere around the camera as background."""
     rays, length = pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size)
     sky = view.distance > radius_m
     return dataclasses.replace(

@@ -1,4 +1,4 @@
-"""What all dialects share: matching, help, status, and the commands with the same replies everywhere."""
+"""The base of all dialects: command templates, help, status, and the commands that all have."""
 
 import contextlib
 import functools
@@ -42,7 +42,7 @@ _VIEWMODES = ("lit", "unlit", "depth", "normal", "object_mask",
 
 
 def _uint(digits: str) -> int:
-    """Return a count or index; 0 for no digits, and at most 2^31 - 1."""
+    """Return a count or index; 0 for no digits, at most 2^31 - 1."""
     return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
 
 
@@ -56,8 +56,8 @@ _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
 class Command:
     """A template such as ``vset /camera/[uint]/fov [float]`` and its handler.
 
-    Matching is unanchored at the start, to the end but for spaces, and case-sensitive. It takes a time in
-    proportion to the text's length: no two neighbours in a pattern accept the same characters.
+    Matching is case-sensitive, unanchored at the start, and anchored at the end but for spaces. Its time is
+    proportional to the text's length: no two neighbours in a pattern accept the same characters.
     """
 
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
@@ -70,18 +70,18 @@ class Command:
 
     def match(self, text: str) -> tuple[Any, ...] | None:
         """Return the arguments in ``text``; None if it does not match."""
-        if not all(literal in text for literal in self._literals):  # much faster where the text is long
+        if not all(literal in text for literal in self._literals):  # much faster for long texts
             return None
-        found = self._pattern.search(text)
-        if found is None:
+        match = self._pattern.search(text)
+        if match is None:
             return None
-        return tuple(convert(value) for convert, value in zip(self._converters, found.groups(), strict=True))
+        return tuple(convert(value) for convert, value in zip(self._converters, match.groups(), strict=True))
 
 
 class OutputFolder:
-    """The folder that file commands write to: never outside, whatever the name is.
+    """The folder that file commands write to, never outside of it.
 
-    None is a temporary one, removed by ``close``.
+    None is a temporary folder, removed by ``close``.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -101,7 +101,7 @@ class OutputFolder:
         return f"{next(self._numbers):08d}.png"
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file. What cannot be written is left out, as are names that lead out of the folder."""
+        """Write a file; ignore files that cannot be written, and names that lead out of the folder."""
         folder = self.path.resolve()
         with contextlib.suppress(OSError, ValueError):  # ValueError: a name with a null byte
             target = (folder / name).resolve()
@@ -117,7 +117,7 @@ class Dialect(ABC):
     no_object: ClassVar[str] = "error Can not find object {}"
     no_camera: ClassVar[str] = "error Camera {} can not be found."
     request: ClassVar[re.Pattern[bytes]] = re.compile(rb"(\d{1,8}):(.*)")
-    """Where the id and the command are: searched, so of a longer id the last 8 digits count."""
+    """The id and the command; searched, so that the last 8 digits of a longer id count."""
     encoding: ClassVar[str] = "latin-1"
     requests_per_frame: ClassVar[int | None] = None
     has_unix: ClassVar[bool] = False
@@ -134,7 +134,7 @@ class Dialect(ABC):
         self.world, self.settings, self.port, self.files = world, settings, port, files
         self.on_unix = False
         self.held = 0
-        """How many requests the next frames hold back until all of them have come."""
+        """How many requests the next frames hold until all of them have come."""
         self.commands = [Command(*row) for row in self.rows()]
 
     @abstractmethod
@@ -150,10 +150,10 @@ class Dialect(ABC):
 
     def parse(self, payload: bytes) -> tuple[int, str] | None:
         """Return id and command of a request; None if it has no id."""
-        found = self.request.search(payload.partition(b"\0")[0])
-        if found is None:
+        match = self.request.search(payload.partition(b"\0")[0])
+        if match is None:
             return None
-        return to_int32(found[1].decode()), found[2].decode(self.encoding, "replace")
+        return to_int32(match[1].decode()), match[2].decode(self.encoding, "replace")
 
     def malformed(self, payload: bytes) -> bytes | None:
         """Return the reply to a request without an id; None for no reply."""
@@ -161,16 +161,16 @@ class Dialect(ABC):
 
     def answer(self, text: str) -> Reply:
         """Return the reply to a command; an empty one is sent as ``ok``."""
-        for each in reversed(self.commands):  # templates registered later win
-            arguments = self.match(each, text)
+        for command in reversed(self.commands):  # templates registered later win
+            arguments = self.match(command, text)
             if arguments is not None:
-                reply: Reply = each.handler(*arguments)
+                reply: Reply = command.handler(*arguments)
                 return reply
         return self.unknown.format(text)
 
-    def match(self, each: Command, text: str) -> tuple[Any, ...] | None:
+    def match(self, command: Command, text: str) -> tuple[Any, ...] | None:
         """Return the arguments of a command; None if it does not match."""
-        return each.match(text)
+        return command.match(text)
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """Return a handler that looks up a camera by its number, or replies that it is missing."""
@@ -203,13 +203,13 @@ class Dialect(ABC):
         return [(t, f"{verb} with {t.count('[')} words", act) for t in templates]
 
     def run_function(self, actor: str, function: str, *_: str) -> Reply:
-        """Return the reply to the call of an actor's function: the mock's actors have none."""
+        """Return the reply to the call of an actor's function; the mock's actors have no functions."""
         if actor in self.world.objects:
             return f"error Fail to execute the function '{function}' of {actor}"
         return f"error Can not find actor with id '{actor}'"
 
     def status(self) -> str:
-        """Return the status text. Clients look for captured files beside the file that it names."""
+        """Return the status. Clients look for captured files beside the config file that it names."""
         state = self.status_on_unix if self.on_unix else "Client Connected"
         width, height = self.settings.size
         return (
@@ -229,11 +229,11 @@ class Dialect(ABC):
 
 
 def _looked_up(
-    things: Callable[[], Mapping[Any, object]], act: Callable[..., Reply], missing: str
+    table: Callable[[], Mapping[Any, object]], act: Callable[..., Reply], missing: str
 ) -> Callable[..., Reply]:
     def handler(key: str | int, *arguments: Any) -> Reply:
-        found = things().get(key)
-        return missing.format(key) if found is None else act(found, *arguments)
+        target = table().get(key)
+        return missing.format(key) if target is None else act(target, *arguments)
 
     return handler
 
@@ -243,16 +243,16 @@ def ok(*_: Any) -> None:
 
 
 def sets(attribute: str, value: object = None) -> Callable[..., None]:
-    """Return a handler that sets an attribute of its first argument, to its other arguments or ``value``."""
+    """Return a handler that sets an attribute of its first argument to its other arguments, or ``value``."""
 
-    def handler(target: object, *given: float) -> None:
-        setattr(target, attribute, value if not given else given if len(given) > 1 else given[0])
+    def handler(target: object, *values: float) -> None:
+        setattr(target, attribute, value if not values else values if len(values) > 1 else values[0])
 
     return handler
 
 
 def color(o: SceneObject) -> str:
-    """Return an object's colour as it was set, not as masks show it."""
+    """Return an object's colour as set, not as masks show it."""
     return "(R={},G={},B={},A=255)".format(*o.color)
 
 

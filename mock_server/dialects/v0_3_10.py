@@ -14,10 +14,10 @@ from mock_server.world import Camera
 _Form = Literal["png", "npy", "exr"]
 _CAPTURED = ("lit", "depth", "normal")
 _LATE = 1
-"""Frames by which images show objects late: the next frame is being rendered."""
+"""Frames by which objects in images are late: the next frame is being rendered."""
 
 _FILE_FRAMES = 2
-"""Frames that a file command waits, so that the pose has arrived."""
+"""Frames that a file command waits for the pose."""
 
 
 class Plugin0310(Dialect):
@@ -93,7 +93,7 @@ class Plugin0310(Dialect):
             player.location, player.rotation = location or player.location, rotation or player.rotation
 
     def _move_to(self, _: int, x: float, y: float, z: float) -> None:
-        """Move the pawn along a straight line, up to the first surface on it."""
+        """Move the pawn along a straight line, up to the first surface."""
         start, goal = np.array(self.world.player.location), np.array([x, y, z])
         length = float(np.linalg.norm(goal - start))
         if length > 0:
@@ -108,12 +108,12 @@ class Plugin0310(Dialect):
         return None
 
     def _data(self, form: _Form, *modes: str) -> Callable[..., Reply]:
-        """Return a handler that replies images of modes. No data, as of a missing camera, becomes ok."""
+        """Return a handler that replies images of modes; no data, as of a missing camera, becomes ok."""
         missing = "error Invalid camera id {}" if form == "png" else "ok"
         return self.with_camera(lambda _: b"".join(self._encoded(mode, form) for mode in modes), missing)
 
     def _encoded(self, mode: str, form: _Form) -> bytes:
-        """Return an image's bytes; none where the camera has no pixels."""
+        """Return an image's bytes; empty if the camera has no pixels."""
         camera = self.world.cameras[0]
         if not camera.has_pixels():
             return b""
@@ -158,7 +158,7 @@ class Plugin0310(Dialect):
         )
 
     def _saved(self, make: Callable[[], bytes], name: str = "") -> Later:
-        """Write a file later, and reply its path, whether or not it was written."""
+        """Write a file later, and reply its path, whether it was written or not."""
         name = name or self.files.next_name()
 
         def save() -> str:

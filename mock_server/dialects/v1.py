@@ -1,4 +1,4 @@
-"""The 1.x command set: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 since 2026 (N2)."""
+"""The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 since 2026 (N2)."""
 
 import re
 from collections.abc import Callable
@@ -126,7 +126,7 @@ class Plugin1(Dialect):
     def _image(self, mode: str, camera: Camera, form: str) -> Reply:
         """Return an image as bytes (``form`` is a format), or write it to a file (a name with an ending)."""
         kinds = ("npy",) if mode == "depth" else ("png", "bmp")
-        kind = next((each for each in kinds if form.lower() == each or form.endswith(f".{each}")), "")
+        kind = next((kind for kind in kinds if form.lower() == kind or form.endswith(f".{kind}")), "")
         if not kind:
             return f"error Invalid filename type, filename {form}"
         mode = "object_mask" if mode == "seg" else mode
@@ -159,7 +159,7 @@ class Plugin1(Dialect):
         return "error Failed to spawn actor" if cube is None else cube.name
 
     def _class_of(self, o: SceneObject) -> str:
-        return "Actor"  # of all: the plugin asks the wrong class
+        return "Actor"  # for all: the plugin reads the wrong class
 
     def _rename(self, o: SceneObject, name: str) -> Reply:
         if name == o.name:
@@ -170,7 +170,7 @@ class Plugin1(Dialect):
         return None
 
     def _run_in_silence(self, actor: str, function: str, *words: str) -> Reply:
-        """Reply as to ``vexec``, which does not report that a function is missing."""
+        """Reply to ``vexec``, which does not report a missing function."""
         return None if actor in self.world.objects else self.run_function(actor, function, *words)
 
     def _destroy(self, name: str) -> Reply:
@@ -196,7 +196,7 @@ class Branch422(Plugin1):
 
 
 class Branch52(Plugin1):
-    """UTF-8, at most 32 requests a frame, batches that are held, other error texts, capture controls."""
+    """UTF-8, at most 32 requests a frame, batches, other error texts, capture controls."""
 
     unknown = "error No handler found for URI '{}'"
     no_object = "error Cannot find object"
@@ -209,9 +209,9 @@ class Branch52(Plugin1):
         parsed = super().parse(payload)
         return parsed and (max(0, parsed[0]), parsed[1])
 
-    def match(self, each: Command, text: str) -> tuple[Any, ...] | None:
+    def match(self, command: Command, text: str) -> tuple[Any, ...] | None:
         """The first word must be the template's."""
-        return each.match(text) if text.split(" ")[0] == each.template.split(" ")[0] else None
+        return command.match(text) if text.split(" ")[0] == command.template.split(" ")[0] else None
 
     def status(self) -> str:
         return re.sub(r"FOV: .*", f"FOV: {self.settings.fov_deg:.1f}", super().status()).rstrip("\n")

@@ -52,8 +52,7 @@ def send(client, command):
 
 
 def test_the_help_lists_every_fault(capsys):
-    with pytest.raises(SystemExit):
-        main(["--help"])
+    assert main(["--help"]) == 0
     listed = re.findall(
         r"^  ([a-z-]+)  +\S", capsys.readouterr().out.partition("\nfaults:\n")[2], re.MULTILINE
     )

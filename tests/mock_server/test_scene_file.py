@@ -54,7 +54,7 @@ TEXTURE = ("objects", "It", "texture")
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("skye",), [0, 0, 0], "expected words among objects, pattern, room, sky; got 'skye'"),
+        (("skye",), [0, 0, 0], "unknown key 'skye'; known keys: objects, pattern, room, sky"),
         (("sky",), [0, 0, 2], "sky: expected 3 numbers (from 0 to 1), got [0, 0, 2]"),
         (("objects",), ["It"], "objects: expected a mapping, got ['It']"),
         (
