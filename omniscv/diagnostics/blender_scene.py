@@ -9,9 +9,8 @@ from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources.base import Request, View
-from omniscv.sources.blender.opening import open_process
-from omniscv.sources.blender.server import TIMEOUT_S
-from omniscv.sources.blender.source import BlenderSource
+from omniscv.sources.blender.process import TIMEOUT_S
+from omniscv.sources.blender.source import BlenderSource, open_process
 
 _EDGE_PX, _FOV_DEG = 128, 90.0
 _TURN_DEG, _DOWN_DEG = 22.5, -20.0

@@ -35,7 +35,7 @@ _openers: dict[str, Opener | str] = {
     "launch": f"{_UNREAL}:open_launched",
     "mock": f"{_UNREAL}:open_mock",
     "scene": "omniscv.sources.scene:open_scene",
-    "blender": "omniscv.sources.blender.opening:open_blender",
+    "blender": "omniscv.sources.blender.source:open_blender",
     **dict.fromkeys(storage.SCHEMES, _RECORDING),
 }
 """By scheme; ``module:function`` is imported when the scheme is first opened."""

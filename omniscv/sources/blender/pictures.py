@@ -13,6 +13,7 @@ _SKY = 0.99e10
 """Blender's depth where there is no surface is 1e10, in units of the scene."""
 
 Pixels = dict[str, NDArray[Any]]
+"""Pixels by modality."""
 
 
 def read_colors(path: Path, view: View) -> Pixels:
@@ -30,8 +31,10 @@ def read_colors(path: Path, view: View) -> Pixels:
 
 
 def read_data(path: Path, view: View, metres: float) -> Pixels:
-    """Return ``object_mask``, uint16 ids (H, W); ``depth``, planar metres (H, W), +inf where there is no
-    surface; ``normals``, (H, W, 3) unit vectors in world axes, 0 where there is no surface.
+    """Return object masks, depth and normals.
+
+    ``object_mask`` is uint16 ids (H, W); ``depth`` planar metres (H, W), +inf where there is no surface;
+    ``normals`` (H, W, 3) unit vectors in world axes, 0 where there is no surface.
 
     Args:
         path: a multi-part EXR file of Blender's passes.
@@ -56,10 +59,10 @@ def read_data(path: Path, view: View, metres: float) -> Pixels:
 
 
 def _passes(path: Path) -> Pixels:
-    """Passes by name and channels: ``Depth.Z`` (H, W), ``Normal.XYZ`` and ``Combined.RGB`` (H, W, 3)."""
+    """Return passes by name and channels: ``Depth.Z`` (H, W), ``Normal.XYZ``, ``Combined.RGB`` (H, W, 3)."""
     import OpenImageIO
 
-    found: Pixels = {}
+    passes: Pixels = {}
     file = OpenImageIO.ImageInput.open(str(path))
     if file is None:
         raise BadReplyError(f"expected an EXR file of Blender, got: {OpenImageIO.geterror()}")
@@ -68,17 +71,17 @@ def _passes(path: Path) -> Pixels:
         while file.seek_subimage(part, 0):
             spec = file.spec()
             pixels = file.read_image(part, 0, 0, spec.nchannels, "float")
-            channels = [each.rsplit(".", 1) for each in spec.channelnames]  # ViewLayer.Normal.X
+            channels = [channel.rsplit(".", 1) for channel in spec.channelnames]  # ViewLayer.Normal.X
             for start, (name, _) in enumerate(channels):
-                same = [i for i, each in enumerate(channels) if each[0] == name][:3]
+                same = [i for i, channel in enumerate(channels) if channel[0] == name][:3]
                 if pixels is not None and same[0] == start:
                     letters = "".join(channels[i][1] for i in same)
                     picture = pixels[..., same if len(same) > 1 else start]
-                    found[f"{name.rpartition('.')[2]}.{letters}"] = picture
+                    passes[f"{name.rpartition('.')[2]}.{letters}"] = picture
             part += 1
     finally:
         file.close()
-    return found
+    return passes
 
 
 def _checked(pixels: NDArray[Any] | None, view: View, path: Path) -> NDArray[Any]:

@@ -1,5 +1,10 @@
-"""A process that speaks as ``inside/main.py`` does, over its standard input and output."""
+"""Blender with a scene open: a process that is started when first needed, and again after a fault.
 
+It speaks as ``inside/main.py`` describes, over its standard input and output.
+"""
+
+import contextlib
+import hashlib
 import json
 import os
 import shutil
@@ -7,23 +12,36 @@ import signal
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, DeadlineError, ServerConnectionError, ServerRefusedError
+from omniscv.errors import (
+    ArgumentError,
+    BadReplyError,
+    DeadlineError,
+    ServerConnectionError,
+    ServerRefusedError,
+    SourceError,
+)
+from omniscv.sources.blender.settings import Settings
+from omniscv.storage.local import last_line
 
+T = TypeVar("T")
+
+TIMEOUT_S, RETRIES = 600.0, 3
+OLDEST = (5, 0)
+"""Passes of EXR files and the settings of pictures have other names before Blender 5.0."""
 MARK = b"\n--omniscv-blender-1--\n"
-"""What comes before the first reply; as in ``inside/main.py``, which cannot import this."""
+"""Comes before the first reply; as in ``inside/main.py``, which cannot import this."""
 _MOST_NOISE = 1 << 20  # bytes before the mark
-_MOST_REPLY = 1 << 27  # bytes: boxes of as many objects as there can be take a tenth
-_LAST_OUTPUT = 10_000  # bytes
+_MOST_REPLY = 1 << 27  # bytes: the boxes of as many objects as there can be take a tenth
+_RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 
 
 class Process:
-    """A running Blender; its pictures come in files of a folder of its own.
+    """A running Blender; its pictures are files in a folder of its own.
 
     Args:
         command: what to run.
@@ -36,7 +54,7 @@ class Process:
 
     Raises:
         ServerConnectionError: it cannot be run, or it ended.
-        DeadlineError: it did not speak in time.
+        DeadlineError: it did not reply in time.
     """
 
     def __init__(self, command: Sequence[str], name: str, timeout_s: float) -> None:
@@ -52,8 +70,8 @@ class Process:
         except OSError as cause:
             shutil.rmtree(self.folder, ignore_errors=True)
             self._output.close()
-            wanted = f"{name}: expected Blender to run"
-            raise ServerConnectionError(f"{wanted}, got: {cause.strerror}: {shown(command[0])}") from cause
+            expected = f"{name}: expected Blender to run"
+            raise ServerConnectionError(f"{expected}, got: {cause.strerror}: {shown(command[0])}") from cause
         with self._exchange("start"):
             self._skip_noise()
             self.hello = self._reply()
@@ -74,7 +92,7 @@ class Process:
         data = json.dumps(message).encode()
         with self._exchange(what):
             assert self._process.stdin is not None
-            with suppress(BrokenPipeError):  # the end of its replies says so too
+            with contextlib.suppress(BrokenPipeError):  # the end of its replies says so too
                 self._process.stdin.write(len(data).to_bytes(4, "big") + data)
                 self._process.stdin.flush()
             reply = self._reply()
@@ -83,18 +101,18 @@ class Process:
         return reply
 
     def stop(self) -> None:
-        """End the process, in the middle of a picture too, and remove its folder."""
+        """End the process, even while it renders, and remove its folder."""
         self._kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._output):
             assert stream is not None
-            with suppress(OSError):  # of a request that was not sent
+            with contextlib.suppress(OSError):  # of a request that was not sent
                 stream.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    @contextmanager
+    @contextlib.contextmanager
     def _exchange(self, what: str) -> Iterator[None]:
-        """Bound an exchange in time; whatever interrupts it ends the process, which would be out of step."""
+        """Bound an exchange in time; after any interruption the process is stopped, for it is out of step."""
         late = threading.Event()
 
         def give_up() -> None:
@@ -107,13 +125,13 @@ class Process:
         try:
             yield
         except EOFError as end:
-            wanted = f"{self._name}: expected Blender to {what}"
+            expected = f"{self._name}: expected Blender to {what}"
             if late.is_set():
                 advice = f"within {self._timeout_s:g} s, got nothing; raise timeout_s if that takes so long"
-                fault: Exception = DeadlineError(f"{wanted} {advice}")
+                fault: Exception = DeadlineError(f"{expected} {advice}")
             else:
-                why = self._why_it_ended()
-                fault = ServerConnectionError(f"{wanted}, but {why}. Its last output: {self._last_line()}")
+                why = f"{self._why_it_ended()}. Its last output: {last_line(self._output)}"
+                fault = ServerConnectionError(f"{expected}, but {why}")
             self.stop()
             raise fault from end
         except BaseException:
@@ -125,7 +143,7 @@ class Process:
     def _kill(self) -> None:
         if self._process.returncode is not None:
             return  # its id may be another's by now
-        with suppress(OSError):  # of a process that has ended
+        with contextlib.suppress(OSError):  # of a process that has ended
             if os.name == "posix":
                 os.killpg(self._process.pid, signal.SIGKILL)
             else:
@@ -146,8 +164,8 @@ class Process:
         except ValueError:
             reply = None
         if not isinstance(reply, dict):
-            wanted = f"{self._name}: expected a reply in JSON"
-            raise BadReplyError(f"{wanted}, got {shown(data[:80])} of {length} bytes")
+            expected = f"{self._name}: expected a reply in JSON"
+            raise BadReplyError(f"{expected}, got {shown(data[:80])} of {length} bytes")
         return reply
 
     def _read(self, count: int) -> bytes:
@@ -163,7 +181,96 @@ class Process:
             return "it was killed, as when memory runs out"
         return f"it ended by signal {-code}" if code < 0 else f"it ended with code {code}"
 
-    def _last_line(self) -> str:
-        self._output.seek(max(0, self._output.seek(0, os.SEEK_END) - _LAST_OUTPUT))
-        lines = self._output.read().decode(errors="replace").split("\n")
-        return next((shown(line.strip())[1:-1] for line in reversed(lines) if line.strip()), "nothing")
+
+class Blender:
+    """One process at a time, in which one scene is open; not to be used by two threads at once.
+
+    Args:
+        command: of Blender, as :func:`omniscv.sources.blender.settings.blender_command` returns it.
+        settings: what to open.
+        timeout_s: how long starting and loading, and each picture, may take.
+        retries: how often in a row to start Blender again, and send the request again.
+
+    Attributes:
+        name: of the scene's file, for messages.
+        version: of Blender, such as ``5.0.1``.
+        scene: what ``inside/main.py`` describes.
+        digest: of the scene's file and of the files that it links.
+
+    Raises:
+        SourceError: Blender does not start, is too old, or does not open the scene.
+    """
+
+    def __init__(
+        self, command: Sequence[str], settings: Settings, timeout_s: float = TIMEOUT_S, retries: int = RETRIES
+    ) -> None:
+        self._command, self._settings = list(command), settings
+        self._timeout_s, self._retries = timeout_s, retries
+        self.name = Path(settings.path).name
+        self._process: Process | None = None
+        self.version = ""
+        self.scene: dict[str, Any] = {}
+        self._start()
+        self.digest = self._digest()
+
+    def ask(self, what: str, message: Mapping[str, Any], reader: Callable[[dict[str, Any], Path], T]) -> T:
+        """Send a request, and return ``reader(reply, folder)``; after a fault, start Blender and send again.
+
+        Args:
+            what: Blender is to do, for messages.
+            message: plain JSON values; ``file`` is relative to the folder.
+            reader: of the reply and of the files in the folder.
+
+        Raises:
+            SourceError: Blender reports an error, or too many faults came in a row.
+        """
+        for _ in range(self._retries + 1):
+            try:
+                process = self._process or self._start_again()
+                reply = process.ask(what, {**message, "folder": str(process.folder)})
+                return reader(reply, process.folder)
+            except _RETRIED as cause:
+                fault = cause
+                self.close()
+        raise type(fault)(f"{fault}; gave up after {self._retries + 1} attempts") from fault
+
+    def close(self) -> None:
+        if self._process is not None:
+            self._process.stop()
+            self._process = None
+
+    def _start(self) -> Process:
+        with contextlib.ExitStack() as resources:
+            process = Process(self._command, self.name, self._timeout_s)
+            resources.callback(process.stop)
+            version = tuple(process.hello["version"])
+            self.version = ".".join(map(str, version))
+            if version < OLDEST:
+                expected = f"{self.name}: expected Blender {'.'.join(map(str, OLDEST))} or later"
+                raise SourceError(f"{expected}, got {self.version} of {self._command[0]}")
+            request = {**self._settings.message(), "folder": str(process.folder)}
+            self.scene = process.ask("open the scene", request)
+            resources.pop_all()
+        self._process = process
+        return process
+
+    def _start_again(self) -> Process:
+        """Start Blender after a fault; its scene must be what it was."""
+        before = self.scene, self.digest
+        process = self._start()
+        if (self.scene, self._digest()) != before:
+            self.close()
+            expected = f"{self.name}: expected the scene that was opened first"
+            raise SourceError(f"{expected}, got one that was changed since; open it again")
+        return process
+
+    def _digest(self) -> str:
+        """Return a digest of the scene's file, of the files that it links, and of Blender's version."""
+        digest = hashlib.sha256(self.version.encode())
+        for path in (self._settings.path, *self.scene["libraries"]):
+            try:
+                with open(path, "rb") as file:
+                    digest.update(hashlib.file_digest(file, "sha256").digest())
+            except OSError as cause:
+                raise ArgumentError(f"{path}: expected a readable file, got {cause.strerror}") from cause
+        return digest.hexdigest()[:32]

@@ -2,33 +2,36 @@
 
 from __future__ import annotations
 
-import os
+import logging
 import threading
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from omniscv.errors import ArgumentError, SourceError
+from omniscv.arguments import number, whole_number
+from omniscv.errors import ArgumentError
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
     ObjectTable,
+    ProcessBound,
     Request,
     SceneIdentity,
     Source,
-    View,
+    SourceView,
     closed_error,
     known_objects,
-    not_picklable,
 )
 from omniscv.sources.blender.pictures import Pixels, read_colors, read_data
-from omniscv.sources.blender.server import Blender
-from omniscv.sources.blender.settings import Settings
+from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender
+from omniscv.sources.blender.settings import Settings, blender_command, read_address
+from omniscv.sources.pool import SourcePool
 
 _DATA = ("object_mask", "depth", "normals")
 """Modalities that one render of a view gives together."""
@@ -37,6 +40,8 @@ _LEAST_PX, _MOST_PX = 4, 65_536  # of a side, as Blender has it
 CAPABILITIES = Capabilities(frozenset(("lit", *_DATA)), min_size=_LEAST_PX, dialect="blender")
 _TO_BLENDER = np.diag([1.0, -1.0, -1.0])
 """From the axes of Blender's cameras (x right, y up, z back) to ours (x right, y down, z forward)."""
+
+_log = logging.getLogger("omniscv")
 
 
 class BlenderSource(Source):
@@ -52,10 +57,10 @@ class BlenderSource(Source):
 
     def __init__(self, blender: Blender, settings: Settings) -> None:
         self._blender, self._settings = blender, settings
-        self._lock, self._closed, self._process = threading.RLock(), False, os.getpid()
+        self._lock, self._closed = threading.RLock(), False
         self._objects = ObjectTable({}, ids=blender.scene["objects"])
-        shown = f"{blender.scene['scene']}, frame {blender.scene['frame']}"
-        self._identity = SceneIdentity(Path(settings.path).stem, shown, blender.digest)
+        level = f"{blender.scene['scene']}, frame {blender.scene['frame']}"
+        self._identity = SceneIdentity(Path(settings.path).stem, level, blender.digest)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -68,27 +73,27 @@ class BlenderSource(Source):
 
     @property
     def blender(self) -> Blender:
-        """What renders, and what it knows of the scene."""
+        """The Blender that renders, and what it knows of the scene."""
         return self._blender
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; ArgumentError for a modality or size that Blender does not render."""
-        return self.captured(requests, frozenset())
+        return self.capture_without(requests, frozenset())
 
-    def captured(self, requests: Iterable[Request], hidden: frozenset[str]) -> Iterator[Capture]:
-        """As :meth:`capture`, without some of the objects."""
-        coming = iter(requests)
-        while batch := list(islice(coming, _AHEAD)):
-            for request in batch:
+    def capture_without(self, requests: Iterable[Request], hidden: frozenset[str]) -> Iterator[Capture]:
+        """As :meth:`capture`, with some of the objects hidden."""
+        remaining = iter(requests)
+        while window := list(islice(remaining, _AHEAD)):
+            for request in window:
                 request.check_state(self.state, self._blender.name)
                 _check(request)
-            kept: dict[Request, Any] = {}
-            for number, request in enumerate(batch):
-                if request not in kept:
-                    pixels = self._rendered(request, hidden)
-                    later = (each for each in batch[number:] if each.view == request.view)
-                    kept.update({each: pixels[each.mode] for each in later if each.mode in pixels})
-                picture = kept[request] if request in batch[number + 1 :] else kept.pop(request)
+            held: dict[Request, Any] = {}
+            for index, request in enumerate(window):
+                if request not in held:
+                    pixels = self._render(request, hidden)
+                    same_view = (later for later in window[index:] if later.view == request.view)
+                    held.update({each: pixels[each.mode] for each in same_view if each.mode in pixels})
+                picture = held[request] if request in window[index + 1 :] else held.pop(request)
                 yield Capture(request, request.view, picture, self._provenance(request))
 
     def objects(self) -> ObjectTable:
@@ -99,12 +104,12 @@ class BlenderSource(Source):
         """The boxes of all objects that have a shape, around their vertices and in their own axes."""
         with self._lock:
             self._check_open()
-            boxes = self._blender.ask("measure its objects", {"do": "boxes"}, lambda reply, _: reply["boxes"])
-        found = {
+            rows = self._blender.ask("measure its objects", {"do": "boxes"}, lambda reply, _: reply["boxes"])
+        boxes = {
             name: ObjectBox.of(np.array(center), np.array(axes), np.array(size), "vertices")
-            for name, (center, axes, size) in sorted(boxes.items())
+            for name, (center, axes, size) in sorted(rows.items())
         }
-        return SceneGeometry(MappingProxyType(found))
+        return SceneGeometry(MappingProxyType(boxes))
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; both may be used at the same time."""
@@ -114,16 +119,11 @@ class BlenderSource(Source):
         return WithoutObjects(self, hidden)
 
     def close(self) -> None:
-        if self._process != os.getpid():
-            return  # a fork's: Blender belongs to the process that started it
         with self._lock:
             self._closed = True
             self._blender.close()
 
-    def __reduce__(self) -> NoReturn:
-        raise not_picklable(self._blender.name)
-
-    def _rendered(self, request: Request, hidden: frozenset[str]) -> Pixels:
+    def _render(self, request: Request, hidden: frozenset[str]) -> Pixels:
         """Render a view, and return its pixels, read-only, by the modalities that come together."""
         view, is_lit = request.view, request.mode == "lit"
         is_png = is_lit and self._settings.lit == "uint8"
@@ -148,8 +148,8 @@ class BlenderSource(Source):
         with self._lock:
             self._check_open()
             pixels = self._blender.ask(f"render {view.width} x {view.height} px", message, read)
-        for each in pixels.values():
-            each.flags.writeable = False
+        for array in pixels.values():
+            array.flags.writeable = False
         return pixels
 
     def _provenance(self, request: Request) -> dict[str, Any]:
@@ -162,47 +162,20 @@ class BlenderSource(Source):
     def _check_open(self) -> None:
         if self._closed:
             raise closed_error(self._blender.name)
-        if self._process != os.getpid():
-            wanted = "expected to be used by the process that opened it, got a fork of that process"
-            raise SourceError(f"{self._blender.name}: {wanted}; open it again there")
 
 
-class WithoutObjects(Source):
-    """A scene some of whose objects are hidden; closing it leaves the scene open."""
+class WithoutObjects(SourceView):
+    """A scene with some of its objects hidden; closing it leaves the scene open."""
 
     def __init__(self, source: BlenderSource, hidden: frozenset[str]) -> None:
-        self._source, self._hidden, self._closed = source, hidden, False
-
-    @property
-    def capabilities(self) -> Capabilities:
-        return self._source.capabilities
-
-    @property
-    def scene_identity(self) -> SceneIdentity:
-        return self._source.scene_identity
+        super().__init__(source)
+        self._scene, self._hidden = source, hidden
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        self._check_open()
-        return self._source.captured(requests, self._hidden)
-
-    def objects(self) -> ObjectTable:
-        self._check_open()
-        return self._source.objects()
-
-    def geometry(self) -> SceneGeometry:
-        self._check_open()
-        return self._source.geometry()
+        return self._scene.capture_without(requests, self._hidden)
 
     def without(self, objects: Iterable[str]) -> Source:
-        self._check_open()
-        return self._source.without(self._hidden.union(objects))
-
-    def close(self) -> None:
-        self._closed = True
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise closed_error("scene without objects")
+        return self._scene.without(self._hidden.union(objects))
 
 
 def _check(request: Request) -> None:
@@ -210,7 +183,43 @@ def _check(request: Request) -> None:
     if request.mode not in CAPABILITIES.modes:
         known = ", ".join(sorted(CAPABILITIES.modes))
         raise ArgumentError(f"mode: expected one of {known} of Blender, got {request.mode!r}")
-    view: View = request.view
+    view = request.view
     if not _LEAST_PX <= min(view.width, view.height) <= max(view.width, view.height) <= _MOST_PX:
-        wanted = f"expected sides of {_LEAST_PX} to {_MOST_PX} px"
-        raise ArgumentError(f"size: {wanted}, got {view.width} x {view.height}")
+        expected = f"expected sides of {_LEAST_PX} to {_MOST_PX} px"
+        raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")
+
+
+def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> Source:
+    """Start Blender, and open a scene in it.
+
+    Args:
+        address: ``blender://SCENE.blend``, with options behind a question mark: those of
+            :class:`omniscv.sources.blender.settings.Settings`; ``blender=PATH`` names Blender, and
+            ``processes=2`` renders in several at once.
+        timeout_s: how long loading the scene, and each picture, may take.
+        retries: how often in a row to start Blender again after it has ended.
+
+    Raises:
+        ArgumentError: an option that is unknown or out of its range, or no such file.
+        SourceError: there is no Blender, or it is too old, or does not open the scene.
+    """
+    _, _, processes = read_address(address)
+    with ExitStack() as opened:
+        sources = [opened.enter_context(open_process(address, timeout_s, retries)) for _ in range(processes)]
+        source = sources[0] if processes == 1 else SourcePool(sources)
+        opened.pop_all()
+    blender = sources[0].blender
+    if not blender.scene["world"]:
+        _log.warning("%s: the scene has no world: pixels without an object are black", blender.name)
+    return ProcessBound(source, blender.name)
+
+
+def open_process(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> BlenderSource:
+    """As :func:`open_blender`, but one process, whatever the address says."""
+    number("timeout_s", timeout_s, above=0)
+    whole_number("retries", retries, least=0)
+    settings, program, _ = read_address(address)
+    return BlenderSource(Blender(blender_command(program), settings, timeout_s, retries), settings)
+
+
+open_blender.capabilities = lambda address: CAPABILITIES  # type: ignore[attr-defined]  # for the registry

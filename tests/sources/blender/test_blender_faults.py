@@ -8,6 +8,7 @@ import pickle
 
 import numpy as np
 import OpenImageIO
+import psutil
 import pytest
 from support import blender
 from support.faces import face_requests
@@ -17,7 +18,7 @@ import omniscv
 from omniscv import jobs
 from omniscv.diagnostics import examine_address
 from omniscv.errors import ArgumentError, DeadlineError, OmniscvError, SourceError
-from omniscv.sources.blender.finding import INSIDE, blender_command
+from omniscv.sources.blender.settings import INSIDE, blender_command
 
 SIZE = 8
 REQUESTS = face_requests(SIZE, ("lit", "object_mask", "depth", "normals"))
@@ -125,7 +126,7 @@ def test_a_program_that_is_not_blender_is_one_clear_sentence(tmp_path):
 
 def test_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
     omniscv.open_source(blender.fake(tmp_path, world=False)).close()
-    assert caplog.messages == ["room.blend: the scene has no world: what shows no object is black"]
+    assert caplog.messages == ["room.blend: the scene has no world: pixels without an object are black"]
 
 
 def test_killed_at_twenty_moments_it_completes_with_equal_bytes(whole, tmp_path):
@@ -261,3 +262,14 @@ def test_it_belongs_to_the_process_that_opened_it(tmp_path):
                 os._exit(0 if "got a fork of that process; open it again there" in str(error) else 2)
         assert os.waitpid(child, 0)[1] == 0
         assert len(list(source.capture(REQUESTS[:2]))) == 2
+
+
+def test_processes_that_make_no_pool_are_ended(tmp_path, monkeypatch):
+    def refuse(sources):
+        raise ArgumentError("sources: expected replicas of one scene")
+
+    monkeypatch.setattr("omniscv.sources.blender.source.SourcePool", refuse)
+    before = set(psutil.Process().children())
+    with pytest.raises(ArgumentError, match="expected replicas of one scene"):
+        omniscv.open_source(blender.fake(tmp_path) + "&processes=2")
+    assert set(psutil.Process().children()) == before
