@@ -4,6 +4,7 @@ import math
 import reprlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,14 @@ def text(name: str, value: object) -> str:
     """Return a text that is not empty and has no NUL, or raise ArgumentError."""
     if not isinstance(value, str) or not value or "\0" in value:
         raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+    return value
+
+
+def stem(name: str, value: object) -> str:
+    """Return ``value``, the start of a file name: no folder, and no dot, which ends it in WebDataset; else
+    raise ArgumentError."""
+    if not isinstance(value, str) or not value or value != PurePath(value).name or {".", "\0"} & set(value):
+        raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(value)}")
     return value
 
 

@@ -43,7 +43,7 @@ def make(given: MakeOptions) -> None:
     The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
     clusters go on with a dataset that is there; see docs/scale.md.
     """
-    from omniscv import jobs
+    from omniscv.make import make as make_dataset
 
     if given.cluster is not None:  # workers may be in another folder
         given.job = given.job.absolute()
@@ -59,7 +59,7 @@ def make(given: MakeOptions) -> None:
             )
             console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
             return
-        made = jobs.make(
+        made = make_dataset(
             wanted,
             resume=given.resume,
             shard=None if given.shard is None else _shard(given.shard),

@@ -20,13 +20,17 @@ def job(
     if (job is None) != example:
         raise ArgumentError("job: expected JOB.yaml or --example, got " + ("both" if example else "neither"))
     if job is None:
-        from omniscv.jobs import EXAMPLE
+        from omniscv.job import EXAMPLE
 
         console.document(EXAMPLE.read_text(encoding="utf-8"))
         return
-    from omniscv.jobs import load
+    from omniscv.arguments import within
+    from omniscv.job import Recipe, load
+    from omniscv.make import check, check_dataset
 
     found = load(job)
+    with within(job):
+        check(found) if found.recipe == Recipe() else check_dataset(found)
     frames = "poses sampled in the source" if found.sampling else _count(len(found.poses), "pose")
     cameras = _count(len(found.cameras), "camera")
     console.line(f"{job}: {cameras} at {frames}, of {', '.join(found.sources)}")

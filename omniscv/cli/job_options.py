@@ -12,10 +12,10 @@ from omniscv.cli import console
 from omniscv.cli.options import ConnectionOptions, edge, freeze, modes, numbers, one_number, parameter, size
 
 if TYPE_CHECKING:
-    from omniscv.jobs import Job
+    from omniscv.job import Job
 
 Keys = dict[str, Any]
-"""Values by the keys of a job's file, as :func:`omniscv.jobs.file.overridden` takes them."""
+"""Values by the keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
 
 _PATHS = ("source", "out", "record")
 
@@ -79,8 +79,7 @@ class CaptureOptions(ConnectionOptions):
 
         Options that override keys of a file are named in a line on standard error.
         """
-        from omniscv.jobs.file import address, load, read
-        from omniscv.jobs.overriding import overridden
+        from omniscv.job import address, load, overridden, read
 
         if self.job is None:
             return read(overridden(self.described(), self.keys(list(self.values))), Path())

@@ -27,7 +27,7 @@ def plan(given: PlanOptions) -> None:
     The last column is the largest distance from a pixel's own optical centre to that of its captures: what
     fewer --viewpoints give up.
     """
-    from omniscv.jobs import costs
+    from omniscv.make import costs
 
     found = costs(given.to_job(), measure=given.measure)
     if given.as_json:

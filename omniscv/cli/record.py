@@ -55,7 +55,7 @@ class RecordOptions(CaptureOptions):
 @RecordOptions.command
 def record(given: RecordOptions) -> None:
     """Capture cube maps at positions, or all that a job needs, into a recording; rerun to resume."""
-    from omniscv.jobs import capture
+    from omniscv.make import capture
     from omniscv.sources.recording.replacing import place_of
 
     job = given.to_job()

@@ -13,7 +13,7 @@ from omniscv.cli.progress import STYLE, Style, display
 from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
-    from omniscv.jobs import Job
+    from omniscv.job import Job
 
 app = Typer(add_completion=False)
 
@@ -42,7 +42,7 @@ class RenderOptions(ImageOptions):
 @RenderOptions.command
 def render(given: RenderOptions) -> None:
     """Compose images and their ground truth."""
-    from omniscv.jobs import run
+    from omniscv.make import run
 
     job = given.to_job()
     with display("images", given.progress) as shown:

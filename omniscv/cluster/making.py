@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from omniscv.cluster.places import Place
 from omniscv.errors import ClusterError
-from omniscv.jobs.dataset import Made
-from omniscv.jobs.finishing import finish
-from omniscv.jobs.job import Job
-from omniscv.jobs.parts import parts_of
+from omniscv.job import Job
+from omniscv.make import Made, check_dataset, finish, parts_of, source_options
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -41,7 +39,7 @@ def make(
         ClusterError: the scheduler is gone, or a part failed again and again; frames that were made stay.
         OmniscvError: as :func:`omniscv.jobs.make`.
     """
-    job.recipe.check(job.cameras, job.modes)
+    check_dataset(job)
     with where.client(job.sources) as client:
         if note:
             note(f"dashboard: {client.dashboard_link}")
@@ -63,7 +61,7 @@ def _on(
     if warn:
         client.subscribe_topic(TOPIC, lambda event: warn(str(event[1])))
     try:
-        client.register_plugin(Server(job.sources, job.live_options))
+        client.register_plugin(Server(job.sources, source_options(job)))
         if job.sampling is not None:
             (job,) = _results(client, [client.submit(posed, job, **HOW)])
         client.register_plugin(Work(job))

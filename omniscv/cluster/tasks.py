@@ -9,7 +9,8 @@ from distributed import WorkerPlugin, get_worker
 from omniscv.cluster.places import RESOURCE
 from omniscv.cluster.servers import SERVER
 from omniscv.errors import ArgumentError, DatasetError
-from omniscv.jobs import Job, Part, run_part
+from omniscv.job import Job
+from omniscv.make import Part, opened, run_part
 from omniscv.sources.base import Source
 
 WORK = "omniscv-job"
@@ -64,7 +65,7 @@ def posed(job: Job) -> Job:
     """Return a job with the poses that it samples in the worker's source."""
 
     def work(source: Source) -> Job:
-        with job.opened(source) as (found, _):
+        with opened(job, source) as (found, _):
             return found
 
     found: Job = _plugin(SERVER).use(work)

@@ -2,10 +2,10 @@
 
 from omniscv.dataset.checking import check
 from omniscv.dataset.exporting import export
-from omniscv.dataset.frames import Frame
-from omniscv.dataset.reading import open
+from omniscv.dataset.manifest import open
 from omniscv.dataset.registry import Format, get, names, register
 from omniscv.dataset.writer import Writer
+from omniscv.frame import Frame
 from omniscv.truth import registry as truths
 from omniscv.truth.registry import Observation, Truth
 from omniscv.truth.registry import register as register_truth

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,11 +15,10 @@ from omniscv import storage
 from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
 from omniscv.dataset.exporting import EXPORTS, Export, placed, write_into
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.layer_checks import layer_faults
-from omniscv.dataset.manifest import FrameEntry, Manifest
-from omniscv.dataset.reading import frame
+from omniscv.dataset.manifest import Manifest
 from omniscv.errors import DatasetError, MissingFileError, OmniscvError
+from omniscv.frame import Frame, FrameFiles
 from omniscv.parallel import side_by_side
 from omniscv.storage import Folder
 
@@ -43,18 +43,17 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     folder = storage.folder(out)
     try:
         whole = manifest.read(folder)
-        entries = manifest.read_frames(folder)
+        frames = manifest.read_frames(folder, whole)
     except DatasetError as damaged:
         return [str(damaged)]
-    faults = [*_manifest_faults(folder, whole), *_list_faults(folder, entries)]
-    for found in _for_each(folder, lambda entry: list(_frame_faults(folder, whole, entry, deep)), entries):
-        faults += found
+    faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
+    for of_frame in _for_each(folder, lambda frame: list(_frame_faults(folder, whole, frame, deep)), frames):
+        faults += of_frame
     wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
         name = registry.get(format).name
         wanted = [each for each in wanted if each.format == name] or [Export(name)]
     if not faults:  # of damaged frames, every export would have faults
-        frames = [frame(folder, whole, entry) for entry in entries]
         for each in wanted:
             faults += _export_faults(folder, frames, each, deep or format is not None)
     return faults
@@ -75,16 +74,16 @@ def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
             yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {got}"
 
 
-def _list_faults(folder: Folder, entries: list[FrameEntry]) -> Iterator[str]:
+def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
     """Faults of ``frames.jsonl`` as a whole."""
-    keys = [entry.key for entry in entries]
+    keys = [frame.key for frame in frames]
     if keys != sorted(set(keys)):
         yield f"{manifest.FRAMES}: expected every key once, in their order"
     split_of: dict[str, str] = {}
-    for entry in entries:
-        if entry.place and split_of.setdefault(entry.place, entry.split) != entry.split:
-            wanted = split_of[entry.place]
-            yield f"{entry.key}: expected the split {wanted!r} of its place, got {entry.split!r}"
+    for frame in frames:
+        if frame.place and split_of.setdefault(frame.place, frame.split) != frame.split:
+            wanted = split_of[frame.place]
+            yield f"{frame.key}: expected the split {wanted!r} of its place, got {frame.split!r}"
     known = set(keys)
     for name in folder.names():
         stem, dot, suffix = name.partition(".")
@@ -92,31 +91,28 @@ def _list_faults(folder: Folder, entries: list[FrameEntry]) -> Iterator[str]:
             yield f"{name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
-def _frame_faults(folder: Folder, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
-    with _here(folder, [file.path for file in entry.files.values()]) as place:
-        yield from _local_faults(place, whole, entry, deep)
+def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> Iterator[str]:
+    with _here(folder, [entry.path for entry in frame.entries.values()]) as local:
+        here = replace(frame, files=FrameFiles(storage.folder(local), frame.entries))
+        yield from _local_faults(local, whole, here, deep)
 
 
-def _local_faults(folder: Path, whole: Manifest, entry: FrameEntry, deep: bool) -> Iterator[str]:
+def _local_faults(folder: Path, whole: Manifest, frame: Frame, deep: bool) -> Iterator[str]:
     """Faults of a frame whose files are on this machine."""
-    try:
-        found = frame(storage.folder(folder), whole, entry)
-    except OmniscvError as wrong:
-        yield f"{manifest.FRAMES}: {wrong}"
-        return
-    faults = [f"{file.path}: {fault}" for file in entry.files.values() if (fault := file.fault(folder))]
+    faults = [f"{file.path}: {fault}" for file in frame.entries.values() if (fault := file.fault(folder))]
     yield from faults
     if faults:
         return
-    own = folder / f"{entry.key}.json"
+    path = folder / f"{frame.key}.json"
     try:
-        if manifest.read_entry(own).to_dict() != entry.to_dict():
-            yield f"{own.name}: expected what {manifest.FRAMES} says of it, got something else"
-    except DatasetError as wrong:
+        content = path.read_bytes()
+        if whole.frame_of_file(path.name, content, storage.folder(folder)).to_dict() != frame.to_dict():
+            yield f"{path.name}: expected what {manifest.FRAMES} says of it, got something else"
+    except (DatasetError, OSError) as wrong:
         yield str(wrong)
     if deep:
-        yield from layer_faults(found)
-        yield from _record_faults(found)
+        yield from layer_faults(frame)
+        yield from _record_faults(frame)
 
 
 def _record_faults(found: Frame) -> Iterator[str]:

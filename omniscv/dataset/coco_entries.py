@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.dataset.fetched_files import reference
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 from omniscv.storage.local import whole_file
 from omniscv.truth import rle
 from omniscv.truth.classes import SemanticClass
@@ -27,7 +26,7 @@ _FROM_TRUTH = {
 
 def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
     """Return the entry of ``images`` of a frame, whose file is named as seen from a folder."""
-    name = reference(frame.files, "lit" if "lit" in frame.files else "labels", out)
+    name = frame.reference("lit" if "lit" in frame.files else "labels", out)
     camera = frame.camera
     found: dict[str, Any] = {"id": number, "file_name": name}
     found |= {"width": camera.width, "height": camera.height, "key": frame.key}

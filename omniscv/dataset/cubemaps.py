@@ -11,7 +11,7 @@ import numpy as np
 
 from omniscv.cameras import Equirectangular, Pinhole
 from omniscv.compose.files import write_picture
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.modalities import get
 

@@ -13,11 +13,9 @@ from omniscv import storage
 from omniscv.arguments import one_of, text, within
 from omniscv.cameras import Camera
 from omniscv.dataset import registry
-from omniscv.dataset.fetched_files import FetchedFiles
-from omniscv.dataset.frames import Frame
-from omniscv.dataset.manifest import DATASET
-from omniscv.dataset.reading import open
+from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame, FrameFiles
 from omniscv.storage import Folder
 from omniscv.storage.local import folder_beside, replace_folder
 
@@ -162,10 +160,12 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
 
 
 def placed(frames: Sequence[Frame], root: Path) -> list[Frame]:
-    """Return frames whose files are named as if a local folder were that of their dataset."""
+    """Return frames of a store whose files are named as if a local folder were that of their dataset."""
     return [
-        replace(each, files=replace(each.files, place=root)) if isinstance(each.files, FetchedFiles) else each
-        for each in frames
+        replace(frame, files=replace(frame.files, stand_in=root))
+        if isinstance(frame.files, FrameFiles)
+        else frame
+        for frame in frames
     ]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
-from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 
 _UNIT = 1e-3  # how far the length of a normal may be off 1, or off 0
 

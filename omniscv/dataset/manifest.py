@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import storage
-from omniscv.arguments import optional_number, shown, text, whole_number
+from omniscv.arguments import shown, stem, whole_number
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import versions
 from omniscv.errors import ArgumentError, DatasetError, StorageError
-from omniscv.geometry import Pose
+from omniscv.frame import FileEntry, Frame, FrameFiles
 from omniscv.storage import Folder
 from omniscv.truth.classes import ClassRules, ClassTable
 
@@ -44,102 +44,6 @@ MOST_IDS = (1 << 16) - 1
 
 IMAGE = "image"
 """The kind of ``STEM.json`` among the files of a frame."""
-
-
-def check_key(name: str, key: object) -> None:
-    """Raise ArgumentError unless a text can start file names, without a dot, which ends it in WebDataset."""
-    if not isinstance(key, str) or not key or key != Path(key).name or "." in key or "\0" in key:
-        raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(key)}")
-
-
-@dataclass(frozen=True)
-class FileEntry:
-    """A file of a frame.
-
-    Attributes:
-        path: its name in the dataset's folder.
-        bytes: its size.
-        sha256: of its bytes, hexadecimal.
-    """
-
-    path: str
-    bytes: int
-    sha256: str
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.path, str) or self.path != Path(self.path).name or self.path.startswith("."):
-            raise ArgumentError(f"path: expected the name of a file of the dataset, got {shown(self.path)}")
-        text("path", self.path)
-        whole_number("bytes", self.bytes, least=0)
-
-    @classmethod
-    def of(cls, path: Path) -> FileEntry:
-        """Return the entry of a file as it is."""
-        return cls(path.name, path.stat().st_size, checksum(path))
-
-    def fault(self, folder: Path, deep: bool = True) -> str | None:
-        """Return what is wrong with the file below a folder, in a few words; None where nothing is.
-
-        Args:
-            folder: of the dataset.
-            deep: whether its bytes are read.
-        """
-        path = folder / self.path
-        if not path.is_file():
-            return "expected a file, it is missing"
-        if (size := path.stat().st_size) != self.bytes:
-            return f"expected {self.bytes} bytes, got {size}"
-        if deep and checksum(path) != self.sha256:
-            return "expected the bytes of its checksum, got other ones"
-        return None
-
-
-@dataclass(frozen=True, eq=False)
-class FrameEntry:
-    """A line of ``frames.jsonl``; the fields are those of :class:`omniscv.dataset.Frame`, and its scene."""
-
-    key: str
-    camera: str
-    pose: Pose
-    files: Mapping[str, FileEntry]
-    time: float | None = None
-    place: str = ""
-    split: str = ""
-    scene: str = ""
-    state: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; a state only of a world that moves."""
-        state = {"state": self.state} if self.state else {}
-        return {
-            "key": self.key,
-            "camera": self.camera,
-            "pose": self.pose.to_dict(),
-            "time": self.time,
-            "place": self.place,
-            "split": self.split,
-            "scene": self.scene,
-            **state,
-            "files": {kind: asdict(entry) for kind, entry in sorted(self.files.items())},
-        }
-
-    @classmethod
-    def from_dict(cls, data: Any) -> FrameEntry:
-        """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
-        try:
-            files = {str(kind): FileEntry(**each) for kind, each in data["files"].items()}
-            for name in ("key", "camera", *(("split",) if data["split"] != "" else ())):
-                check_key(name, data[name])
-            data = {"state": "", **data}
-            for name in ("place", "scene", "state"):
-                if not isinstance(data[name], str):
-                    raise ArgumentError(f"{name}: expected a text, got {shown(data[name])}")
-            plain = {name: data[name] for name in ("key", "camera", "place", "split", "scene", "state")}
-            time = optional_number("time", data["time"])
-            return cls(pose=Pose.from_dict(data["pose"]), files=files, time=time, **plain)
-        except (TypeError, KeyError, AttributeError) as cause:
-            wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
-            raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
 
 @dataclass(frozen=True)
@@ -169,6 +73,29 @@ class Manifest:
         """
         return None if self.rules is None else self.rules.table(self.names)
 
+    def frame(self, line: Any, folder: Folder) -> Frame:
+        """Return the frame of a line of ``frames.jsonl``.
+
+        Args:
+            line: plain values.
+            folder: of the dataset.
+
+        Raises:
+            ArgumentError: no such line, or a camera that the dataset does not have.
+        """
+        return Frame.from_dict(line, folder, self.cameras, self.names, self.classes)
+
+    def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
+        """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files.
+
+        Raises:
+            DatasetError: the file is no such description.
+        """
+        with _damage(name):
+            frame = self.frame(json.loads(content)["frame"], folder)
+            image = FileEntry(name, len(content), hashlib.sha256(content).hexdigest())
+            return replace(frame, files=FrameFiles(folder, {**frame.entries, IMAGE: image}))
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         table = self.classes
@@ -197,9 +124,7 @@ class Manifest:
             got = data.get("format") if isinstance(data, dict) else data
             raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
         try:
-            cameras = {name: from_dict(each) for name, each in data["cameras"].items()}
-            for name in cameras:
-                check_key("camera", name)
+            cameras = {stem("camera", name): from_dict(each) for name, each in data["cameras"].items()}
             names = {name: whole_number(name, each, most=MOST_IDS) for name, each in data["names"].items()}
             said = data["classes"]
             rules = None
@@ -243,8 +168,12 @@ def write(out: Folder, manifest: Manifest, first: bool = False) -> bool:
     return out.put(DATASET, f"{text}\n".encode(), first)
 
 
-def read_frames(out: str | Path | Folder) -> list[FrameEntry]:
-    """Return the lines of ``frames.jsonl``, in their order.
+def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list[Frame]:
+    """Return the frames of ``frames.jsonl``, in its order.
+
+    Args:
+        out: the dataset.
+        whole: its manifest; read if not given.
 
     Raises:
         DatasetError: the file is damaged, or missing: the dataset is not complete.
@@ -253,39 +182,32 @@ def read_frames(out: str | Path | Folder) -> list[FrameEntry]:
     if not folder.exists(FRAMES):
         advice = "finish it by 'omniscv dataset make JOB --resume'"
         raise DatasetError(f"{folder}: expected a complete dataset, got no {FRAMES} in it; {advice}")
+    manifest = read(folder) if whole is None else whole
     with _damage(f"{folder}/{FRAMES}"):
         lines = folder.read(FRAMES).decode("utf-8").splitlines()
-        return [FrameEntry.from_dict(json.loads(line)) for line in lines]
+        return [manifest.frame(json.loads(line), folder) for line in lines]
 
 
-def write_frames(out: str | Path | Folder, frames: Iterable[FrameEntry]) -> None:
+def write_frames(out: str | Path | Folder, frames: Iterable[Frame]) -> None:
     """Write ``frames.jsonl`` in the order of keys, whole or not at all."""
-    lines = [json.dumps(each.to_dict(), allow_nan=False) for each in sorted(frames, key=lambda f: f.key)]
+    ordered = sorted(frames, key=lambda frame: frame.key)
+    lines = [json.dumps(frame.to_dict(), allow_nan=False) for frame in ordered]
     storage.folder(out).put(FRAMES, "".join(f"{line}\n" for line in lines).encode())
 
 
-def read_entry(path: Path) -> FrameEntry:
-    """Return the frame that its ``STEM.json`` describes, as :func:`entry_of`."""
-    with _damage(path):
-        return entry_of(path.name, path.read_bytes())
+def open(out: str | Path | Folder) -> tuple[Frame, ...]:
+    """Return the frames of a dataset in the order of their keys; their files are read on access.
 
-
-def entry_of(name: str, content: bytes) -> FrameEntry:
-    """Return the frame that a ``STEM.json`` of some bytes describes, that file among its files.
+    Args:
+        out: its folder, by path or URL. Files of a URL are fetched on access, once, into the local cache, and
+            compared with their checksums.
 
     Raises:
-        DatasetError: the file is no such description.
+        ArgumentError: no dataset exists there.
+        DatasetError: it is not complete, or its manifest is damaged.
     """
-    with _damage(name):
-        entry = FrameEntry.from_dict(json.loads(content)["frame"])
-        own = FileEntry(name, len(content), hashlib.sha256(content).hexdigest())
-        return replace(entry, files={**entry.files, IMAGE: own})
-
-
-def checksum(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    folder = storage.folder(out)
+    return tuple(read_frames(folder, read(folder)))
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import write_picture
 from omniscv.compose.pictures import uint8_colors
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 from omniscv.modalities import Modality
 from omniscv.storage.local import whole_file
 

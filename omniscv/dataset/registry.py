@@ -9,8 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from omniscv import plugins
 from omniscv.cameras import Camera
-from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 
 
 @runtime_checkable

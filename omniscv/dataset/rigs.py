@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Pose
 
 _SAME = 1e-6

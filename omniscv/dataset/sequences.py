@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from omniscv.arguments import within
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 from omniscv.geometry.trajectory import Trajectory
 
 

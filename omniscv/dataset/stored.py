@@ -8,8 +8,9 @@ from pathlib import Path
 from tempfile import gettempdir
 
 from omniscv.dataset import manifest
-from omniscv.dataset.manifest import FrameEntry
+from omniscv.dataset.manifest import Manifest
 from omniscv.errors import DatasetError, MissingFileError
+from omniscv.frame import Frame
 from omniscv.storage import Folder
 from omniscv.storage.local import locked, remove_parts, remove_scratch, scratch_folder
 
@@ -54,21 +55,22 @@ def tidy(folder: Folder) -> None:
             remove_parts(folder.local / name)
 
 
-def frame_of(folder: Folder, key: str) -> FrameEntry | None:
-    """Return a frame that is there; None where it is not, or damaged.
+def frame_of(folder: Folder, whole: Manifest, key: str) -> Frame | None:
+    """Return a frame of a dataset; None if it is missing or damaged.
 
-    The files of a frame are compared with their checksums on this machine. By URL its last file is enough.
+    Local files are compared with their checksums. In a store the frame's last file is enough.
     """
     name = f"{key}.json"
     try:
-        entry = manifest.entry_of(name, folder.read(name))
+        frame = whole.frame_of_file(name, folder.read(name), folder)
     except (DatasetError, MissingFileError):
         return None
-    return None if entry.key != key or damaged(folder, entry, deep=True) else entry
+    return None if frame.key != key or damaged(folder, frame, deep=True) else frame
 
 
-def damaged(folder: Folder, entry: FrameEntry, deep: bool) -> bool:
-    """Return whether a file of a frame on this machine is missing, of another size, or, ``deep``, of other
-    bytes. What lies in a store is not asked for: it is whole there, and the store keeps it so."""
+def damaged(folder: Folder, frame: Frame, deep: bool) -> bool:
+    """Return whether a local file of a frame is missing, of another size, or, ``deep``, has other bytes.
+    Files
+    of a store are not checked: stores write whole files, and keep them so."""
     local = folder.local
-    return local is not None and any(each.fault(local, deep) for each in entry.files.values())
+    return local is not None and any(entry.fault(local, deep) for entry in frame.entries.values())

@@ -22,21 +22,21 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
     whole = manifest.read(folder)
     there = set(folder.names())
     complete = manifest.FRAMES in there
-    entries = manifest.read_frames(folder) if complete else []
+    frames = manifest.read_frames(folder, whole) if complete else []
     sizes: Counter[str] = Counter()
     missing: Counter[str] = Counter()
-    for entry in entries:
-        for kind, file in entry.files.items():
+    for frame in frames:
+        for kind, file in frame.entries.items():
             sizes[kind] += file.bytes
             missing[kind] += file.path not in there
     classes = whole.classes
     objects = Counter() if classes is None else Counter(classes.of_object.values())
     return {
         "complete": complete,
-        "frames": len(entries),
-        "cameras": dict(Counter(entry.camera for entry in entries)),
-        "splits": dict(sorted(Counter(entry.split for entry in entries if entry.split).items())),
-        "places": len({entry.place for entry in entries if entry.place}),
+        "frames": len(frames),
+        "cameras": dict(Counter(frame.camera_name for frame in frames)),
+        "splits": dict(sorted(Counter(frame.split for frame in frames if frame.split).items())),
+        "places": len({frame.place for frame in frames if frame.place}),
         "objects": len(whole.names),
         "taxonomy": None if classes is None else classes.taxonomy,
         "classes": {} if classes is None else {name: objects[name] for name in classes.classes},

@@ -13,8 +13,8 @@ from omniscv import storage
 from omniscv.arguments import number, whole_number
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset import photo_sphere, spherical_video
-from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 
 
 def write_video(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -14,52 +14,19 @@ from typing import Any, Self
 import numpy as np
 
 from omniscv import storage
-from omniscv.arguments import number, shown
+from omniscv.arguments import optional_number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import OBJECTS, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest, photo_sphere, stored
 from omniscv.dataset.classes import class_rules
-from omniscv.dataset.manifest import MOST_IDS, FileEntry, FrameEntry, Manifest, check_key
+from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.errors import ArgumentError, DatasetError
+from omniscv.frame import FileEntry, Frame, FrameFiles
 from omniscv.geometry import Pose
-from omniscv.geometry.instant import Instant
 from omniscv.parallel import side_by_side
 from omniscv.storage import Folder
 from omniscv.truth.classes import ClassRules
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """What a frame shows, and where it belongs; the fields are those of :class:`omniscv.dataset.Frame`.
-
-    ``scene`` is the identity of the scene, and ``instant`` what is known of the world when it was taken: a
-    frame of another scene or another instant is not the same frame.
-
-    Raises:
-        ArgumentError: a key that cannot start a file name, or has a dot, which ends it in WebDataset.
-    """
-
-    key: str
-    camera_name: str
-    camera: Camera
-    pose: Pose
-    time: float | None = None
-    place: str = ""
-    split: str = ""
-    scene: str = ""
-    instant: Instant = field(default_factory=Instant)
-
-    def __post_init__(self) -> None:
-        check_key("key", self.key)
-        check_key("camera", self.camera_name)
-        if self.split:
-            check_key("split", self.split)
-        if self.time is not None:
-            object.__setattr__(self, "time", number("time", self.time))
-        for name in ("place", "scene"):
-            if not isinstance(value := getattr(self, name), str):
-                raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
 
 
 class Writer:
@@ -106,7 +73,7 @@ class Writer:
         wanted = begun or Manifest()
         if classes is not None:
             wanted = replace(wanted, rules=class_rules(classes))
-        self._entries: dict[str, FrameEntry] = {}
+        self._frames: dict[str, Frame] = {}
         self._written: set[str] = set()
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
@@ -127,12 +94,12 @@ class Writer:
             manifest.write(self._folder, found)
         return found
 
-    def has(self, shot: Shot) -> bool:
-        """Return whether a frame is there, whole, as it was written."""
-        if shot.key not in self._entries:
-            self.take_up([shot.key])
-        entry = self._entries.get(shot.key)
-        return entry is not None and entry.to_dict() == _entry(shot, entry.files).to_dict()
+    def has(self, frame: Frame) -> bool:
+        """Return whether a frame is in the dataset, whole, and with the same values."""
+        if frame.key not in self._frames:
+            self.take_up([frame.key])
+        written = self._frames.get(frame.key)
+        return written is not None and written.to_dict() == replace(frame, files=written.files).to_dict()
 
     def add(
         self,
@@ -163,13 +130,24 @@ class Writer:
             UnmatchedNamesError: no rule of the classes matches some of its objects.
             OmniscvError: a file cannot be written.
         """
-        scene, camera = str(image.provenance.get("scene", "")), image.camera
-        shot = Shot(key, self._camera_name(camera), camera, pose or image.pose, time, place, split, scene)
-        return not self.has(shot) and self.write(
-            shot, self.frozen(shot, image), {"truth": truth} if truth else {}
+        if not isinstance(place, str):
+            raise ArgumentError(f"place: expected a text, got {shown(place)}")
+        frame = Frame(
+            key=stem("key", key),
+            camera_name=self._camera_name(image.camera),
+            camera=image.camera,
+            pose=pose or image.pose,
+            time=optional_number("time", time),
+            place=place,
+            split=split and stem("split", split),
+            scene=str(image.provenance.get("scene", "")),
         )
+        if self.has(frame):
+            return False
+        self.write(frame, self.with_ids(image), {"truth": truth} if truth else {})
+        return True
 
-    def frozen(self, shot: Shot, image: OmniImage) -> OmniImage:
+    def with_ids(self, image: OmniImage) -> OmniImage:
         """Return an image whose labels are instance ids of the dataset, with its classes where it has some.
 
         Raises:
@@ -188,12 +166,12 @@ class Writer:
             layers["classes"] = held.classes.ids(held.names)[layers["labels"]]
         return replace(image, layers=layers)
 
-    def write(self, shot: Shot, image: OmniImage, records: Mapping[str, Any]) -> bool:
-        """Write a frame, and return True.
+    def write(self, frame: Frame, image: OmniImage, records: Mapping[str, Any]) -> None:
+        """Write a frame.
 
         Args:
-            shot: what it is.
-            image: as :meth:`frozen` returns it.
+            frame: without files.
+            image: as :meth:`with_ids` returns it.
             records: by kind: the content of ``STEM.KIND.json``.
 
         Raises:
@@ -201,38 +179,39 @@ class Writer:
             OmniscvError: a file cannot be written.
         """
         with self._lock:
-            if shot.key in self._written:
-                raise ArgumentError(f"key: expected one that no other frame has, got {shown(shot.key)} again")
-            self._written.add(shot.key)
-        with stored.workplace(self._folder) as place:
-            files = write_layers(image.layers, place, shot.key, self._image_format)
-            if self._media["xmp"] and "lit" in files and photo_sphere.refuses(shot.camera) is None:
-                photo_sphere.tag(files["lit"], shot.camera, shot.pose, self._media["north"])
+            if frame.key in self._written:
+                raise ArgumentError(
+                    f"key: expected one that no other frame has, got {shown(frame.key)} again"
+                )
+            self._written.add(frame.key)
+        with stored.workplace(self._folder) as scratch:
+            files = write_layers(image.layers, scratch, frame.key, self._image_format)
+            if self._media["xmp"] and "lit" in files and photo_sphere.refuses(frame.camera) is None:
+                photo_sphere.tag(files["lit"], frame.camera, frame.pose, self._media["north"])
             for kind, record in records.items():
                 # Not indented: curves are long lists.
-                files[kind] = write_json(place / f"{shot.key}.{kind}.json", record, indent=None)
+                files[kind] = write_json(scratch / f"{frame.key}.{kind}.json", record, indent=None)
             entries = {kind: FileEntry.of(path) for kind, path in files.items()}
-            said = {**_described(image), "frame": _entry(shot, entries).to_dict()}
-            path = write_json(place / f"{shot.key}.json", said)
-            entry = manifest.read_entry(path)
+            line = replace(frame, files=FrameFiles(self._folder, entries)).to_dict()
+            path = write_json(scratch / f"{frame.key}.json", {**_described(image), "frame": line})
+            written = self.manifest.frame_of_file(path.name, path.read_bytes(), self._folder)
             stored.put(self._folder, (*files.values(), path))
         with self._lock:
-            self._entries[shot.key] = entry
-        return True
+            self._frames[frame.key] = written
 
-    def entries(self, shots: Iterable[Shot]) -> list[FrameEntry]:
-        """Return what the dataset holds of frames that it has."""
-        return [self._entries[shot.key] for shot in shots]
+    def frames(self, keys: Iterable[str]) -> list[Frame]:
+        """Return frames of the dataset by their keys."""
+        return [self._frames[key] for key in keys]
 
-    def finish(self) -> list[FrameEntry]:
+    def finish(self) -> list[Frame]:
         """Write ``frames.jsonl`` of all frames that are there, and return its lines in the order of keys."""
         names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
         self.take_up([key for key in names if "." not in key and "/" not in key])
-        entries = [self._entries[key] for key in sorted(self._entries)]
+        frames = self.frames(sorted(self._frames))
         with stored.alone(self._folder):
-            manifest.write_frames(self._folder, entries)
+            manifest.write_frames(self._folder, frames)
             stored.tidy(self._folder)
-        return entries
+        return frames
 
     def __enter__(self) -> Self:
         return self
@@ -245,16 +224,16 @@ class Writer:
 
     def take_up(self, keys: Iterable[str]) -> None:
         """Find those of some frames that are there; damaged ones are left out."""
-        missing = [key for key in keys if key not in self._entries]
-        for entry in side_by_side(partial(stored.frame_of, self._folder), missing):
-            if entry is not None:
-                self._entries[entry.key] = entry
+        missing = [key for key in keys if key not in self._frames]
+        for frame in side_by_side(partial(stored.frame_of, self._folder, self.manifest), missing):
+            if frame is not None:
+                self._frames[frame.key] = frame
 
-    def take_up_marked(self, marked: Iterable[FrameEntry]) -> None:
+    def take_up_marked(self, marked: Iterable[Frame]) -> None:
         """Take frames as the marker of a finished part lists them, but for those whose files are gone."""
-        for entry in marked:
-            if not stored.damaged(self._folder, entry, deep=False):
-                self._entries[entry.key] = entry
+        for frame in marked:
+            if not stored.damaged(self._folder, frame, deep=False):
+                self._frames[frame.key] = frame
 
     def _camera_name(self, camera: Camera) -> str:
         """The name of a camera; a new one after its model where the dataset does not have it."""
@@ -337,11 +316,6 @@ def _other(out: Folder, had: str) -> ArgumentError:
     return ArgumentError(
         f"{out}: expected the dataset that is resumed to be the same, it has {had}; write elsewhere"
     )
-
-
-def _entry(shot: Shot, files: Mapping[str, FileEntry]) -> FrameEntry:
-    given = {key: getattr(shot, key) for key in ("key", "pose", "time", "place", "split", "scene")}
-    return FrameEntry(camera=shot.camera_name, files=files, state=shot.instant.state, **given)
 
 
 def _described(image: OmniImage) -> dict[str, Any]:

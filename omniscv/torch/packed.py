@@ -6,17 +6,18 @@ import json
 import tarfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from omniscv import storage
 from omniscv.cameras import Camera, from_dict
 from omniscv.dataset import Frame
 from omniscv.dataset.formats.webdataset import SHARDS
-from omniscv.dataset.manifest import IMAGE, FileEntry, read_entry
+from omniscv.dataset.manifest import IMAGE, Manifest
 from omniscv.errors import ArgumentError, DatasetError
+from omniscv.frame import FileEntry
 
 _RECORDS = "truth", "layout"
-_SAME = "key", "pose", "time", "place", "split", "scene", "state"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,20 +104,15 @@ class Shard:
             raise DatasetError(
                 f"{self._path}: expected the sample {key}, it has none; pack the dataset again"
             )
-        entry = read_entry(self._extract(held[IMAGE], folder))
+        image = self._extract(held[IMAGE], folder)
+        manifest = Manifest(self._packed.cameras, self._packed.names, versions={})
+        frame = manifest.frame_of_file(image.name, image.read_bytes(), storage.folder(folder))
         files = {}
-        for kind in held.keys() & entry.files.keys() & {*layers, *_RECORDS}:
+        for kind in held.keys() & frame.entries.keys() & {*layers, *_RECORDS}:
             files[kind] = self._extract(held[kind], folder)
-            if fault := entry.files[kind].fault(folder):
+            if fault := frame.entries[kind].fault(folder):
                 raise DatasetError(f"{self._path}: {files[kind].name}: {fault}")
-        camera = self._packed.cameras.get(entry.camera)
-        if camera is None:
-            wanted = f"expected one of the cameras {', '.join(self._packed.cameras)}"
-            raise DatasetError(f"{self._path}: {key}: {wanted}; got {entry.camera!r}")
-        same = {name: getattr(entry, name) for name in _SAME}
-        return Frame(
-            camera_name=entry.camera, camera=camera, files=files, instances=self._packed.names, **same
-        )
+        return replace(frame, files=files)
 
     def _extract(self, member: tarfile.TarInfo, folder: Path) -> Path:
         content = self._tar.extractfile(member)

@@ -108,7 +108,7 @@ def _pinhole(rerun: Any, camera: Camera) -> Any:
 
 
 def _log_images(rerun: Any, stream: Any, name: str, frame: Frame) -> None:
-    layers = frame.has("lit", "depth", "labels")
+    layers = frame.layers("lit", "depth", "labels")
     if "lit" in layers:
         lit = layers["lit"]
         stream.log(f"images/{name}/lit", rerun.Image(lit if lit.dtype == np.uint8 else lit.clip(0, 1)))

@@ -15,8 +15,8 @@ import numpy as np
 
 import omniscv
 from benches import Figure, Reference
-from omniscv.dataset.recipe import Recipe
 from omniscv.geometry import Pose
+from omniscv.job import Recipe
 from omniscv.jobs import Job, make, run
 from omniscv.truth.classes import ClassRules
 

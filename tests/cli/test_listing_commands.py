@@ -13,8 +13,8 @@ from support.command_line import ROOT
 import mock_server
 from omniscv import cameras
 from omniscv.cli import COMMANDS, run
-from omniscv.jobs import EXAMPLE, load
-from omniscv.jobs.file import FIELDS
+from omniscv.job import EXAMPLE, keys, load
+from omniscv.make import check_dataset
 from omniscv.planning import RenderOptions
 from omniscv.sources.recording.inspection import info, places
 
@@ -26,15 +26,14 @@ def test_the_example_of_a_job_has_every_key_and_loads(tmp_path, capsys):
     text = capsys.readouterr().out
     assert text == EXAMPLE.read_text()
     given = yaml.safe_load(text)
-    assert set(given) == set(FIELDS)
-    assert all(
-        "#" in line for line in text.splitlines() if line.partition(":")[0] in FIELDS and line[-1] == ":"
-    )
+    top = {key.name for key in keys() if "." not in key.name}
+    assert set(given) == top
+    assert all("#" in line for line in text.splitlines() if line.partition(":")[0] in top and line[-1] == ":")
     path = tmp_path / "job.yaml"
     path.write_text(text)
     job = load(path)
     assert job.options == RenderOptions()  # as the comment says
-    job.recipe.check(job.cameras, job.modes)
+    check_dataset(job)
     assert run(["job", str(path)]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith(f"{path}: 4 cameras at 2 poses, of mock://workshop\n")

@@ -16,9 +16,7 @@ from omniscv.cli.plan import PlanOptions
 from omniscv.cli.record import RecordOptions
 from omniscv.cli.render import RenderOptions
 from omniscv.errors import ArgumentError
-from omniscv.jobs import load
-from omniscv.jobs.file import address, read
-from omniscv.jobs.overriding import overridden
+from omniscv.job import address, load, overridden, read
 from omniscv.sources.recording.inspection import info
 
 JOB = """

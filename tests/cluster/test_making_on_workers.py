@@ -12,7 +12,7 @@ import omniscv
 from omniscv import cluster, jobs
 from omniscv.cluster.places import RESOURCE
 from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
-from omniscv.jobs.parts import parts_of
+from omniscv.make import parts_of
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.registry import open_source
 

@@ -6,12 +6,12 @@ import random
 import numpy as np
 import pytest
 
-from omniscv import cli, dataset, modalities
+from omniscv import cli, dataset, modalities, storage
 from omniscv.compose.files import write_picture
 from omniscv.dataset import manifest
-from omniscv.dataset.manifest import FileEntry
 from omniscv.dataset.summary import info
 from omniscv.errors import OmniscvError
+from omniscv.frame import FileEntry
 
 
 def relisted(out, key, kind):
@@ -22,7 +22,8 @@ def relisted(out, key, kind):
     entry = FileEntry.of(out / said["frame"]["files"][kind]["path"])
     said["frame"]["files"][kind] = {"path": entry.path, "bytes": entry.bytes, "sha256": entry.sha256}
     own.write_text(json.dumps(said, indent=2) + "\n", encoding="utf-8")
-    entries[key] = manifest.read_entry(own)
+    whole = manifest.read(out)
+    entries[key] = whole.frame_of_file(own.name, own.read_bytes(), storage.folder(out))
     manifest.write_frames(out, entries.values())
 
 

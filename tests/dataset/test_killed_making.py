@@ -8,6 +8,7 @@ from support.killed import Processes, moments
 
 from omniscv import dataset
 from omniscv.dataset import manifest
+from omniscv.frame import FileEntry
 
 KILLS, SOAK_KILLS = 5, 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
@@ -27,13 +28,12 @@ def seen(out):
     records = [path for path in out.glob("*.json") if not path.name.startswith(".")]
     for path in records:
         json.loads(path.read_bytes())
-    entries = [manifest.read_entry(path) for path in records if path.name != manifest.DATASET]
-    assert [file.fault(out) for entry in entries for file in entry.files.values()] == [None] * sum(
-        len(entry.files) for entry in entries
-    )
+    said = [json.loads(path.read_bytes()) for path in records if path.name != manifest.DATASET]
+    entries = [FileEntry(**each) for one in said for each in one["frame"]["files"].values()]
+    assert {entry.fault(out) for entry in entries} <= {None}
     for path in out.glob("[!.]*.png"):
         assert path.read_bytes().endswith(b"IEND\xaeB`\x82")
-    return len(entries)
+    return len(said)
 
 
 @pytest.mark.parametrize("kills", NUMBERS)

@@ -14,6 +14,7 @@ import omniscv
 from omniscv import dataset, jobs
 from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError, DatasetError
+from omniscv.make.contents import Contents
 
 EXPORT = "export: [webdataset]\n"
 
@@ -88,7 +89,7 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("export: [cocoa]", "export[0]: format: expected one of"),
+        ("export: [cocoa]", "export: format: expected one of"),
         ("export: [webdataset, webdataset]", "got 'webdataset' twice"),
         ("export: [{format: webdataset, max_count: 0}]", "max_count: expected a whole number >= 1"),
         ("export: [{format: hf, out: ../x}]", "out: expected the name of a folder"),
@@ -96,15 +97,15 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
         ("export: [{format: hf, cameras: [left]}]", "cameras: expected one of pano, lens; got 'left'"),
         ("export: [colmap, horizonnet]", "cannot carry camera 'lens'"),
         ("export: [{format: horizonnet, cameras: [pano]}]", "horizonnet: expected frames with layout"),
-        ("truth: {boxen: true}", "truth: expected fields among"),
+        ("truth: {boxen: true}", "truth: unknown key 'boxen'; known keys: poses, layout"),
         ("truth: {amodal: shapes}", "truth.amodal: kind: expected one of boxes, masks; got 'shapes'"),
         ("truth: {layout: {source: guess}}", "source: expected one of scene, fitted"),
         ("truth: {bfov: {grid: 1}}", "truth.bfov: unknown key 'grid'; known keys: none"),
         ("truth: {tolerance: {abs_m: -1}}", "truth.tolerance.abs_m: expected a finite number >= 0"),
         ("seam: torn", "seam: expected one of whole, split; got 'torn'"),
-        ("media: {exif: true}", "media: expected fields among xmp, north; got 'exif'"),
-        ("shards: {format: zip}", "shards: format: expected one of"),
-        ("shard: {format: webdataset}", "expected fields among"),
+        ("media: {exif: true}", "media: unknown key 'exif'; known keys: xmp, north"),
+        ("shards: {format: zip}", "export: format: expected one of"),
+        ("shard: {format: webdataset}", "unknown key 'shard'; known keys: source, poses"),
     ],
 )
 def test_what_cannot_be_made_is_refused_before_the_source_is_opened(more, says, tmp_path):
@@ -219,16 +220,16 @@ def test_the_keys_of_a_job(tmp_path):
             "shards: {format: webdataset, max_count: 2}\nseam: split\nmedia: {xmp: true}\n",
         )
     )
-    recipe = job.recipe
-    assert recipe.truth == {"layout": {"source": "scene", "tolerance": {"abs_m": 0.05}}, "boxes": {}}
-    assert [each.to_dict() for each in recipe.exports] == [
+    contents = Contents.of(job)
+    assert contents.truth == {"layout": {"source": "scene", "tolerance": {"abs_m": 0.05}}, "boxes": {}}
+    assert [each.to_dict() for each in contents.exports] == [
         {"format": "coco", "out": "coco", "options": {"seam": "split"}, "cameras": []},
         {"format": "depth_png", "out": "metres", "options": {}, "cameras": ["pano"]},
         {"format": "flow", "out": "flow", "options": {"tolerance": {"abs_m": 0.05}, "gap": 2}, "cameras": []},
         {"format": "webdataset", "out": "webdataset", "options": {"max_count": 2}, "cameras": []},
     ]
-    assert recipe.media == {"xmp": True}
-    assert recipe.kinds(job.modes) >= {"layout", "truth", "classes", "labels", "depth_error", "image"}
+    assert job.recipe.media == {"xmp": True}
+    assert contents.kinds(job.modes) >= {"layout", "truth", "classes", "labels", "depth_error", "image"}
 
 
 def test_truths_that_capture_make_the_same_bytes_beside_other_images(tmp_path):

@@ -10,6 +10,7 @@ from support.datasets import job_file
 
 import omniscv
 from omniscv import dataset, jobs
+from omniscv.make.source import open_source
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
 
@@ -19,7 +20,7 @@ RECORDING = ROOT / "captures" / "four-wall.sqlite"
 )
 def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
     job = jobs.load(job_file(tmp_path, source=json.dumps(source), more="export: [hf]\n"))
-    with job.open() as opened:
+    with open_source(job) as opened:
         modes = tuple(mode for mode in job.modes if mode in opened.capabilities.modes)
     poses = tuple(omniscv.Pose.from_angles((0.0, 0.0, 1.5), yaw) for yaw in (0, 30))
     options = omniscv.RenderOptions("cube")

@@ -12,8 +12,8 @@ from support.cases import cases
 from support.datasets import made
 
 from omniscv import dataset, jobs
-from omniscv.dataset.splits import Split
 from omniscv.errors import ArgumentError
+from omniscv.job.recipe import Split, read_split
 
 SPLIT = Split({"train": 0.7, "val": 0.2, "test": 0.1}, distance_m=1.0)
 POSITIONS = st.lists(
@@ -84,16 +84,16 @@ def test_a_split_without_frames_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"train": 0.5, "val": 0.4}, "shares by place that are 1 together"),
+        ({"train": 0.5, "val": 0.4}, "expected shares whose sum is 1"),
         ({"train": -0.5, "val": 1.5}, "split.train: expected a finite number >= 0"),
         ({"train": 1, "by": "frame"}, "split.by: expected one of place; got 'frame'"),
         ({"train": 1, "distance_m": 0}, "distance_m"),
         ({"train": 1, "seed": -1}, "seed"),
-        ({}, "shares by place"),
+        ({}, "expected shares whose sum is 1"),
         ([], "expected a mapping"),
     ],
 )
 def test_wrong_splits_are_one_line(given, says):
     with pytest.raises(ArgumentError) as failed:
-        Split.read("split", given)
+        read_split("split", given)
     assert says in str(failed.value)

@@ -11,7 +11,8 @@ from omniscv import Pose, RenderOptions, jobs
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory, write_tum
-from omniscv.jobs.moments import Exposure
+from omniscv.job import Exposure
+from omniscv.make.moments import moments
 from omniscv.sources.scene import SceneSource
 
 WORKSHOP = mock_server.load_scene("workshop")
@@ -60,7 +61,7 @@ def images_of(job):
     found = {}
     for stem in stems:
         layers = {path.name.split(".")[1]: path for path in written if path.name.startswith(f"{stem}.")}
-        found[stem] = {name: omniscv.dataset.frames.Frame(stem, "", None, None, layers, {}).layer(name)
+        found[stem] = {name: omniscv.dataset.Frame(stem, "", None, None, layers, {}).layer(name)
                        for name in ("lit", "labels", "depth")}  # fmt: skip
     return found
 
@@ -105,7 +106,7 @@ def test_motions_of_files_and_splines(tmp_path):
     more = f"times: [0, 1]\nmotions: {motions}"
     job = job_of(tmp_path, more)
     assert [motion.curve for motion in job.motions.values()] == ["linear", "spline", "spline"]
-    for moment, wanted in zip(job.moments(), known, strict=True):
+    for moment, wanted in zip(moments(job), known, strict=True):
         for name in ("Crate", "Cabinet"):
             np.testing.assert_allclose(moment.instant.poses[name].rotation, wanted.rotation, atol=1e-9)
             np.testing.assert_allclose(moment.instant.poses[name].position, wanted.position, atol=1e-12)
@@ -122,13 +123,13 @@ def test_times_of_poses(tmp_path):
     sampled = "poses: {path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
     path = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: poses"), sampled))
     assert path.times == (0.0, 0.5, 1.0)
-    assert [moment.instant.time for moment in path.moments()] == [0.0, 0.5, 1.0]
+    assert [moment.instant.time for moment in moments(path)] == [0.0, 0.5, 1.0]
 
 
 def test_poses_at_one_time_share_the_instant(tmp_path):
     poses = "poses: [{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
     text = JOB.format(camera=PANORAMA, more=f"times: [0.5, 0.5]\nmotions: {{Cabinet: {SLIDE}}}")
-    first, second = jobs.load(_written(tmp_path, text, poses)).moments()
+    first, second = moments(jobs.load(_written(tmp_path, text, poses)))
     assert first.instant.state == second.instant.state != ""
 
 
@@ -139,9 +140,7 @@ def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     text = JOB.format(camera=PANORAMA, more=f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}")
     job = jobs.load(_written(tmp_path, text, poses))
     times = {
-        picture.stem: (moment.instant.time, picture.time)
-        for moment in job.moments()
-        for picture in moment.pictures
+        frame.key: (moment.instant.time, frame.time) for moment in moments(job) for frame in moment.frames
     }
     assert times["right-0"] == times["right-0"][:1] * 2 == (0.25, 0.25)
     assert times["pano-1"] == times["left-1"] == (1.0, 1.0)
@@ -229,9 +228,9 @@ def test_a_plan_counts_every_instant(tmp_path):
         ("motions: [Cabinet]", "motions: expected a mapping from objects to motions"),
         ("motions: {Cabinet: 3}", "motions.Cabinet: expected waypoints, {spline: waypoints}, or the name"),
         ("motions: {Cabinet: []}", "motions.Cabinet: expected waypoints"),
-        ("motions: {Cabinet: {curve: []}}", "motions.Cabinet: expected fields among spline"),
-        ("motions: {Cabinet: [{yaw_deg: 3}]}", "motions.Cabinet[0]: expected a field 'position'"),
-        ("motions: {Cabinet: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]}", "expected a field 'time'"),
+        ("motions: {Cabinet: {curve: []}}", "motions.Cabinet: unknown key 'curve'; known keys: spline"),
+        ("motions: {Cabinet: [{yaw_deg: 3}]}", "motions.Cabinet[0]: missing key 'position'"),
+        ("motions: {Cabinet: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]}", "missing key 'time'"),
         ("motions: {Cabinet: [{time: 1, position: [0, 0, 0]}, {time: 1, position: [1, 0, 0]}]}",
          "motions.Cabinet: times: expected increasing seconds"),
         ("motions: {Cabinet: nowhere.tum}", "nowhere.tum"),
@@ -240,7 +239,7 @@ def test_a_plan_counts_every_instant(tmp_path):
         ("times: poses", "times: expected poses with times, got some without"),
         ("times: []", "times: expected a list of seconds, {start, rate, count}, or 'poses'"),
         ("times: {rate: 0, count: 3}", "times.rate: expected a finite number > 0"),
-        ("times: {rate: 2}", "times: expected a field 'count'"),
+        ("times: {rate: 2}", "times: missing key 'count'"),
         ("freeze: hard", "freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
         ("exposure: {seconds: -1}", "exposure.seconds: expected a finite number >= 0"),
         ("exposure: {seconds: 1, instants: 4}", "exposure.instants: expected an odd number, got 4"),

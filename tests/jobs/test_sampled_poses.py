@@ -1,5 +1,7 @@
 """Sampled poses: positions are free by the scene's own geometry, paths move at one speed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,8 @@ import mock_server
 import omniscv
 from omniscv import jobs
 from omniscv.errors import ArgumentError
-from omniscv.jobs import sampled_poses
-from omniscv.jobs.sampled_poses import GridPoses, PathPoses, RandomPoses
+from omniscv.job.sampling import GridPoses, PathPoses, RandomPoses, read_sampling
+from omniscv.make.source import sample_poses
 
 ROOM = {"low": (-3.2, -2.7, -0.3), "high": (3.2, 2.7, 3.0)}  # the room, its walls and a little beyond
 DIRECTIONS = np.random.default_rng(5).normal(size=(4000, 3))
@@ -38,28 +40,28 @@ def inside_the_room(position):
 
 def test_random_positions_are_free_and_the_same_every_time(scene, source):
     wanted = RandomPoses(6, **ROOM, clearance=0.35, start=(0, 0, 1.5), seed=3, pitch_deg=(-10, 10))
-    found = wanted.poses(source).poses
+    found = sample_poses(wanted, source).poses
     assert len(found) == 6
     for pose in found:
         assert inside_the_room(pose.position)
         assert clearance(scene, pose.position) >= 0.35
         assert abs(pose.angles()[1]) <= 10
     assert len({pose.angles()[0] for pose in found}) == 6
-    again = wanted.poses(source).poses
+    again = sample_poses(wanted, source).poses
     for one, other in zip(found, again, strict=True):
         np.testing.assert_array_equal(one.position, other.position)
         np.testing.assert_array_equal(one.rotation, other.rotation)
-    other = RandomPoses(1, **ROOM, clearance=0.35, start=(0, 0, 1.5), seed=4).poses(source).poses[0]
+    other = sample_poses(replace(wanted, count=1, seed=4), source).poses[0]
     assert (other.position != found[0].position).any()
 
 
 def test_a_grid_leaves_out_what_is_not_free(scene, source):
     grid = {"low": (-3.5, -2, 0.45), "high": (3.6, 2.1, 0.45), "step": (1, 1.9, 1), "yaws_deg": (0, 90)}
-    every = GridPoses(**grid).poses(source).poses
+    every = GridPoses(**grid).poses().poses
     assert len(every) == 8 * 3 * 2
     free = {
         tuple(pose.position)
-        for pose in GridPoses(**grid, clearance=0.3, start=(0, 0, 1.5)).poses(source).poses
+        for pose in sample_poses(GridPoses(**grid, clearance=0.3, start=(0, 0, 1.5)), source)
     }
     expected = {
         tuple(pose.position)
@@ -101,7 +103,7 @@ def test_paths_look_level_or_at_a_point():
     ("value", "message"),
     [
         ({}, "expected one of random, grid, path; got"),
-        ({"random": {"count": 2}}, "poses.random: expected a field 'low', which is missing"),
+        ({"random": {"count": 2}}, "poses.random: missing key 'low'"),
         ({"random": {"count": 0, **ROOM, "clearance": 1}}, "count: expected a whole number"),
         ({"random": {"count": 1, **ROOM, "clearance": 0}}, "clearance: expected a finite number > 0"),
         (
@@ -119,19 +121,19 @@ def test_paths_look_level_or_at_a_point():
             {"path": {"waypoints": [(0, 0, 0), (1, 0, 0)], "speed": 1, "rate": 1, "look": "up"}},
             "look: expected one of",
         ),
-        ({"circle": {}}, "expected fields among random, grid, path; got 'circle'"),
+        ({"circle": {}}, "unknown key 'circle'; known keys: random, grid, path"),
     ],
 )
 def test_wrong_descriptions_are_one_line(value, message):
     with pytest.raises(ArgumentError, match=message):
-        sampled_poses.read("poses", value)
+        read_sampling("poses", value)
 
 
 def test_nothing_is_free_outside_the_room(source):
     with pytest.raises(
-        ArgumentError, match=r"expected 2 places with a clearance of 0\.1 m in the box, got 0"
+        ArgumentError, match=r"expected 2 positions with a clearance of 0\.1 m in the box, got 0"
     ):
-        RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)).poses(source)
+        sample_poses(RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)), source)
 
 
 JOB = """

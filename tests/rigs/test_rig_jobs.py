@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omniscv import Pose, Rig, RigCamera, calibration, cameras, jobs, open_source
+from omniscv import Pose, Rig, RigCamera, calibration, cameras, dataset, jobs, open_source
 from omniscv.errors import ArgumentError
+from omniscv.make.moments import moments
 
 LENS = cameras.create("kannala-brandt", width=20, height=20, fx=7.0, fy=7.0)
 RIG = Rig({"cam0": RigCamera(LENS), "cam1": RigCamera.turned(LENS, yaw_deg=180, time_offset=0.5)})
@@ -26,10 +27,14 @@ def job_of(tmp_path: Path, rig: str, poses: str, more: str = "") -> jobs.Job:
     return jobs.load(tmp_path / "job.yaml")
 
 
+def frames_of(job: jobs.Job) -> list[dataset.Frame]:
+    return [frame for moment in moments(job) for frame in moment.frames]
+
+
 def test_plan_record_and_render_need_the_same_captures(tmp_path: Path) -> None:
     sphere = "cameras: {sphere: {model: equirectangular, width: 32, height: 16}}\nrecord: room.sqlite\n"
     job = job_of(tmp_path, INLINE, POSES, sphere + "modes: [lit, depth]\n")
-    assert [stem for stem, *_ in job.items()] == [
+    assert [frame.key for frame in frames_of(job)] == [
         f"{name}-{i}" for i in (0, 1) for name in ("ahead", "behind", "sphere")
     ]
     planned = {cost.strategy: cost.requests for cost in jobs.costs(job)}
@@ -40,7 +45,7 @@ def test_plan_record_and_render_need_the_same_captures(tmp_path: Path) -> None:
     written = jobs.run(job)
     with open_source(tmp_path / "room.sqlite") as recorded:
         assert set(recorded.recorded_views()) == before
-    assert {path.name.partition(".")[0] for path in written} == {stem for stem, *_ in job.items()}
+    assert {path.name.partition(".")[0] for path in written} == {frame.key for frame in frames_of(job)}
     behind = json.loads((tmp_path / "out" / "behind-0.json").read_text(encoding="utf-8"))
     turned = Pose.from_angles((0, 0, 1.5), yaw_deg=180)
     np.testing.assert_allclose(behind["pose"]["rotation"], turned.R_w_c, atol=1e-12)
@@ -51,10 +56,10 @@ def test_a_rigs_file_and_a_trajectory_place_late_cameras(tmp_path: Path, format:
     calibration.save_rig(tmp_path / "rig", RIG, format)  # type: ignore[arg-type]
     (tmp_path / "path.txt").write_text(TIMED, encoding="utf-8")
     job = job_of(tmp_path, "rig", "path.txt")
-    places = {stem: pose.t_w_c.tolist() for stem, _, pose in job.items()}
+    places = {frame.key: frame.pose.t_w_c.tolist() for frame in frames_of(job)}
     expected = {"cam0-0": 0.0, "cam1-0": 0.5, "cam0-1": 1.0, "cam1-1": 1.5}
     assert places == {stem: pytest.approx([x, 0, 1.5]) for stem, x in expected.items()}
-    times = {shot.key: shot.time for _, shots in job.shots() for shot in shots}
+    times = {frame.key: frame.time for frame in frames_of(job)}
     assert times == expected
 
 
@@ -89,7 +94,7 @@ def test_a_rig_that_does_not_fit_is_refused(
 ) -> None:
     calibration.save_rig(tmp_path / "rig", RIG, "json")
     with pytest.raises(ArgumentError, match=says) as caught:
-        list(job_of(tmp_path, rig, poses, more).items())
+        job_of(tmp_path, rig, poses, more)
     assert "\n" not in str(caught.value)
 
 

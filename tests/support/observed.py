@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import omniscv
 from omniscv.dataset import Observation, truths
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 
 MODES = ("lit", "object_mask", "depth")
 

@@ -20,9 +20,9 @@ from typing import Any, get_args
 
 from omniscv.arguments import Reader, fields, number, one_of, within
 from omniscv.cameras import Camera
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.truth.layout_maps import exact_maps, original_maps
 from omniscv.truth.layout_record import Visibility
 

@@ -33,7 +33,7 @@ from omniscv.dataset.coco_entries import (
     object_entries,
     write_compact,
 )
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 from omniscv.modalities import Modality
 from omniscv.truth.object_boxes import boxes
 

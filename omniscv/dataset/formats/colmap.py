@@ -24,9 +24,9 @@ from omniscv.arguments import Reader, fields, number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.dataset.cubemaps import faces
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
+from omniscv.frame import Frame
 from omniscv.planning.viewpoints import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth import Points

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from omniscv.arguments import fields, one_of, within
 from omniscv.cameras import Camera, Pinhole
 from omniscv.compose.files import write_json, write_picture
-from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
 

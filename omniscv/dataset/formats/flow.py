@@ -37,9 +37,9 @@ from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number, numbers, one_of, whole_number, within
 from omniscv.cameras import Camera, Rays, RollingShutter
 from omniscv.compose.files import write_json, write_picture
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 from omniscv.planning.viewpoints import unproject
@@ -122,7 +122,7 @@ def _flows(frames: Sequence[Frame], given: Mapping[str, Any]) -> Iterator[tuple[
 
 def between(first: Frame, second: Frame, rays: Rays, given: Mapping[str, Any]) -> truth.Flow:
     """Return the flow from a frame to another one; ``rays`` are those of the first one's camera."""
-    labels = first.has("labels").get("labels")
+    labels = first.layers("labels").get("labels")
     motions = {} if labels is None else _motions(first, second)
     tolerance = given["tolerance"]
     return truth.flow(
@@ -134,7 +134,7 @@ def between(first: Frame, second: Frame, rays: Rays, given: Mapping[str, Any]) -
 def _sure_depth(frame: Frame) -> NDArray[np.float32]:
     """Depth; 0 where it is not sure."""
     depth = frame.layer("depth")
-    return np.where(frame.has("unsure").get("unsure", False), np.float32(0), depth)
+    return np.where(frame.layers("unsure").get("unsure", False), np.float32(0), depth)
 
 
 def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:

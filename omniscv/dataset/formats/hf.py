@@ -16,9 +16,9 @@ from typing import Any
 
 from omniscv.arguments import fields, text
 from omniscv.cameras import Camera
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.manifest import IMAGE
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.storage.local import whole_file
 from omniscv.truth.classes import BACKGROUND
 

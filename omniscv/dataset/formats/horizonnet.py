@@ -13,8 +13,8 @@ from typing import Any
 
 from omniscv.arguments import Reader, fields, one_of, within
 from omniscv.cameras import Camera
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import write_color
+from omniscv.frame import Frame
 from omniscv.truth.cor_id import cor_id
 from omniscv.truth.cor_id import refuses as cor_id_refuses
 from omniscv.truth.layout_record import room_of

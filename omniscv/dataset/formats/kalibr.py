@@ -17,9 +17,9 @@ from omniscv.arguments import fields
 from omniscv.calibration import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.rigs import rigs
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.storage.local import whole_file
 

@@ -25,10 +25,10 @@ from omniscv.calibration.intrinsics import FormatModel, fit_format
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.formats import depth_png
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import Reader, fields, one_of
 from omniscv.cameras import Camera
 from omniscv.compose.files import write_json, write_picture
-from omniscv.dataset.frames import Frame
+from omniscv.frame import Frame
 from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
 

@@ -28,8 +28,8 @@ from omniscv.dataset.coco_entries import (
     object_entries,
     write_compact,
 )
-from omniscv.dataset.frames import Frame
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 

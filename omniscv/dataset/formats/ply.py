@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from omniscv import truth
 from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
-from omniscv.dataset.frames import Frame
 from omniscv.errors import printable
+from omniscv.frame import Frame
 from omniscv.planning.viewpoints import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth import Points

@@ -12,8 +12,8 @@ from typing import Any
 
 from omniscv.arguments import Reader, fields, one_of, texts
 from omniscv.cameras import Camera
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.sequences import by_camera, trajectory
+from omniscv.frame import Frame
 from omniscv.geometry.trajectory import Trajectory, write_euroc, write_kitti, write_kitti_times, write_tum
 from omniscv.storage.local import whole_file
 

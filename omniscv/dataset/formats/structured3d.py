@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from omniscv.arguments import shown, within
 from omniscv.cameras import Camera
 from omniscv.dataset.formats.horizonnet import corner_lines
-from omniscv.dataset.frames import Frame
 from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
 from omniscv.truth.cor_id import refuses as cor_id_refuses

@@ -18,9 +18,8 @@ from typing import Any
 from omniscv.arguments import fields, whole_number
 from omniscv.cameras import Camera
 from omniscv.compose.files import write_json
-from omniscv.dataset.frames import Frame
-from omniscv.dataset.manifest import FileEntry
 from omniscv.errors import ArgumentError
+from omniscv.frame import FileEntry, Frame
 from omniscv.storage.local import whole_file
 
 name = "webdataset"

@@ -19,8 +19,10 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.jobs.job import Job
-from omniscv.jobs.moments import images_of, renderer_at
+from omniscv.job import Job
+from omniscv.make.contents import check
+from omniscv.make.moments import images_of, moments, renderer_at
+from omniscv.make.source import opened
 from omniscv.planning import CameraRays, Kept, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
@@ -55,8 +57,9 @@ def run(
     if is_url(job.out) or was_url(job.out):
         wanted = "expected a folder for images; 'omniscv dataset make' writes to a URL"
         raise ArgumentError(f"out: {wanted}, got {shown(str(job.out))}")
+    check(job)
     written: list[Path] = []
-    with job.opened() as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+    with opened(job) as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
         saving = None
         for stem, image in _images(job, Renderer(source), progress):
             if warn:
@@ -71,9 +74,9 @@ def run(
 def _images(job: Job, renderer: Renderer, progress: Report | None) -> Iterator[tuple[str, OmniImage]]:
     """Stem and image of every camera at every pose; those of a moment share captures."""
     meter = Meter(len(job), progress)
-    for moment in job.moments():
+    for moment in moments(job):
         images = images_of(renderer, moment, job.options, progress=meter.part())
-        yield from zip((picture.stem for picture in moment.pictures), images, strict=True)
+        yield from zip((frame.key for frame in moment.frames), images, strict=True)
 
 
 _WARNINGS = {
@@ -102,20 +105,24 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
     Returns:
         The number of captures that the job needs.
     """
+    check(job)
     needed: dict[Request, None] = {}
     meter = Meter(len(job), progress)
-    with replace(job, record=path).opened() as (job, source):
+    with opened(replace(job, record=path)) as (job, source):
         source.objects()
         renderer = Renderer(source)
-        for moment in job.moments():
+        for moment in moments(job):
             for done, take in enumerate(moment.takes, start=1):
                 part = meter.part() if done == len(moment.takes) else without_images(meter.part())
-                with renderer_at(renderer, take.instant) as there:
-                    shots = [there.task(*shot, job.options, border_px=border_px) for shot in take.shots]
+                with renderer_at(renderer, take.instant) as renderer_then:
+                    views = [
+                        renderer_then.task(camera, pose, job.options, border_px=border_px)
+                        for camera, pose in take.views
+                    ]
                     modes = planning.sampled(take.modes, job.options)
-                    tasks, _ = planning.together(shots, modes)
+                    tasks, _ = planning.together(views, modes)
                     fresh = _Capturing(tasks, modes, needed, part)
-                    needed |= planning.proven(there.source, modes, fresh)
+                    needed |= planning.proven(renderer_then.source, modes, fresh)
     return len(needed)
 
 
@@ -176,13 +183,14 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         job: whose images.
         measure: open the source in any case.
     """
+    check(job)
     capabilities = known_capabilities(job.sources[0])
     if capabilities is not None and not measure and job.sampling is None:
         rays = cache(CameraRays)
         planned = _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         seconds_per_request = _TICK_S
     else:
-        with replace(job, record=None).opened() as (job, source):
+        with opened(replace(job, record=None)) as (job, source):
             renderer = Renderer(source)
             planned = _planned(job, partial(renderer.task, options=job.options))
             seconds_per_request = _request_seconds(source)
@@ -199,9 +207,9 @@ def _planned(
 ) -> list[tuple[tuple[str, ...], list[list[Task]]]]:
     """The modes and the tasks of what is captured of each state of the world: captures of it are shared."""
     found: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
-    for moment in job.moments():
+    for moment in moments(job):
         for take in moment.takes:
-            tasks = [task_of(camera, pose) for camera, pose in take.shots]
+            tasks = [task_of(camera, pose) for camera, pose in take.views]
             found.setdefault((take.instant.state, take.modes), []).append(tasks)
     return [(planning.sampled(modes, job.options), frames) for (_, modes), frames in found.items()]
 

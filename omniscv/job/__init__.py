@@ -1,0 +1,20 @@
+"""A job as data: the images that a user wants, and the file that describes them."""
+
+from omniscv.job.file import EXAMPLE, Key, address, keys, load, overridden, read
+from omniscv.job.job import Job
+from omniscv.job.motions import Exposure
+from omniscv.job.recipe import Recipe, Split
+
+__all__ = [
+    "EXAMPLE",
+    "Exposure",
+    "Job",
+    "Key",
+    "Recipe",
+    "Split",
+    "address",
+    "keys",
+    "load",
+    "overridden",
+    "read",
+]

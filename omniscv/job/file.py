@@ -1,0 +1,354 @@
+"""The file of a job: YAML, checked key by key.
+
+::
+
+    source: mock://four-wall            # or unreal://host:port, a recording, or a list: replicas of one game
+    record: kitchen.sqlite              # optional: captures are kept here, and taken from here
+    cameras:                            # stem of the files: model and parameters
+      fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
+    poses:                              # metres and degrees; yaw to the left +, nose up +
+      - {position: [0, 0, 1.5], yaw_deg: 90}  # and, for datasets, time: seconds, place: NAME
+    modes: [lit, object_mask, depth]
+    out: images                         # folder, relative to this file; a dataset's may be s3://bucket/images
+    strategy: auto                      # and the other options of omniscv.RenderOptions
+    image_format: png                   # or jxl, jpg
+    source_options: {timeout_s: 60}     # as omniscv.open_source
+    rig: camchain.yaml                  # of Kalibr, a rig's JSON, or a folder of COLMAP's text files
+    motions: {Ball: ball.tum}           # what moves, and times: see omniscv.job.motions
+    freeze: auto                        # how a live world is kept still, as omniscv.open_source
+    exposure: {seconds: 0.02, instants: 9}  # motion blur: see omniscv.job.motions
+
+A rig may also stand in the file. Positions are metres in the rig's frame (x right, y down, z forward), angles
+degrees from where the rig looks::
+
+    rig:
+      cameras:
+        left:  {camera: {model: fisheye-equidistant, width: 640, height: 640, fov_deg: 190}}
+        right: {camera: {model: fisheye-equidistant, width: 640, height: 640, fov_deg: 190},
+                position: [0.1, 0, 0], yaw_deg: -90, time_offset: 0.002}
+
+The keys of datasets are those of :mod:`omniscv.job.recipe`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, get_args, get_type_hints
+
+from omniscv.arguments import Reader, flag, number, one_of, shown, text, texts, whole_number, within
+from omniscv.calibration import load_rig
+from omniscv.cameras import Camera, from_dict
+from omniscv.cameras.rig import Rig
+from omniscv.errors import ArgumentError
+from omniscv.job import recipe
+from omniscv.job.job import Job
+from omniscv.job.motions import Exposure, MotionKeys, load_motions, read_motions
+from omniscv.job.poses import Posed, Times, at_times, load_poses, read_poses, read_times
+from omniscv.job.sampling import KINDS
+from omniscv.planning import RenderOptions
+from omniscv.records import checked, help_of, key_of, listed, mapping, nested, optional, record
+from omniscv.records import read as read_record
+from omniscv.sources.registry import SourceOptions, scheme_of
+from omniscv.sources.world import Freeze
+from omniscv.storage import bounded, is_url, without_secrets
+
+EXAMPLE = Path(__file__).parent / "example.yaml"
+"""A job with every key, and a comment for each."""
+
+EVERY = "*"
+"""In a dotted key: every entry of a mapping or a list."""
+
+
+# -- readers of the keys ---------------------------------------------------------------------------------
+
+
+def _source(name: str, value: object) -> str | tuple[str, ...]:
+    if not isinstance(value, str | list | tuple):
+        wanted = "expected an address, a recording, or a list of them"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    return text(name, value) if isinstance(value, str) else texts(name, value)
+
+
+def _cameras(name: str, value: object) -> dict[str, Camera]:
+    if not isinstance(value, dict) or not value:
+        wanted = "expected a mapping from file stem to model and parameters"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    cameras = {}
+    for stem, description in value.items():
+        if stem != Path(text(f"{name}: stem", stem)).name or stem.startswith("."):
+            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(stem)}")
+        with within(f"{name}.{stem}"):
+            cameras[stem] = from_dict(description)
+    return cameras
+
+
+def _rig(name: str, value: object) -> Rig | str:
+    """Return an inline rig, or the name of a rig's file."""
+    if isinstance(value, str) and value and "\0" not in value:
+        return value
+    if not isinstance(value, Mapping):
+        raise ArgumentError(f"{name}: expected a file's name or cameras by name, got {shown(value)}")
+    with within(name):
+        return Rig.from_dict(value)
+
+
+def _record(name: str, value: object) -> str:
+    if is_url(value):
+        wanted = "expected a path on this machine, to be put into a store by 'omniscv captures merge'"
+        raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
+    return text(name, value)
+
+
+def _source_options(name: str, value: object) -> dict[str, Any]:
+    """Check the options that are known here; the opener checks all."""
+    if not isinstance(value, dict):
+        raise ArgumentError(f"{name}: expected a mapping from option to value, got {shown(value)}")
+    types = get_type_hints(SourceOptions)
+    return {
+        key: _OPTION_READERS[types[key]](f"{name}.{key}", option) if key in types else option
+        for key, option in value.items()
+    }
+
+
+_freeze: Reader = partial(one_of, words=get_args(Freeze))
+_OPTION_READERS: dict[object, Reader] = {
+    float: partial(number, above=0),
+    int: partial(whole_number, least=0),
+    bool: flag,
+    Freeze: _freeze,
+}
+
+
+# -- the keys --------------------------------------------------------------------------------------------
+
+
+@record
+class _Keys:
+    """The keys of a job's file, but for those of :class:`omniscv.RenderOptions`."""
+
+    source: Any = checked(_source, help="an address, a recording, or a list: replicas of one game")
+    poses: str | Posed = checked(read_poses, help="a list of poses, a trajectory file, or random, grid, path")
+    source_options: Any = checked(_source_options, default=None, help="how the source is opened")
+    record: str | None = checked(
+        optional(_record), default=None, help="recording that captures are taken from and added to"
+    )
+    cameras: Any = checked(_cameras, default=None, help="start of the file names: model and parameters")
+    rig: Any = checked(_rig, default=None, help="cameras that move together, or the name of a rig's file")
+    modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
+    out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
+    image_format: str = checked(text, default="png", help="png, jxl or jpg, for lit")
+    motions: Mapping[str, MotionKeys] | None = checked(
+        read_motions, default=None, help="by object: waypoints, {spline: waypoints}, or a trajectory file"
+    )
+    times: Times | None = checked(
+        read_times, default=None, help="list of seconds, {start, rate, count}, or poses: those of the poses"
+    )
+    freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is kept at an instant")
+    exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
+    classes: Any = checked(recipe.read_classes, default=None, help="names of objects to classes, or a file")
+    truth: Any = checked(recipe.read_truth, default=None, help="truths to derive, each true or its options")
+    export: Any = checked(listed(recipe.read_export), default=(), help="formats, each a name or its options")
+    split: Any = checked(recipe.read_split, default=None, help="share of each split")
+    shards: Any = checked(recipe.read_export, default=None, help="the last export: a format and its options")
+    media: Any = checked(recipe.plain, cls=recipe.Media, default=None, help="metadata of pictures")
+    seam: str | None = checked(
+        one_of, words=("whole", "split"), default=None, help="boxes of objects across the seam: whole, split"
+    )
+    layout: Any = checked(recipe.plain, cls=recipe.Layout, default=None, help="source and maps of layouts")
+
+
+_RENDER = {each.name: each for each in fields(RenderOptions)}
+_FIELDS = {key_of(each): each for each in fields(_Keys)} | _RENDER
+_BELOW: dict[str, type[Any]] = {
+    **{f"poses.{kind}": cls for kind, cls in KINDS.items()},
+    "exposure": Exposure,
+    "split": recipe.SplitOptions,
+    "media": recipe.Media,
+    "layout": recipe.Layout,
+    "layout.maps": recipe.LayoutMaps,
+    "truth.tolerance": recipe.Tolerance,
+}
+_HELP = {
+    "strategy": "which views are captured: auto, cube, faces, strips, reproject, adaptive",
+    "viewpoints": "optical centres of a non-central camera; null: the strategy's choice",
+    "face_size": "px of a 90 degree face, or auto",
+    "filter": "auto, nearest, bilinear, bicubic or area",
+    "max_error_px": "error that reproject and adaptive may make, px of the image",
+    "truth_scale": "how many times finer masks, depth and normals are captured, 1 to 8",
+    "normals": "captured, or from-depth: of planes fitted to depth",
+    "source_options.timeout_s": "seconds that connecting, and each reply, may take",
+    "source_options.patience_s": "seconds of connecting and sending again after a fault",
+    "source_options.retries": "how often, with exponential backoff",
+    "source_options.fix_exposure": "switch off vignette and auto exposure in the running game",
+}
+_SOURCE_DEFAULTS = {"timeout_s": 15.0, "patience_s": 10.0, "retries": 5, "fix_exposure": False}
+
+
+class Key(NamedTuple):
+    """A key of a job's file.
+
+    Attributes:
+        name: dotted, as ``exposure.seconds``.
+        default: the value if it is left out; ``dataclasses.MISSING`` if it must be given.
+        help: one line.
+    """
+
+    name: str
+    default: Any
+    help: str
+
+
+def keys() -> Iterator[Key]:
+    """Yield every key that has a fixed name, each followed by the keys below it."""
+    for name, key in _FIELDS.items():
+        yield Key(name, key.default, help_of(key) or _HELP.get(name, ""))
+        if name == "source_options":
+            for option, default in _SOURCE_DEFAULTS.items():
+                yield Key(f"{name}.{option}", default, _HELP[f"{name}.{option}"])
+        for path, cls in _BELOW.items():
+            if path.partition(".")[0] == name:
+                yield from (
+                    Key(f"{path}.{key_of(each)}", each.default, help_of(each)) for each in fields(cls)
+                )
+
+
+# -- reading ---------------------------------------------------------------------------------------------
+
+
+def load(job: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Job:
+    """Return the job in a YAML file, or that a mapping of the same keys describes.
+
+    Args:
+        job: path of the file, to whose folder paths in it are relative; or a mapping, whose paths are
+            relative to the current folder.
+        overrides: values in place of the file's, as :func:`overridden` takes them.
+
+    Raises:
+        ArgumentError: the file cannot be read, or a key is unknown, missing or wrong.
+    """
+    if isinstance(job, Mapping):
+        return read(overridden(job, overrides or {}), Path())
+    path = Path(job)
+    with within(path):
+        return read(overridden(bounded.parse_yaml(bounded.read_text(path)), overrides or {}), path.parent)
+
+
+def overridden(description: object, overrides: Mapping[str, Any]) -> Any:
+    """Return a copy of a description with other values.
+
+    Args:
+        description: a job's, before it is read.
+        overrides: by key, with dots between levels: ``face_size``, ``source_options.timeout_s``. A star is
+            every entry of a mapping or a list: ``cameras.*.width``. None removes a key.
+
+    Raises:
+        ArgumentError: a key below something that is no mapping, or below cameras though there is a rig.
+    """
+    for key, value in overrides.items():
+        if key.startswith(f"cameras.{EVERY}.") and isinstance(description, Mapping) and "rig" in description:
+            wanted = "expected a job without a rig, to change all its cameras"
+            raise ArgumentError(f"{key}: {wanted}; write it into the rig")
+        description = _replaced(description, key.split("."), value, "job")
+    return description
+
+
+def _replaced(old: object, path: Sequence[str], new: object, name: str) -> Any:
+    """Return a copy of nested mappings with another value at a path; ``name`` is that of ``old``."""
+    if not path:
+        return new
+    key, *rest = path
+    below = key if name == "job" else f"{name}.{key}"
+    if key == EVERY and isinstance(old, list):
+        return [_replaced(item, rest, new, below) for item in old]
+    if not isinstance(old, Mapping) and (old is not None or key == EVERY):
+        wanted = f"expected something in which {'.'.join(path)} can be set"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(old)}")
+    changed = dict(old or {})
+    for entry in list(changed) if key == EVERY else [key]:
+        changed[entry] = _replaced(changed.get(entry), rest, new, below)
+    if new is None and not rest:
+        changed.pop(key, None)
+    return changed
+
+
+def read(description: object, folder: Path) -> Job:
+    """Return the job that a mapping describes; its paths are relative to a folder.
+
+    Raises:
+        ArgumentError: a key is unknown, missing or wrong.
+    """
+    values = mapping("", description, _FIELDS)
+    options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
+    keys = read_record(_Keys, values)
+    freeze = {} if keys.freeze is None else {"freeze": keys.freeze}
+    posed = at_times(load_poses(keys.poses, folder), keys.times)
+    return Job(
+        source=address(keys.source, folder),
+        cameras=keys.cameras or {},
+        out=keys.out if is_url(keys.out) else folder / keys.out,
+        modes=keys.modes,
+        record=None if keys.record is None else folder / keys.record,
+        options=options,
+        image_format=keys.image_format,
+        source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
+        recipe=_recipe(keys, folder),
+        rig=_load_rig(keys.rig, folder),
+        motions=load_motions(keys.motions or {}, folder),
+        **posed._asdict(),
+        clock=keys.times is not None,
+        exposure=keys.exposure,
+    )
+
+
+def _load_rig(rig: Rig | str | None, folder: Path) -> Rig | None:
+    if not isinstance(rig, str):
+        return rig
+    with within("rig"):
+        return load_rig(folder / rig)
+
+
+def _recipe(keys: _Keys, folder: Path) -> recipe.Recipe:
+    truth = dict(keys.truth or {})
+    shared = {"seam": keys.seam, "layout": keys.layout, "tolerance": truth.pop("tolerance", None)}
+    return recipe.Recipe(
+        classes=_load_classes(keys.classes, folder),
+        truth=truth,
+        exports=keys.export,
+        shards=keys.shards,
+        split=keys.split,
+        media=keys.media or {},
+        shared={key: value for key, value in shared.items() if value is not None},
+    )
+
+
+def _load_classes(classes: str | Mapping[str, Any] | None, folder: Path) -> Any:
+    """Return the content of ``classes.yaml``."""
+    if not isinstance(classes, str):
+        return classes
+    with within(folder / classes):
+        return bounded.parse_yaml(bounded.read_text(folder / classes))
+
+
+def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:
+    """Return an address, or several, whose paths, if they have any, are relative to a folder."""
+    return (
+        _address(source, folder)
+        if isinstance(source, str)
+        else tuple(_address(each, folder) for each in source)
+    )
+
+
+def _address(address: str, folder: Path) -> str:
+    scheme = scheme_of(address)
+    if scheme is None:
+        return str(folder / address)
+    path, question, options = address.removeprefix(f"{scheme}:").partition("?")
+    slashes = "//" if path.startswith("//") else ""
+    file = folder / path.removeprefix("//")
+    if scheme == "launch" or os.path.isfile(file):
+        return f"{scheme}:{slashes}{file}{question}{options}"
+    return address

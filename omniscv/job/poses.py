@@ -1,0 +1,132 @@
+"""The keys ``poses`` and ``times`` of a job: where its cameras are, and when.
+
+``poses`` is a list, the name of a trajectory file, or a description of poses to sample
+(:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``, or ``poses``: those
+of the poses.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from omniscv.arguments import number, numbers, shown, text, whole_number, within
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.geometry.trajectory import Trajectory, read_trajectory
+from omniscv.job.sampling import SampledPoses, read_sampling
+from omniscv.records import checked, optional, read, record
+
+Times = tuple[float, ...] | Literal["poses"]
+
+
+class Posed(NamedTuple):
+    """Poses, with the fields that :class:`omniscv.job.Job` has for them.
+
+    Attributes:
+        poses: of the cameras; empty while they are to be sampled in an open source.
+        times: of the poses, seconds; None unless all have one.
+        places: of the poses, empty for a pose without one; None if no pose has one.
+        sampling: how poses are sampled; None if they are known.
+    """
+
+    poses: tuple[Pose, ...]
+    times: tuple[float, ...] | None = None
+    places: tuple[str, ...] | None = None
+    sampling: SampledPoses | None = None
+
+
+@record
+class _ListedPose:
+    position: Any = checked(numbers, shape=(3,))
+    yaw_deg: float = checked(number, default=0.0)
+    pitch_deg: float = checked(number, default=0.0)
+    roll_deg: float = checked(number, default=0.0)
+    time: float | None = checked(optional(number), default=None)
+    place: str = checked(text, default="")
+
+
+def read_poses(name: str, value: object) -> str | Posed:
+    """Return the poses that a list or a mapping describes, or the name of a trajectory file.
+
+    Raises:
+        ArgumentError: anything else, or a pose with an unknown, missing or wrong key.
+    """
+    if isinstance(value, str):
+        return text(name, value)
+    if isinstance(value, dict):
+        sampling = read_sampling(name, value)
+        return _of(sampling.poses()) if sampling.clearance is None else Posed((), sampling=sampling)
+    if not isinstance(value, list) or not value:
+        wanted = "expected a list of poses, poses to sample, or the name of a trajectory file"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    listed = [read(_ListedPose, description, f"{name}[{i}]") for i, description in enumerate(value)]
+    times = tuple(pose.time for pose in listed if pose.time is not None)
+    if times and len(times) < len(listed):
+        wanted = "expected a time for every pose or for none"
+        raise ArgumentError(f"{name}: {wanted}, got {len(listed) - len(times)} without")
+    angles = [(pose.yaw_deg, pose.pitch_deg, pose.roll_deg) for pose in listed]
+    places = tuple(pose.place for pose in listed)
+    return Posed(
+        tuple(Pose.from_angles(pose.position, *turn) for pose, turn in zip(listed, angles, strict=True)),
+        times or None,
+        places if any(places) else None,
+    )
+
+
+def load_poses(poses: str | Posed, folder: Path) -> Posed:
+    """Return poses; those of a trajectory file are read from it.
+
+    Raises:
+        ArgumentError: the file cannot be read.
+    """
+    return poses if isinstance(poses, Posed) else _of(read_trajectory(folder / poses))
+
+
+def _of(trajectory: Trajectory) -> Posed:
+    return Posed(trajectory.poses, trajectory.times)
+
+
+@record
+class _TimeRange:
+    rate: float = checked(number, above=0)
+    count: int = checked(whole_number, most=1_000_000)
+    start: float = checked(number, default=0.0)
+
+
+def read_times(name: str, value: object) -> Times:
+    """Return the seconds of a list or of ``{start, rate, count}``, or the word ``poses``."""
+    if value == "poses":
+        return "poses"
+    if isinstance(value, list) and value:
+        return tuple(number(f"{name}[{i}]", seconds) for i, seconds in enumerate(value))
+    if not isinstance(value, dict):
+        wanted = "expected a list of seconds, {start, rate, count}, or 'poses'"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    times = read(_TimeRange, value, name)
+    return tuple(times.start + i / times.rate for i in range(times.count))
+
+
+def at_times(posed: Posed, times: Times | None) -> Posed:
+    """Return poses at the times of a job.
+
+    One pose is taken at every time; poses with their own times are interpolated; otherwise there is one time
+    per pose. The number of poses that are yet to be sampled is compared later, by the job.
+
+    Raises:
+        ArgumentError: another number of times, or poses without the times that are asked for.
+    """
+    if times is None or (times == "poses" and (posed.sampling or posed.times)):
+        return posed
+    if times == "poses":
+        raise ArgumentError("times: expected poses with times, got some without; list the times")
+    if posed.times is not None and posed.sampling is None:
+        if posed.places is not None:
+            raise ArgumentError("times: expected poses without times of their own, as they have places")
+        path = Trajectory(posed.poses, posed.times)
+        with within("times"):
+            return Posed(tuple(path.at(time) for time in times), times)
+    if len(posed.poses) == 1:
+        places = None if posed.places is None else posed.places * len(times)
+        return Posed(posed.poses * len(times), times, places)
+    return posed._replace(times=times)

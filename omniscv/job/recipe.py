@@ -1,0 +1,212 @@
+"""What a dataset holds beyond images: the keys of a job that only ``omniscv dataset make`` uses.
+
+::
+
+    classes: classes.yaml                 # or its content
+    truth:  {boxes: true, layout: true, amodal: masks, flow: {wrap: shortest}, tolerance: {abs_m: 0.02}}
+    export: [coco, {format: depth_png, scale: mm, out: depth, cameras: [panorama]}]
+    split:  {train: 0.8, val: 0.1, test: 0.1, distance_m: 0.5, seed: 0}
+    shards: {format: webdataset, max_count: 1000, max_bytes: 1000000000}
+    media:  {xmp: true, north: 0.0}
+    seam:   whole                         # or split: objects that cross the seam of a panorama
+    layout: {source: scene, maps: {edge_sigma: 0.0054, corner_sigma: 0.0107}}   # of layouts and their maps
+
+Names and options of truths and formats are checked by :func:`omniscv.make.check_dataset`: they are
+registered.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import flag, number, one_of, shown, stem, text, texts, whole_number
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array
+from omniscv.geometry.clusters import cluster_starts
+from omniscv.records import checked, mapping, read, record
+
+_TOLERANCE = 1e-6
+"""Largest difference of the sum of shares from 1."""
+
+
+@dataclass(frozen=True)
+class Split:
+    """How frames are divided among splits: by a hash of their places, so that new places move no others.
+
+    Attributes:
+        shares: split to its share of the places; their sum is 1.
+        distance_m: poses within this distance of each other, directly or by a chain of poses, are of one
+            place. Poses with a ``place`` of their own are of that place.
+        seed: of the hash.
+    """
+
+    shares: Mapping[str, float]
+    distance_m: float = 0.5
+    seed: int = 0
+
+    def of(self, place: str) -> str:
+        """Return the split of a place."""
+        digest = hashlib.sha256(f"{self.seed}:{place}".encode()).digest()
+        left = int.from_bytes(digest[:8], "big") / 2**64
+        for split, share in self.shares.items():
+            left -= share
+            if left < 0:
+                return split
+        return [split for split, share in self.shares.items() if share > 0][-1]  # of shares just below 1
+
+    def places(self, positions_w: Array, names: Sequence[str] = ()) -> tuple[str, ...]:
+        """Return the place of each pose: its name, else ``X,Y,Z`` of the first pose of its place.
+
+        Args:
+            positions_w: (N, 3) metres, world frame.
+            names: of the poses' places, empty for a pose without one; may be empty.
+        """
+        places = list(names) or [""] * len(positions_w)
+        unnamed = [i for i, place in enumerate(places) if not place]
+        positions = dict.fromkeys(map(tuple, positions_w[unnamed].tolist()))  # many poses may share one
+        first = dict(zip(positions, cluster_starts(np.array(list(positions)), self.distance_m), strict=True))
+        for i in unnamed:
+            places[i] = ",".join(f"{value:.3f}" for value in first[tuple(positions_w[i].tolist())])
+        return tuple(places)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values that :func:`read_split` reads."""
+        return {**self.shares, "by": "place", "distance_m": self.distance_m, "seed": self.seed}
+
+
+@record
+class SplitOptions:
+    """The keys of ``split`` beside the names of splits."""
+
+    distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
+    seed: int = checked(whole_number, least=0, default=0, help="of the hash that divides places")
+    by: str = checked(one_of, words=("place",), default="place", help="places are divided, not frames")
+
+
+def read_split(name: str, value: object) -> Split:
+    """Return the split that a mapping describes: ``{train: 0.8, val: 0.2, seed: 0}``.
+
+    Raises:
+        ArgumentError: no mapping, shares whose sum is not 1, or a wrong option.
+    """
+    if isinstance(value, Split):
+        return value
+    if not isinstance(value, Mapping):
+        raise ArgumentError(f"{name}: expected a mapping from split to share, got {shown(value)}")
+    options = {key: value[key] for key in SplitOptions.__dataclass_fields__ if key in value}
+    shares = {
+        stem(name, split): number(f"{name}.{split}", share, least=0, most=1)
+        for split, share in value.items()
+        if split not in options
+    }
+    if abs(sum(shares.values()) - 1) > _TOLERANCE:
+        wanted = "expected shares whose sum is 1, such as train: 0.8, val: 0.2"
+        raise ArgumentError(f"{name}: {wanted}; got {shown(shares)}")
+    known = read(SplitOptions, options, name)
+    return Split(shares, known.distance_m, known.seed)
+
+
+def plain(name: str, value: object, cls: type[Any]) -> dict[str, Any]:
+    """Return the keys of a mapping as a record's readers convert them, without those that it leaves out."""
+    values = read(cls, value, name)
+    return {key: getattr(values, key) for key in mapping(name, value)}
+
+
+@record
+class Media:
+    """Metadata of pictures."""
+
+    xmp: bool = checked(flag, default=False, help="Photo Sphere metadata in equirectangular pictures")
+    north: float = checked(number, default=0.0, help="compass heading of the world's X axis, degrees")
+
+
+@record
+class LayoutMaps:
+    """Widths of the maps of a room layout, in shares of the pixels of a full turn."""
+
+    edge_sigma: float | None = checked(number, above=0, most=1, default=None, help="of edge maps")
+    corner_sigma: float | None = checked(number, above=0, most=1, default=None, help="of corner maps")
+
+
+@record
+class Layout:
+    """Where room layouts come from, and how their maps are drawn."""
+
+    source: str | None = checked(text, default=None, help="scene or fitted")
+    maps: Any = checked(plain, cls=LayoutMaps, default=None)
+
+
+@record
+class Tolerance:
+    """How far depth may be off where a truth compares it."""
+
+    abs_m: float | None = checked(number, least=0, default=None, help="metres")
+    rel: float | None = checked(number, least=0, default=None, help="share of the depth")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a dataset holds beyond images, as the job's file has it.
+
+    Attributes:
+        classes: the content of a ``classes.yaml``, or :class:`omniscv.truth.classes.ClassRules`; None
+        without.
+        truth: options of the truths to derive, by name.
+        exports: ``format``, ``out``, ``cameras`` and options of each export.
+        shards: the same of the last export; None without.
+        split: how frames are divided among splits; None without.
+        media: as :class:`Media`; empty without.
+        shared: keys that several truths and formats take: ``seam``, ``layout``, ``tolerance``.
+    """
+
+    classes: Any = None
+    truth: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    exports: tuple[Mapping[str, Any], ...] = ()
+    shards: Mapping[str, Any] | None = None
+    split: Split | None = None
+    media: Mapping[str, Any] = field(default_factory=dict)
+    shared: Mapping[str, Any] = field(default_factory=dict)
+
+
+# -- readers of the keys ---------------------------------------------------------------------------------
+
+
+def read_classes(name: str, value: object) -> str | dict[str, Any]:
+    """Return the name of a file, or the content of one."""
+    return text(name, value) if isinstance(value, str) else mapping(name, value)
+
+
+def read_truth(name: str, value: object) -> dict[str, dict[str, Any]]:
+    """Return the options of the truths that are switched on, by name."""
+    truths = {key: _options(f"{name}.{key}", options) for key, options in mapping(name, value).items()}
+    if truths.get("tolerance") is not None:
+        truths["tolerance"] = plain(f"{name}.tolerance", truths["tolerance"], Tolerance)
+    return {key: options for key, options in truths.items() if options is not None}
+
+
+def _options(name: str, value: object) -> dict[str, Any] | None:
+    """Return options: none for true, ``{kind: WORD}`` for a word; None for false and off."""
+    if value is None or value is False or value == "off":
+        return None
+    if value is True:
+        return {}
+    if isinstance(value, str):
+        return {"kind": value}
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise ArgumentError(f"{name}: expected true, false, or a mapping of options, got {shown(value)}")
+
+
+def read_export(name: str, value: object) -> dict[str, Any]:
+    """Return ``{format: NAME, OPTION: VALUE}`` of such a mapping, or of a format's name."""
+    export = {"format": value} if isinstance(value, str) else value
+    if not isinstance(export, Mapping) or not isinstance(export.get("format"), str):
+        wanted = "expected a format, or {format: NAME, OPTION: VALUE}"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    cameras = {"cameras": texts(f"{name}.cameras", export["cameras"])} if "cameras" in export else {}
+    return {**export, **cameras}

@@ -1,0 +1,289 @@
+"""Poses that a job samples in place of listing them: at random in free space, on a grid, along a path.
+
+::
+
+    poses:
+      random: {count: 50, low: [-2.5, -2, 1.2], high: [2.5, 2, 1.8], clearance: 0.3, start: [0, 0, 1.5],
+               seed: 0, yaw_deg: [-180, 180], pitch_deg: [-10, 10]}
+
+      grid: {low: [-2, -2, 1.5], high: [2, 2, 1.5], step: 0.5, yaws_deg: [0, 90], clearance: 0.3,
+             start: [0, 0, 1.5]}
+
+      path: {waypoints: [[-2, 0, 1.5], [0, 1, 1.5], [2, 0, 1.5]], speed: 1.0, rate: 30, look: ahead}
+
+One of the three. Positions are metres, world frame; angles are numbers, or ``[low, high]`` to draw from.
+This module computes positions and angles. Free space is tested by a function that the caller passes in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, whole_number
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.records import checked, mapping, optional, read, record
+
+_MOST = 1_000_000
+_TRIES = 200  # for each position: in a box of which 1 in 40 is free, all but one in a hundred are found
+_SAMPLES = 1000  # of a spline between two waypoints: its length is then good to a millionth
+
+Angle = float | tuple[float, float]
+IsFree = Callable[[Array], bool]
+"""Whether a position (3,), metres, world frame, has the clearance of a description."""
+
+
+class SampledPoses(Protocol):
+    """How poses are chosen.
+
+    Attributes:
+        clearance: metres to every surface, at least; None if the scene has no influence.
+        start: (3,) a free position; None if the scene has no influence.
+    """
+
+    @property
+    def clearance(self) -> float | None: ...
+
+    @property
+    def start(self) -> ArrayLike | None: ...
+
+    def poses(self, is_free: IsFree | None = None) -> Trajectory:
+        """Return the poses; the same ones for the same scene, every time.
+
+        Args:
+            is_free: tests a position; needed where there is a clearance.
+        """
+
+
+def _point(name: str, value: Any) -> Array:
+    return numbers(name, value, (3,))
+
+
+def _angle(name: str, value: Any) -> Angle:
+    """Read a number, or a pair of numbers in order."""
+    if np.ndim(value) == 0:
+        return number(name, value)
+    low, high = numbers(name, value, (2,)).tolist()
+    if low > high:
+        raise ArgumentError(f"{name}: expected a number or [low, high], got {shown(value)}")
+    return low, high
+
+
+def _steps(name: str, value: Any) -> Array:
+    """Read one number or three as (3,)."""
+    return numbers(name, [value] * 3 if np.ndim(value) == 0 else value, (3,))
+
+
+def _look(name: str, value: Any) -> Any:
+    """Read a word or a point."""
+    return one_of(name, value, ("ahead", "level")) if isinstance(value, str) else numbers(name, value, (3,))
+
+
+_START_HELP = "X,Y,Z of a free position; the middle of the box if not given"
+
+
+@record
+class RandomPoses:
+    """Positions drawn evenly from the free space of a box, each with its own angles.
+
+    Raises:
+        ArgumentError: a value outside its domain.
+    """
+
+    count: int = checked(whole_number, unit="poses", most=_MOST, help="number of poses")
+    low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of a corner of the box, metres")
+    high: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the opposite corner, metres")
+    clearance: float = checked(number, above=0, help="metres to every surface, at least")
+    start: ArrayLike | None = checked(optional(_point), default=None, help=_START_HELP)
+    seed: int = checked(whole_number, least=0, default=0, help="of the random numbers")
+    yaw_deg: Angle = checked(_angle, default=(-180.0, 180.0), help="degrees, or [low, high] to draw from")
+    pitch_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
+    roll_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
+
+    def __post_init__(self) -> None:
+        _check_box(self)
+
+    def poses(self, is_free: IsFree | None = None) -> Trajectory:
+        """Return the poses.
+
+        Raises:
+            ArgumentError: the box has too little free space.
+            OmniscvError: depth cannot be captured.
+        """
+        assert is_free is not None
+        low, high = np.asarray(self.low), np.asarray(self.high)
+        ranges = [np.broadcast_to(angle, 2) for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg)]
+        draw = np.random.default_rng(self.seed)
+        poses: list[Pose] = []
+        for _ in range(_TRIES * self.count):
+            position = draw.uniform(low, high)
+            angles = [draw.uniform(*bounds) for bounds in ranges]
+            if is_free(position):
+                poses.append(Pose.from_angles(position, *angles))
+            if len(poses) == self.count:
+                return Trajectory(tuple(poses))
+        wanted = f"expected {self.count} positions with a clearance of {self.clearance:g} m in the box"
+        tries = f"{_TRIES * self.count} tries"
+        raise ArgumentError(f"poses.random: {wanted}, got {len(poses)} in {tries}; give a smaller clearance")
+
+
+@record
+class GridPoses:
+    """Positions on a grid, layer by layer from below; only free ones where a clearance is given.
+
+    Raises:
+        ArgumentError: a value outside its domain.
+    """
+
+    low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the first position, metres")
+    high: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z that no position exceeds, metres")
+    step: float | ArrayLike = checked(_steps, help="metres between neighbours, one number or three")
+    yaws_deg: ArrayLike = checked(
+        numbers, shape=(None,), default=(0.0,), help="each position is taken once with each yaw, degrees"
+    )
+    clearance: float | None = checked(
+        optional_number, above=0, default=None, help="metres to every surface, at least; null: any position"
+    )
+    start: ArrayLike | None = checked(optional(_point), default=None, help=_START_HELP)
+
+    def __post_init__(self) -> None:
+        _check_box(self)
+        count = self._counts().prod() * len(np.asarray(self.yaws_deg)) if self._ascends() else np.inf
+        if count > _MOST:
+            wanted = f"expected distances > 0 that give at most {_MOST} poses"
+            raise ArgumentError(f"step: {wanted}, got {shown(self.step)}")
+
+    def poses(self, is_free: IsFree | None = None) -> Trajectory:
+        """Return the poses.
+
+        Raises:
+            ArgumentError: no position of the grid is free.
+            OmniscvError: depth cannot be captured.
+        """
+        free = [position for position in self._positions() if is_free is None or is_free(position)]
+        if not free:
+            wanted = f"expected positions with a clearance of {self.clearance} m"
+            raise ArgumentError(f"poses.grid: {wanted}, got none; give a smaller clearance or another start")
+        yaws = np.asarray(self.yaws_deg).tolist()
+        return Trajectory(tuple(Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws))
+
+    def _ascends(self) -> bool:
+        return bool((np.asarray(self.step) > 0).all())
+
+    def _counts(self) -> Array:
+        """(3,) the number of positions along each axis."""
+        extent = np.asarray(self.high) - np.asarray(self.low)
+        return np.asarray(np.floor(extent / np.asarray(self.step) + 1e-9) + 1)
+
+    def _positions(self) -> Iterator[Array]:
+        axes = zip(np.asarray(self.low), np.asarray(self.step), self._counts(), strict=True)
+        xs, ys, zs = (low + step * np.arange(count) for low, step, count in axes)
+        yield from (np.array([x, y, z]) for z in zs for y in ys for x in xs)
+
+
+@record
+class PathPoses:
+    """A camera that moves along a smooth curve through waypoints at constant speed.
+
+    Raises:
+        ArgumentError: a value outside its domain, or equal waypoints in a row.
+    """
+
+    waypoints: ArrayLike = checked(numbers, shape=(None, 3), help="X,Y,Z of at least two positions, metres")
+    speed: float = checked(number, above=0, help="metres a second along the curve")
+    rate: float = checked(number, above=0, help="poses a second")
+    closed: bool = checked(flag, default=False, help="whether the curve ends where it begins")
+    look: Literal["ahead", "level"] | ArrayLike = checked(
+        _look, default="ahead", help="ahead, level (ahead with a level camera), or X,Y,Z to look at"
+    )
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.waypoints)
+        steps = np.linalg.norm(np.diff(np.concatenate([points, points[:1]]), axis=0), axis=1)
+        if len(points) < 2 or (steps[: None if self.closed else -1] == 0).any():
+            wanted = "expected at least two, each different from the one before"
+            raise ArgumentError(f"waypoints: {wanted}, got {shown(points)}")
+
+    @property
+    def clearance(self) -> None:
+        """None: the scene has no influence on a path."""
+
+    @property
+    def start(self) -> None:
+        """None: the scene has no influence on a path."""
+
+    def poses(self, is_free: IsFree | None = None) -> Trajectory:
+        """Return the poses and their times, from 0 s; ``is_free`` is not used.
+
+        Raises:
+            ArgumentError: too many poses, or the camera would look straight up or down.
+        """
+        positions, tangents, times = self._curve()
+        if isinstance(self.look, str):
+            ahead = tangents * (1, 1, self.look == "ahead")
+            targets = positions + ahead
+        else:
+            targets = np.broadcast_to(np.asarray(self.look), positions.shape)
+        poses = tuple(map(Pose.look_at, positions, targets))
+        return Trajectory(poses, tuple(times.tolist()))
+
+    def _curve(self) -> tuple[Array, Array, Array]:
+        """(K, 3) positions, (K, 3) tangents and (K,) times, s, at equal distances along the curve."""
+        from scipy.interpolate import CubicSpline
+
+        points = np.asarray(self.waypoints)
+        if self.closed:
+            points = np.concatenate([points, points[:1]])
+        # Parameters by chord length: the curve then bends little between waypoints at uneven distances.
+        chord = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        ends: Any = "periodic" if self.closed else "natural"
+        curve = CubicSpline(chord, points, bc_type=ends) if len(points) > 2 else None
+        fine = np.interp(
+            np.linspace(0, len(chord) - 1, _SAMPLES * (len(chord) - 1) + 1), np.arange(len(chord)), chord
+        )
+        along = np.linspace(points[0], points[1], len(fine)) if curve is None else curve(fine)
+        length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(along, axis=0), axis=1))])
+        steps = length[-1] / self.speed * self.rate
+        # A closed curve does not repeat its first pose.
+        count = np.ceil(steps - 1e-9) if self.closed else np.floor(steps + 1e-9) + 1
+        if count > _MOST:
+            raise ArgumentError(
+                f"poses.path: expected at most {_MOST} poses, got {count:g}; give a lower rate"
+            )
+        times = np.arange(max(count, 1)) / self.rate
+        at = np.interp(times * self.speed, length, fine)
+        if curve is None:
+            tangents = np.broadcast_to(points[1] - points[0], (len(at), 3))
+            return points[0] + at[:, None] / chord[1] * tangents, tangents, times
+        return np.asarray(curve(at)), np.asarray(curve(at, 1)), times
+
+
+def _check_box(box: RandomPoses | GridPoses) -> None:
+    """Refuse corners that are not in order; set the default of ``start``."""
+    low, high = np.asarray(box.low), np.asarray(box.high)
+    if (low > high).any():
+        raise ArgumentError(f"high: expected numbers >= low {shown(low)}, got {shown(high)}")
+    if box.start is None:
+        object.__setattr__(box, "start", (low + high) / 2)
+
+
+KINDS: dict[str, type[Any]] = {"random": RandomPoses, "grid": GridPoses, "path": PathPoses}
+
+
+def read_sampling(name: str, value: object) -> SampledPoses:
+    """Return what a mapping under a job's ``poses`` describes.
+
+    Raises:
+        ArgumentError: not exactly one of ``random``, ``grid``, ``path``, or as their records raise.
+    """
+    descriptions = mapping(name, value, KINDS)
+    if len(descriptions) != 1:
+        raise ArgumentError(f"{name}: expected one of {', '.join(KINDS)}; got {shown(list(descriptions))}")
+    ((kind, keys),) = descriptions.items()
+    sampling: SampledPoses = read(KINDS[kind], keys, f"{name}.{kind}")
+    return sampling

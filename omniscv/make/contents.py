@@ -1,0 +1,147 @@
+"""Check a job before anything is captured, and look up what its dataset holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from omniscv import modalities, planning
+from omniscv.arguments import stem, within
+from omniscv.compose.files import check_format
+from omniscv.dataset import registry
+from omniscv.dataset.classes import class_rules
+from omniscv.dataset.exporting import Export, check_cameras, check_kinds
+from omniscv.dataset.manifest import IMAGE
+from omniscv.errors import ArgumentError
+from omniscv.job import Exposure, Job, Recipe
+from omniscv.records import mapping
+from omniscv.truth import registry as truths
+from omniscv.truth.classes import ClassRules
+
+
+def check(job: Job) -> None:
+    """Refuse a job that cannot be rendered, as far as that is known without its source.
+
+    Raises:
+        ArgumentError: no such strategy, image format, truth or format of datasets, or wrong classes.
+    """
+    planning.get(job.options.strategy)
+    check_format(job.image_format)
+    Contents.of(job)
+
+
+def check_dataset(job: Job) -> None:
+    """Refuse a job whose dataset cannot be made, as far as that is known without its source.
+
+    Raises:
+        ArgumentError: as :func:`check`; a camera's name that cannot start a key; a truth or classes that need
+            other modes; a format that cannot carry a camera or needs files that frames will not have; a wrong
+            option; or two exports into one folder.
+    """
+    check(job)
+    contents = Contents.of(job)
+    for name in job.cameras:
+        stem("camera", name)
+    kinds = contents.kinds(job.modes)
+    if contents.classes is not None and "labels" not in kinds:
+        raise _missing_modes("classes", ["object_mask"], job)
+    for name, options in contents.truth.items():
+        truth = truths.get(name)
+        if missing := [mode for mode in truth.needs if mode not in kinds]:
+            raise _missing_modes(f"truth.{name}", missing, job)
+        with within(f"truth.{name}"):
+            truth.read_options(options)
+    folders: set[str] = set()
+    for export in contents.exports:
+        if export.folder in folders:
+            raise ArgumentError(f"export: expected different folders, got {export.folder!r} twice; set 'out'")
+        folders.add(export.folder)
+        check_cameras(export, job.cameras)
+        check_kinds(export.format, kinds)
+
+
+def _missing_modes(name: str, missing: list[str], job: Job) -> ArgumentError:
+    wanted = f"expected modes with {', '.join(missing)}"
+    return ArgumentError(f"{name}: {wanted}, got {', '.join(job.modes)}; add them to 'modes'")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a dataset holds beyond images: a job's recipe with its names looked up.
+
+    Attributes:
+        classes: rules that give objects classes; None for no layer ``classes``.
+        truth: options of the truths to derive, by name.
+        exports: the formats to write at the end.
+    """
+
+    classes: ClassRules | None = None
+    truth: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    exports: tuple[Export, ...] = ()
+
+    @classmethod
+    def of(cls, job: Job) -> Contents:
+        """Return the contents of a job's dataset; in a world that moves, with the poses of objects.
+
+        Raises:
+            ArgumentError: an unknown truth or format, or wrong classes.
+        """
+        recipe = job.recipe
+        mapping("truth", recipe.truth, (*truths.names(), "tolerance"))
+        truth = {name: dict(recipe.truth[name]) for name in truths.names() if name in recipe.truth}
+        if job.moves:
+            truth.setdefault("poses", {})
+        exports = list(recipe.exports)
+        for name in [name for name in truth if truths.get(name).format]:  # truths between frames
+            exports = _with_options(exports, truths.get(name).format, truth.pop(name))
+        if recipe.shards is not None:
+            exports.append(recipe.shards)
+        return cls(
+            classes=None if recipe.classes is None else class_rules(recipe.classes),
+            truth={name: _shared(truths.get(name), recipe) | options for name, options in truth.items()},
+            exports=tuple(_export(keys, recipe) for keys in exports),
+        )
+
+    def kinds(self, modes: tuple[str, ...]) -> frozenset[str]:
+        """Return the kinds of files that every frame has: layers, and records of truths."""
+        rows = [modalities.get(mode) for mode in modes]
+        kinds = {IMAGE, *modes, *(layer for row in rows for layer in row.derives)}
+        kinds |= {row.marked_by for row in rows if row.marked_by}
+        if self.classes is not None and "labels" in kinds:
+            kinds.add("classes")
+        return frozenset(kinds | {truths.get(name).kind for name in self.truth})
+
+    def settings(self, job: Job) -> dict[str, Any]:
+        """Return what the manifest holds of a job: all that its frames depend on, but addresses and paths."""
+        options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
+        if job.exposure != Exposure():
+            options["exposure"] = asdict(job.exposure)
+        options["truth"] = {name: dict(each) for name, each in self.truth.items()}
+        options["media"] = dict(job.recipe.media)
+        return {
+            "splits": None if job.recipe.split is None else job.recipe.split.to_dict(),
+            "exports": [export.to_dict() for export in self.exports],
+            "options": options,
+        }
+
+
+def _with_options(
+    exports: list[Mapping[str, Any]], format: str, options: Mapping[str, Any]
+) -> list[Mapping[str, Any]]:
+    """Return exports with options added to those of a format, which is appended if it is missing."""
+    if not any(export["format"] == format for export in exports):
+        exports = [*exports, {"format": format}]
+    return [{**export, **options} if export["format"] == format else export for export in exports]
+
+
+def _export(keys: Mapping[str, Any], recipe: Recipe) -> Export:
+    options = {key: value for key, value in keys.items() if key not in ("format", "out", "cameras")}
+    with within("export"):
+        shared = _shared(registry.get(keys["format"]), recipe)
+        return Export(keys["format"], shared | options, keys.get("out", ""), tuple(keys.get("cameras", ())))
+
+
+def _shared(taker: object, recipe: Recipe) -> dict[str, Any]:
+    """Return the shared keys that a truth or format takes among its options: its ``keys``."""
+    return {key: recipe.shared[key] for key in getattr(taker, "keys", ()) if key in recipe.shared}

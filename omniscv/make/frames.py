@@ -1,0 +1,152 @@
+"""Compose the frames of a dataset, derive their truths, and write them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from threading import Lock
+from typing import Any, NamedTuple, TypeVar
+
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
+from omniscv.dataset.writer import Writer
+from omniscv.frame import Frame
+from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.job import Job
+from omniscv.make.contents import Contents
+from omniscv.make.moments import Moment, images_of, renderer_at
+from omniscv.make.render import warnings_of
+from omniscv.progress import Meter, Report
+from omniscv.sources.base import Source
+from omniscv.truth import registry as truths
+from omniscv.truth.registry import Observation, derive
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class World:
+    """What is known of the world at an instant: shapes, and the poses of objects that move."""
+
+    instant: Instant
+    geometry: SceneGeometry
+    poses: Mapping[str, Pose]
+
+
+class Composed(NamedTuple):
+    """A frame's image, and the world that it shows."""
+
+    frame: Frame
+    image: OmniImage
+    world: World
+
+
+class FrameMaker:
+    """Composes and writes frames: one is composed while truths of the one before are derived and written."""
+
+    def __init__(
+        self,
+        job: Job,
+        contents: Contents,
+        source: Source,
+        writer: Writer,
+        workers: int,
+        warn: Callable[[str], None] | None,
+    ) -> None:
+        self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
+        # A game is asked for the shape of each object, at every part: for truths, and for recordings.
+        self._shapes = bool(contents.truth) or job.record is not None
+        self._geometry = source.geometry() if self._shapes else SceneGeometry()
+        self._renderer = Renderer(source)
+        # A truth that captures may hide objects: no image is captured meanwhile.
+        capturing = {
+            name
+            for name, options in contents.truth.items()
+            if truths.get(name).may_capture(self._geometry, options)
+        }
+        self._alone = {name: each for name, each in contents.truth.items() if name in capturing}
+        self._beside = {name: each for name, each in contents.truth.items() if name not in capturing}
+        # Nor is one of another instant, if the source sets the world for each.
+        self._turn = Lock() if capturing or job.moves else nullcontext()
+
+    def run(self, moments: Sequence[Moment], missing: Collection[str], progress: Report | None) -> None:
+        """Make the frames with some keys.
+
+        They are written in their order, so that objects that appear late get the same ids every time.
+        """
+        some = [moment for moment in moments if any(frame.key in missing for frame in moment.frames)]
+        compose = partial(self._compose, keys=missing, meter=Meter(len(missing), progress))
+        with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+            saving: Future[None] | None = None
+            for composed in chain.from_iterable(_ahead(compose, some, self._workers)):
+                if saving:
+                    saving.result()
+                saving = saver.submit(self._save, composed)
+            if saving:
+                saving.result()
+
+    def _compose(self, moment: Moment, keys: Collection[str], meter: Meter) -> list[Composed]:
+        """Return the images of a moment, of captures that its cameras share."""
+        only = [i for i, frame in enumerate(moment.frames) if frame.key in keys]
+        worlds: list[World] = []
+
+        def look(source: Source) -> None:
+            geometry = source.geometry() if self._job.moves and self._shapes else self._geometry
+            worlds.append(World(moment.instant, geometry, source.object_poses()))
+
+        with self._turn:
+            report, options = meter.part(), self._job.options
+            images = images_of(self._renderer, moment, options, only=only, progress=report, look=look)
+            return [
+                Composed(moment.frames[i], image, worlds[0]) for i, image in zip(only, images, strict=True)
+            ]
+
+    def _save(self, composed: Composed) -> None:
+        frame, world = composed.frame, composed.world
+        image = self._writer.with_ids(composed.image)
+        if self._warn:
+            for line in warnings_of(frame.key, image):
+                self._warn(line)
+        manifest = self._writer.manifest
+        observation = Observation(
+            key=frame.key,
+            image=image,
+            labels=image.labels,
+            instances=manifest.names,
+            classes=manifest.classes,
+            geometry=world.geometry,
+            object_poses=world.poses,
+            time=frame.time,
+        )
+        records: dict[str, Any] = {}
+        if self._alone:
+            with self._turn, renderer_at(self._renderer, world.instant) as renderer:
+                records = derive(replace(observation, renderer=renderer), self._alone)
+        self._writer.write(frame, image, derive(observation, self._beside, records))
+
+
+def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
+    """Yield the results of a function in order; as many are computed at a time as there are workers."""
+    if workers == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(workers, thread_name_prefix="compose") as pool:
+        pending: deque[Future[R]] = deque()
+        try:
+            for item in items:
+                pending.append(pool.submit(function, item))
+                if len(pending) > workers:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()

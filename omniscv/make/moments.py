@@ -1,0 +1,213 @@
+"""Group a job's images by instant of the world, and compose each group from one set of captures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.cameras import Camera, RollingShutter
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
+from omniscv.frame import Frame
+from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.job import Job, Split
+from omniscv.planning import RenderOptions
+from omniscv.progress import Meter, Report, without_images
+from omniscv.sources.base import Color, Source
+
+
+@dataclass(frozen=True)
+class Take:
+    """What is captured at one instant.
+
+    Attributes:
+        instant: of the world.
+        views: cameras and poses.
+        modes: what is captured.
+    """
+
+    instant: Instant
+    views: tuple[tuple[Camera, Pose], ...]
+    modes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Images of one instant, which share captures.
+
+    Attributes:
+        frames: the images, without files.
+        takes: what they are composed of; the first shows the instant of their ground truth.
+    """
+
+    frames: tuple[Frame, ...]
+    takes: tuple[Take, ...]
+
+    @property
+    def instant(self) -> Instant:
+        """The instant of the images' ground truth."""
+        return self.takes[0].instant
+
+
+def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> Iterator[Moment]:
+    """Yield a job's images by pose and instant, and what is captured for them.
+
+    Images of a rolling-shutter camera in a world that moves do not share captures.
+
+    Args:
+        job: with its poses.
+        indices: of poses; all if not given.
+        scene: identity of the source's scene, for the frames of a dataset.
+    """
+    path = _path(job)
+    places, split = _places(job)
+    for i in range(len(job.poses)) if indices is None else indices:
+        groups: dict[str, list[Frame]] = {}
+        for frame in _frames(job, path, i):
+            rolling = job.moves and isinstance(frame.camera, RollingShutter)
+            instant = _instant(job, frame.time)
+            key = frame.key if rolling else f".{instant.state}"
+            place = places[i]
+            groups.setdefault(key, []).append(
+                replace(frame, place=place, split=split.of(place), scene=scene, state=instant.state)
+            )
+        for frames in groups.values():
+            yield Moment(tuple(frames), tuple(_takes(job, path, i, frames)))
+
+
+def _frames(job: Job, path: Trajectory | None, i: int, late: float = 0.0) -> Iterator[Frame]:
+    """Yield the images at a pose, or some seconds later, along the poses as along a trajectory."""
+    digits = len(str(max(0, len(job.poses) - 1)))
+    pose, time = job.poses[i], None if job.times is None else job.times[i] + late
+    if path is not None and time is not None and late:
+        pose = path.at(time, steps_beyond=1)
+    mounted = {} if job.rig is None else job.rig.poses(pose if path is None else path, time)
+    offsets = {} if job.rig is None else {name: each.time_offset for name, each in job.rig.cameras.items()}
+    for name, camera in job.cameras.items():
+        key = f"{name}-{i:0{digits}d}" if len(job.poses) > 1 else name
+        at = None if time is None else time + offsets.get(name, 0.0)
+        yield Frame(key, name, camera, mounted.get(name, pose), time=at)
+
+
+def _takes(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -> Iterator[Take]:
+    """Yield what is captured for images of one instant: first at their time, then during their exposure."""
+    first, exposure = group[0], job.exposure
+    if job.moves and isinstance(first.camera, RollingShutter):
+        for seconds, lines in exposure.lines(first.camera):
+            yield Take(_instant(job, first.time, seconds), ((lines, first.pose),), job.modes)
+        return
+    yield Take(_instant(job, first.time), tuple((frame.camera, frame.pose) for frame in group), job.modes)
+    keys = {frame.key for frame in group}
+    for offset in exposure.offsets()[1:] if "lit" in job.modes else ():
+        moved = _frames(job, path, i, offset if exposure.camera == "moves" else 0.0)
+        views = tuple((frame.camera, frame.pose) for frame in moved if frame.key in keys)
+        yield Take(_instant(job, first.time, offset), views, ("lit",))
+
+
+def _instant(job: Job, time: float | None, late: float = 0.0) -> Instant:
+    """Return the instant of a time, or some seconds later."""
+    if not job.moves:
+        return Instant()
+    at = None if time is None else time + late
+    return Instant({name: motion.at(at) for name, motion in job.motions.items()}, time=at)
+
+
+def _places(job: Job) -> tuple[tuple[str, ...], Split]:
+    """Return the place of each pose, and how places are divided."""
+    split = job.recipe.split or Split({"": 1.0})
+    return split.places(np.array([pose.position for pose in job.poses]), job.places or ()), split
+
+
+def _path(job: Job) -> Trajectory | None:
+    """Return the timed poses if cameras move along them within an image: a rig's by their time offsets, all
+    cameras during an exposure; else None.
+
+    Raises:
+        ArgumentError: times that do not increase.
+    """
+    exposed = job.exposure.seconds > 0 and job.exposure.camera == "moves" and len(job.poses) > 1
+    late = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
+    return Trajectory(job.poses, job.times) if late or exposed else None
+
+
+@contextmanager
+def renderer_at(renderer: Renderer, instant: Instant) -> Iterator[Renderer]:
+    """Give a renderer of the world at an instant; ``renderer`` is not used meanwhile."""
+    if not instant.state:
+        yield renderer
+        return
+    with renderer.source.at(instant) as source:
+        yield renderer.of(source)
+
+
+def images_of(
+    renderer: Renderer,
+    moment: Moment,
+    options: RenderOptions,
+    only: Collection[int] | None = None,
+    progress: Report | None = None,
+    look: Callable[[Source], object] | None = None,
+) -> Iterator[OmniImage]:
+    """Yield the images of a moment in the order of its frames.
+
+    Args:
+        renderer: of the job's source.
+        moment: of the job.
+        options: how images are captured and composed.
+        only: indices of the frames that are composed; all if not given.
+        progress: called as images progress.
+        look: called once, with a source of the world at the moment's instant.
+    """
+    takes, meter = moment.takes, Meter(len(moment.frames) if only is None else len(only), progress)
+    parts: list[list[OmniImage]] = []
+    for done, take in enumerate(takes):
+        report = meter.part() if done + 1 == len(takes) else without_images(meter.part())
+        with renderer_at(renderer, take.instant) as renderer_then:
+            if look and done == 0:
+                look(renderer_then.source)
+            images = renderer_then.render_together(
+                take.views, take.modes, options, only=only, progress=report
+            )
+            if len(takes) == 1:
+                yield from images
+                return
+            parts.append(list(images))
+    indices = range(len(moment.frames)) if only is None else sorted(only)
+    for i, *takes_of_image in zip(indices, *parts, strict=True):
+        camera = moment.frames[i].camera
+        rolling = isinstance(camera, RollingShutter)
+        yield _read_out(camera, takes_of_image) if rolling else _exposed(takes_of_image)
+
+
+def _exposed(parts: Sequence[OmniImage]) -> OmniImage:
+    """Return the first of several images, with the mean of their colours."""
+    lit = [np.asarray(image["lit"]) for image in parts]
+    mean = np.mean(lit, axis=0, dtype=np.float64)
+    rounded = np.rint(mean) if lit[0].dtype == np.uint8 else mean
+    return replace(parts[0], layers={**parts[0].layers, "lit": rounded.astype(lit[0].dtype)})
+
+
+def _read_out(camera: RollingShutter, parts: Sequence[OmniImage]) -> OmniImage:
+    """Return the image of a rolling-shutter camera whose lines were captured in several parts."""
+    first = parts[0]
+    valid = np.logical_or.reduce([part.valid for part in parts])
+    layers: dict[str, NDArray[Any]] = {}
+    centers_w = np.zeros((*valid.shape, 3))
+    unknown: Counter[Color] = Counter()
+    for part in parts:
+        lines = part.valid
+        centers_w[lines] = np.broadcast_to(part.centers_w, centers_w.shape)[lines]
+        unknown.update(part.unknown_colors)
+        for name, layer in part.layers.items():
+            layers.setdefault(name, np.zeros_like(layer))[lines] = layer[lines]
+    return replace(
+        first, camera=camera, valid=valid, layers=layers, centers_w=centers_w, unknown_colors=dict(unknown)
+    )

@@ -1,0 +1,155 @@
+"""The source of a job: opened, recorded, and searched for free space where poses are sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omniscv.arguments import number, numbers
+from omniscv.cameras import create
+from omniscv.compose.renderer import Renderer
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.job import Job
+from omniscv.job.sampling import SampledPoses
+from omniscv.planning import RenderOptions
+from omniscv.sources.base import Source, SourceView
+from omniscv.sources.recording import record
+from omniscv.sources.registry import SourceOptions, open_sources
+
+_WIDTH = 256
+_FACE_PX = 128
+_NEAREST_LOOKS = 8
+
+
+def source_options(job: Job) -> SourceOptions:
+    """Return the options that a job's source is opened with.
+
+    A game whose objects the job does not move is paused as it is; objects that move are read.
+    """
+    options = job.source_options
+    if options.get("freeze") in ("auto", "puppet") and not job.moves:
+        return {**options, "freeze": "pause"}
+    return options
+
+
+def open_source(job: Job, live: Source | None = None) -> Source:
+    """Open a job's source, recorded if the job has a recording. The caller closes it.
+
+    Args:
+        job: whose source.
+        live: the job's source without its recording, which stays open; opened if not given.
+    """
+    source = open_sources(job.sources, **source_options(job)) if live is None else SourceView(live)
+    if job.record is None:
+        return source
+    try:
+        return record(source, job.record)
+    except BaseException:
+        source.close()
+        raise
+
+
+@contextmanager
+def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]:
+    """Give a job with its poses, and its open source; ``live`` as for :func:`open_source`.
+
+    A game whose objects the job moves is paused from the first image to the last. So is a game that is frozen
+    for a job without times: all its images show one instant.
+    """
+    frozen = job.source_options.get("freeze", "none") != "none" and not job.clock
+    with (
+        open_source(job, live) as source,
+        source.at(Instant()) if job.motions or frozen else nullcontext(source) as still,
+    ):
+        yield with_poses(job, still), still
+
+
+def with_poses(job: Job, source: Source) -> Job:
+    """Return a job with the poses that it samples in its source.
+
+    Raises:
+        OmniscvError: there are no such poses, or depth cannot be captured.
+    """
+    if job.sampling is None:
+        return job
+    sampled = sample_poses(job.sampling, source)
+    times = sampled.times if job.times is None else job.times
+    return replace(job, poses=sampled.poses, times=times, sampling=None)
+
+
+def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
+    """Return the poses that a description samples in a source; as :func:`with_poses`."""
+    if sampling.clearance is None or sampling.start is None:
+        return sampling.poses()
+    return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance).is_free)
+
+
+class _Look(NamedTuple):
+    """A panorama of depth: (3,) its centre, world frame, and (H, W) metres."""
+
+    position_w: Array
+    depth: NDArray[np.float32]
+
+
+class FreeSpace:
+    """Finds positions of a scene that are at least a distance away from every surface.
+
+    A position is free if it is visible from a position that is known to be free, and if no surface visible
+    from it is nearer than the clearance. So no position inside a solid, below the floor or beyond a wall is
+    free. Results depend only on the tested positions and their order. Surfaces narrower than 1/60 of the
+    clearance may be missed.
+
+    Args:
+        source: of the scene; panoramas of depth are captured from it.
+        start: (3,) metres, world frame: a free position.
+        clearance: metres, from every surface.
+
+    Raises:
+        ArgumentError: no position, or no distance > 0.
+    """
+
+    def __init__(self, source: Source, start: ArrayLike, clearance: float) -> None:
+        self.clearance = number("clearance", clearance, above=0)
+        self._renderer = Renderer(source)
+        self._camera = create("equirectangular", width=_WIDTH, height=_WIDTH // 2)
+        self._looks = [self._look(numbers("start", start, (3,)))]
+
+    def is_free(self, position_w: Array) -> bool:
+        """Return whether a position (3,), metres, world frame, is free.
+
+        Raises:
+            SourceError, RecordingError: its depth cannot be captured.
+        """
+        away = [float(np.linalg.norm(position_w - look.position_w)) for look in self._looks]
+        order = np.argsort(away, kind="stable")[:_NEAREST_LOOKS]
+        if not any(self._sees(self._looks[i], position_w, away[i]) for i in order):
+            return False
+        look = self._look(position_w)
+        if look.depth.min() < self.clearance:
+            return False
+        self._looks.append(look)
+        return True
+
+    def _look(self, position_w: Array) -> _Look:
+        options = RenderOptions(face_size=_FACE_PX)
+        pose = Pose.from_angles(position_w)
+        depth = self._renderer.render(self._camera, pose, ("depth",), options).depth
+        assert depth is not None
+        return _Look(position_w, depth)
+
+    def _sees(self, look: _Look, position_w: Array, away: float) -> bool:
+        """Return whether the rays to a position and around it are free for ``away`` metres."""
+        if away == 0:
+            return True
+        point_c = Pose.from_angles(look.position_w).to_camera(position_w)
+        (u, v), _ = self._camera.project(point_c)
+        rows = np.clip(int(v) + np.arange(-1, 2), 0, self._camera.height - 1)
+        columns = (int(u) + np.arange(-1, 2)) % self._camera.width
+        return bool(look.depth[np.ix_(rows, columns)].min() > away)
