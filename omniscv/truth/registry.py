@@ -180,7 +180,7 @@ def derive(
 
 _MODULES = {
     "poses": "registry",
-    "layout": "room_layout",
+    "layout": "layout_record",
     "boxes": "object_boxes",
     "bfov": "spherical_fit",
     "boxes3d": "object_boxes",
