@@ -70,7 +70,7 @@ def test_kernels_take_that_decorator():
         for path in files
         if re.search(r"^(import|from) numba\b", path.read_text(), re.MULTILINE)
     }
-    assert importing == {"mock_server/compiled.py", "omniscv/diagnostics/compiled.py"}
+    assert importing == {"mock_server/compiled.py"}
 
 
 WITHOUT_PRIVATE_PARTS = """

@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 
-from omniscv.diagnostics.finding import Finding
-from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
+from omniscv.diagnostics import Finding
+from omniscv.diagnostics.self_calibration import UNALIGNED, Picture, fitted_fov, misfit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources.base import Request, View
@@ -14,9 +14,10 @@ from omniscv.sources.blender.source import BlenderSource, open_process
 
 _EDGE_PX, _FOV_DEG = 128, 90.0
 _TURN_DEG, _DOWN_DEG = 22.5, -20.0
-_UNALIGNED = 0.3  # a misfit above which two pictures cannot be aligned
 _BLACK = 1 / 255
 _ELSEWHERE = "give --position where more is visible"
+_PACK = "put them there, or pack them into the file"
+_REPORT = "do not record: report this"
 
 
 def examine_blender(
@@ -38,34 +39,22 @@ def examine_blender(
     if patience_s is not None:
         raise ArgumentError("patience: expected none for Blender, which is started again at once")
     with open_process(address, timeout_s) as source:
-        place = _place(source) if position is None else position
+        center = _center(source) if position is None else position
         scene = source.blender.scene
         lights = f"{'a' if scene['world'] else 'no'} world, {scene['lights']} lamps"
-        lit = scene["world"] or scene["lights"]
+        lit, objects = scene["world"] or scene["lights"], len(scene["objects"])
         missing = f"{len(scene['missing'])} missing" + "".join(f", {each}" for each in scene["missing"][:1])
         return [
             Finding("Blender", f"{source.blender.version}; {source.scene_identity.level}"),
-            Finding.unless(
-                not scene["missing"],
-                "linked files",
-                missing,
-                "bad",
-                "put them there, or pack them into the file",
-            ),
+            Finding.unless(not scene["missing"], "linked files", missing, "bad", _PACK),
             Finding.unless(bool(lit), "light", lights, "warning", "add a world or lamps, or all is black"),
-            Finding.unless(
-                bool(scene["objects"]),
-                "objects",
-                str(len(scene["objects"])),
-                "warning",
-                "nothing is rendered",
-            ),
-            *_colors(source, place),
-            *_depth(source, place),
+            Finding.unless(bool(objects), "objects", str(objects), "warning", "nothing is rendered"),
+            *_colors(source, center),
+            *_depth(source, center),
         ]
 
 
-def _place(source: BlenderSource) -> Array:
+def _center(source: BlenderSource) -> Array:
     camera = source.blender.scene["camera"]
     if camera is not None:
         return np.array(camera)
@@ -73,9 +62,9 @@ def _place(source: BlenderSource) -> Array:
     return np.concatenate(corners).mean(axis=0) if corners else np.zeros(3)
 
 
-def _colors(source: BlenderSource, place: Array) -> list[Finding]:
+def _colors(source: BlenderSource, center: Array) -> list[Finding]:
     """Measure whether colours show anything, whether they repeat, and how long a picture takes."""
-    views = [View(Pose(place, R_w_c), _FOV_DEG, _EDGE_PX, _EDGE_PX) for _, R_w_c in cube_rotations()]
+    views = [View(Pose(center, R_w_c), _FOV_DEG, _EDGE_PX, _EDGE_PX) for _, R_w_c in cube_rotations()]
     requests = [Request(view, "lit") for view in views]
     list(source.capture(requests[:1]))  # the first picture takes longer
     started = time.perf_counter()
@@ -84,51 +73,36 @@ def _colors(source: BlenderSource, place: Array) -> list[Finding]:
     again = next(iter(source.capture(requests[:1]))).pixels
     mean = float(np.mean(first)) / (255 if first[0].dtype == np.uint8 else 1)
     same = np.array_equal(first[0], again)
+    equality = "to the bit" if same else "not equal"
     return [
         Finding.unless(mean > _BLACK, "brightness", f"{mean:.3f} of 1 at the mean", "warning", _ELSEWHERE),
-        Finding.unless(
-            same,
-            "same again",
-            "to the bit" if same else "not equal",
-            "bad",
-            "render on the CPU, without denoiser",
-        ),
+        Finding.unless(same, "same again", equality, "bad", "render on the CPU, without denoiser"),
         Finding("time", f"{seconds:.3f} s for the colours of {_EDGE_PX} x {_EDGE_PX} px"),
     ]
 
 
-def _depth(source: BlenderSource, place: Array) -> list[Finding]:
+def _depth(source: BlenderSource, center: Array) -> list[Finding]:
     """Measure the field of view of depth, and whether it is planar, by turning the camera."""
     yaws = np.arange(0, 360, 90.0)  # downwards: a level turn over a floor would align with any field of view
     poses = [
-        Pose.from_angles(place, yaw_deg=yaw, pitch_deg=_DOWN_DEG) for yaw in (*yaws, *(yaws + _TURN_DEG))
+        Pose.from_angles(center, yaw_deg=yaw, pitch_deg=_DOWN_DEG) for yaw in (*yaws, *(yaws + _TURN_DEG))
     ]
     views = [View(pose, _FOV_DEG, _EDGE_PX, _EDGE_PX) for pose in poses]
     pictures = [
         Picture(capture.pixels, capture.view.pose)
         for capture in source.capture(Request(view, "depth") for view in views)
     ]
-    found = []
+    fits = []
     for pair in zip(pictures[:4], pictures[4:], strict=True):
         fov_deg, remaining = fitted_fov(*pair, "planar")
-        if remaining < _UNALIGNED:
-            found.append((fov_deg, misfit(*pair, _FOV_DEG, "planar"), misfit(*pair, _FOV_DEG, "ray")))
-    if not found:
+        if remaining < UNALIGNED:
+            fits.append((fov_deg, misfit(*pair, _FOV_DEG, "planar"), misfit(*pair, _FOV_DEG, "ray")))
+    if not fits:
         return [Finding("field of view, depth", "nothing to align", "warning", _ELSEWHERE)]
-    fov_deg, planar, ray = np.median(found, axis=0)
+    fov_deg, planar, ray = np.median(fits, axis=0)
+    value = f"{fov_deg:.1f} degrees, {_FOV_DEG:.1f} set"
+    kind = "planar" if planar < ray else "along the ray"
     return [
-        Finding.unless(
-            abs(fov_deg - _FOV_DEG) <= 1,
-            "field of view, depth",
-            f"{fov_deg:.1f} degrees, {_FOV_DEG:.1f} set",
-            "bad",
-            "do not record: report this",
-        ),
-        Finding.unless(
-            planar < ray,
-            "depth is",
-            "planar" if planar < ray else "along the ray",
-            "bad",
-            "do not record: report this",
-        ),
+        Finding.unless(abs(fov_deg - _FOV_DEG) <= 1, "field of view, depth", value, "bad", _REPORT),
+        Finding.unless(planar < ray, "depth is", kind, "bad", _REPORT),
     ]

@@ -4,14 +4,12 @@ from contextlib import ExitStack
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omniscv.diagnostics import seams
+from omniscv.diagnostics import Finding, seams
 from omniscv.diagnostics.blender_scene import examine_blender
-from omniscv.diagnostics.finding import Finding
 from omniscv.diagnostics.moving import MovingWorld
-from omniscv.diagnostics.raw_camera import EDGE_PX, NEVER, RawCamera, across, alike
-from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
+from omniscv.diagnostics.self_calibration import UNALIGNED, Picture, fitted_fov, misfit
+from omniscv.diagnostics.server import EDGE_PX, NEVER, RawCamera, across, alike, color_counts
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
 from omniscv.sources.registry import Deadlines, scheme_of
@@ -28,7 +26,6 @@ _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
 _TURN_DEG, _FORWARD_M = 22.5, 0.25
 _UNITS = {100.0: "cm", 1.0: "m"}  # by how much depth decreases when the camera moves a metre forward
 _PRINTED = 1e-3  # servers print three decimals
-_UNALIGNED = 0.3  # a misfit above which two pictures cannot be aligned
 _DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
 _WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
 _UNKNOWN = "do not record: this server is of no known kind"
@@ -44,7 +41,7 @@ def examine_address(
 
     Args:
         address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``; or
-            ``blender://SCENE.blend``, which :func:`omniscv.diagnostics.blender_scene.examine_blender` does.
+            ``blender://SCENE.blend``, for :func:`omniscv.diagnostics.blender_scene.examine_blender`.
         position: (3,) where to measure, world frame, metres; None: the player's position.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
@@ -83,13 +80,13 @@ def examine_address(
 
 
 def view_mode(connection: Connection) -> Finding:
-    """Report what the game's window shows: depth and normals there get into colour captures too."""
+    """Report what the game's window shows: depth and normals there spoil colour captures."""
     mode = replies.name(connection.text("vget /viewmode"))
     return Finding.unless(mode == "lit", "view mode", mode, "bad", LIT_VIEW_MODE)
 
 
 def settle(camera: RawCamera) -> Finding:
-    """Measure how long frames stay stale after a turn. From now on the camera drops so many."""
+    """Measure how long frames stay stale after a turn, and set the camera's ``lag``."""
     turns = [camera.settle(*turn) for turn in ((0, 0), (100, 20), (-130, -30), (45, 10))]
     counts, seconds, depths = zip(*turns, strict=True)
     name = "pose settles"
@@ -115,26 +112,26 @@ def capabilities(camera: RawCamera) -> Finding:
         "sets field of view": abs(camera.fov_deg - across(*camera.size)) < _PRINTED,
         "points straight up": abs(camera.driver.read("rotation", 3)[0] - 90) < _PRINTED,
     }
-    value = ", ".join(("" if does else "not: ") + what for what, does in can.items())
+    value = ", ".join(("" if able else "not: ") + what for what, able in can.items())
     remedy = "none needed: recordings allow for it"
     return Finding.unless(all(can.values()), "capabilities", value, "warning", remedy)
 
 
 def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
     """Report whether the modes' pictures have one size."""
-    found = {mode: "{1} x {0}".format(*pairs[mode][0][0].pixels.shape) for mode in _MODES}
-    if len(set(found.values())) == 1:
-        return Finding("picture size", f"{found['lit']} px in all modes")
-    own_window = camera.driver.mask_fov_deg is not None
-    value = ", ".join(f"{mode} {size}" for mode, size in found.items())
-    return Finding("picture size", value, "warning" if own_window else "bad", _WINDOW)
+    by_mode = {mode: "{1} x {0}".format(*pairs[mode][0][0].pixels.shape) for mode in _MODES}
+    if len(set(by_mode.values())) == 1:
+        return Finding("picture size", f"{by_mode['lit']} px in all modes")
+    masks_of_window = camera.driver.mask_fov_deg is not None
+    value = ", ".join(f"{mode} {size}" for mode, size in by_mode.items())
+    return Finding("picture size", value, "warning" if masks_of_window else "bad", _WINDOW)
 
 
 def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Finding:
-    """Measure a mode's field of view, and whether six of its pictures make a cube."""
+    """Measure a mode's field of view, and whether six of its pictures cover a cube."""
     name = f"field of view, {mode.removeprefix('object_')}"
     fits = [fitted_fov(*pair, kind if mode == "depth" else "") for pair in pairs[mode]]
-    aligned = [fov for fov, remaining in fits if remaining < _UNALIGNED]
+    aligned = [fov for fov, remaining in fits if remaining < UNALIGNED]
     if not aligned:
         return _unmeasured(name, "nothing to align")
     mask_fov_deg = camera.driver.mask_fov_deg if mode == "object_mask" else None
@@ -149,22 +146,22 @@ def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Find
 
 
 def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
-    """Measure whether depth is planar or along the ray: which of them a turn leaves unchanged."""
+    """Measure whether depth is planar or along the ray, by what a turn leaves unchanged."""
     planar, ray = (
         float(np.mean([misfit(*pair, camera.fov_deg, kind) for pair in pairs["depth"]])) + 1e-6  # rounding
         for kind in ("planar", "ray")
     )
     kind, ratio = ("planar", ray / planar) if planar < ray else ("ray", planar / ray)
-    wanted, _ = camera.driver.table.depth
+    expected, _ = camera.driver.table.depth
     if ratio < 3:
-        return wanted, _unmeasured("depth is", "ambiguous")
+        return expected, _unmeasured("depth is", "ambiguous")
     value = f"{kind}; the other fits {ratio:.0f} times worse"
-    return kind, _as_expected("depth is", value, kind, wanted)
+    return kind, _compared("depth is", value, kind, expected)
 
 
 def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
     """Measure by how much depth straight ahead decreases when the camera moves there."""
-    _, wanted = camera.driver.table.depth
+    _, expected = camera.driver.table.depth
     decreases = []
     for yaw, pitch in seams.FACES.values():
         ahead = []
@@ -175,13 +172,13 @@ def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
         if ahead[1] < ahead[0] < SKY:
             decreases.append((ahead[0] - ahead[1]) / _FORWARD_M)
     if not decreases:
-        return wanted, _unmeasured("depth unit", "nothing but sky")
+        return expected, _unmeasured("depth unit", "nothing but sky")
     per_m = float(np.median(decreases))
     value = f"{per_m:.4g} less for each metre forward"
-    for expected, unit in _UNITS.items():
-        if abs(per_m / expected - 1) < 0.05:
-            return unit, _as_expected("depth unit", f"{unit}; {value}", unit, wanted)
-    return wanted, Finding("depth unit", f"neither cm nor m: {value}", "bad", _UNKNOWN)
+    for decrease, unit in _UNITS.items():
+        if abs(per_m / decrease - 1) < 0.05:
+            return unit, _compared("depth unit", f"{unit}; {value}", unit, expected)
+    return expected, Finding("depth unit", f"neither cm nor m: {value}", "bad", _UNKNOWN)
 
 
 def half_floats(pairs: Pairs, unit: str) -> Finding:
@@ -203,7 +200,7 @@ def masks(connection: Connection, camera: RawCamera, pairs: Pairs) -> Finding:
     """Report whether every colour in a mask belongs to one object."""
     table = colors(connection)
     visible = {
-        color for pair in pairs["object_mask"] for picture in pair for color in _pixel_counts(picture.pixels)
+        color for pair in pairs["object_mask"] for picture in pair for color in color_counts(picture.pixels)
     }
     changes = _changes_dark_colors(connection, camera, table)
     by_color: dict[Color, list[str]] = {(0, 0, 0): ["background"]}
@@ -233,27 +230,22 @@ def turned_pairs(camera: RawCamera) -> Pairs:
 
 
 def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[str, Color]) -> bool:
-    """Return whether masks show dark colours as others than were set: tried on what has the most pixels."""
+    """Return whether masks show a dark colour other than it was set, for the object with the most pixels."""
     names = {color: name for name, color in table.items()}
     camera.go(_YAWS_DEG[0])
-    areas = {names[c]: n for c, n in _pixel_counts(camera.pixels("object_mask")).items() if c in names}
+    areas = {names[color]: count for color, count in camera.color_counts().items() if color in names}
     if not areas:
         return False
     name = max(areas, key=areas.__getitem__)
     connection.text(paint_command(name, _DARK))
-    changes = vertex_color_roundtrip(_DARK) in _pixel_counts(camera.pixels("object_mask"))
+    changes = vertex_color_roundtrip(_DARK) in camera.color_counts()
     connection.text(paint_command(name, table[name]))
     return changes
 
 
-def _pixel_counts(pixels: NDArray[np.uint8]) -> dict[Color, int]:
-    found, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
-    return {(r, g, b): count for (r, g, b), count in zip(found.tolist(), counts.tolist(), strict=True)}
-
-
-def _as_expected(name: str, value: str, found: str, wanted: str) -> Finding:
-    value += "" if found == wanted else f"; recordings take it as {wanted}"
-    return Finding.unless(found == wanted, name, value, "bad", _UNKNOWN)
+def _compared(name: str, value: str, measured: str, expected: str) -> Finding:
+    value += "" if measured == expected else f"; recordings take it as {expected}"
+    return Finding.unless(measured == expected, name, value, "bad", _UNKNOWN)
 
 
 def _unmeasured(name: str, why: str) -> Finding:

@@ -1,6 +1,6 @@
-"""What this installation lacks: packages, system libraries, places to write, ports, space.
+"""What this installation lacks: packages, system libraries, writable folders, ports, disk space.
 
-Loads what it checks only while it checks it, so that it runs where they are missing.
+Packages are imported only when they are checked, so that this runs where they are missing.
 """
 
 import importlib
@@ -14,7 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omniscv.diagnostics.finding import Finding
+from omniscv.diagnostics import Finding
 
 if TYPE_CHECKING:
     from packaging.specifiers import SpecifierSet
@@ -31,53 +31,53 @@ _AGAIN = "pip install --upgrade omniscv, in an environment of its own"
 
 
 def examine_installation(folder: Path | None = None, port: int = 9000) -> list[Finding]:
-    """Return what was found, in the order in which it matters.
+    """Return findings, the most important first.
 
     Args:
-        folder: where files are to be written; the present one if not given.
+        folder: where files are to be written; the working folder if not given.
         port: that the mock server listens on if no other is given.
     """
-    where = Path.cwd() if folder is None else folder
+    folder = Path.cwd() if folder is None else folder
     temporary = Path(tempfile.gettempdir())
     return [
         Finding("Python", f"{platform.python_version()}, {platform.machine()}, {sys.prefix}"),
         *_packages(),
         *map(_library, LIBRARIES),
-        _writable("working folder", where),
+        _writable("working folder", folder),
         _writable("temporary folder", temporary),
         _attempt("numba cache", _numba_cache, "set NUMBA_CACHE_DIR to a folder that can be written to"),
         _attempt("ports of 127.0.0.1", _port, "allow this process to listen on the loopback interface"),
         _default_port(port),
-        *(_space(each) for each in dict.fromkeys((where, temporary))),
+        *map(_space, dict.fromkeys((folder, temporary))),
     ]
 
 
 def _packages() -> Iterator[Finding]:
-    """The packages that omniscv needs, against the versions that it needs."""
+    """Compare the packages that omniscv needs with those that are installed."""
     from packaging.requirements import Requirement
 
     try:
-        needed = [Requirement(text) for text in metadata.requires("omniscv") or ()]
+        requirements = [Requirement(text) for text in metadata.requires("omniscv") or ()]
         yield Finding("omniscv", metadata.version("omniscv"))
     except metadata.PackageNotFoundError:
         yield Finding("omniscv", "not installed", "bad", "pip install . in its folder, or ./scripts/demo")
         return
-    for each in needed:
-        if each.marker is None or each.marker.evaluate({"extra": ""}):
-            yield _package(each.name, each.specifier)
+    for needed in requirements:
+        if needed.marker is None or needed.marker.evaluate({"extra": ""}):
+            yield _package(needed.name, needed.specifier)
 
 
 def _package(name: str, versions: "SpecifierSet") -> Finding:
     try:
-        found = metadata.version(name)
+        version = metadata.version(name)
     except metadata.PackageNotFoundError:
         return Finding(name, f"missing, needs {versions}", "bad", _AGAIN)
-    right = versions.contains(found, prereleases=True)
-    return Finding.unless(right, name, found if right else f"{found}, needs {versions}", "bad", _AGAIN)
+    right = versions.contains(version, prereleases=True)
+    return Finding.unless(right, name, version if right else f"{version}, needs {versions}", "bad", _AGAIN)
 
 
 def _library(module: str) -> Finding:
-    """Whether a module can be imported: of system libraries, that is when they are missed."""
+    """Return whether a module can be imported; missing system libraries show only then."""
     try:
         importlib.import_module(module)
     except (ImportError, OSError) as cause:
@@ -87,7 +87,7 @@ def _library(module: str) -> Finding:
 
 
 def _attempt(name: str, check: Callable[[], str], remedy: str) -> Finding:
-    """A finding that is bad where the check raises."""
+    """Return the result of a check as a finding, which is bad if the check raises."""
     try:
         return Finding(name, check())
     except (ImportError, OSError, RuntimeError) as cause:
@@ -104,8 +104,12 @@ def _writable(name: str, folder: Path) -> Finding:
 
 
 def _numba_cache() -> str:
-    """Compile a function whose code is kept on disk; RuntimeError where there is no place for it."""
-    from omniscv.diagnostics.compiled import probe
+    """Compile a function whose code is kept on disk; RuntimeError where no folder can hold it."""
+    from numba import njit
+
+    @njit(cache=True)
+    def probe(value: float) -> float:
+        return value
 
     probe(1.0)
     return f"{probe.stats.cache_path} can be written to"
@@ -118,7 +122,7 @@ def _port() -> str:
 
 
 def _default_port(port: int) -> Finding:
-    """Whether the default port of the mock server is free; another one does as well."""
+    """Return whether the default port of the mock server is free; any other port serves as well."""
     name, taken = f"port {port}", "in use: by an UnrealCV server, or by another program"
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -132,7 +136,7 @@ def _default_port(port: int) -> Finding:
 def _space(folder: Path) -> Finding:
     free = shutil.disk_usage(folder).free
     value = f"{free / 1e9:.3g} GB free at {folder}"
-    remedy = "free some space: a recording of one place takes 10 to 100 MB, a dataset gigabytes"
+    remedy = "free some space: a recording of one viewpoint takes 10 to 100 MB, a dataset gigabytes"
     if free < LEAST_BYTES:
         return Finding("disk", value, "bad", remedy)
     return Finding.unless(free >= ENOUGH_BYTES, "disk", value, "warning", remedy)

@@ -5,8 +5,8 @@ from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
-from omniscv.diagnostics.finding import Finding
-from omniscv.diagnostics.raw_camera import RawCamera
+from omniscv.diagnostics import Finding
+from omniscv.diagnostics.server import RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.unreal.client import Connection
@@ -19,7 +19,7 @@ from omniscv.sources.unreal.replies import numbers
 _TICKS, _FRAMES = 6, 8  # for how long to watch objects, and frames after a move
 _AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface
 _NOISE = 0.01  # relative depth
-_NAMED = 3  # objects that a finding names
+_LISTED = 3  # objects that a finding names
 
 
 class MovingWorld:
@@ -29,14 +29,14 @@ class MovingWorld:
         self._connection, self._camera = connection, camera
         self._toggles = WORLDS[camera.driver.capabilities.dialect].pause_toggles
         self._clock = clock_of(camera.driver, self._toggles)
-        self._stops = False  # whether it moves, but not while it is paused
+        self._can_stop = False  # whether it moves, and can be paused
 
     def findings(self) -> list[Finding]:
-        """Return what was found: the world moves, the world pauses, captures follow a move."""
+        """Return three findings: the world moves, the world pauses, captures follow a move."""
         moves = self._moves()
         try:
             with self._paused():
-                self._stops = moves.verdict != "ok"
+                self._can_stop = moves.verdict != "ok"
                 return [moves, self._pauses(), self._follows()]
         except ServerRefusedError as refused:
             pauses = Finding("world pauses", f"no: {refused}", "warning", "freeze: batch or none")
@@ -44,8 +44,8 @@ class MovingWorld:
 
     @contextmanager
     def still(self) -> Iterator[None]:
-        """A context in which a world that moves, as was found, is paused; all else can be measured in it."""
-        with self._paused() if self._stops else nullcontext():
+        """A context in which a moving world is paused, after :meth:`findings`."""
+        with self._paused() if self._can_stop else nullcontext():
             yield
 
     def _moves(self) -> Finding:
@@ -57,18 +57,18 @@ class MovingWorld:
     def _pauses(self) -> Finding:
         moving = self._moving()
         if moving:
-            self._stops = False
+            self._can_stop = False
             value = f"no: {_listed(moving)} still moving"
             return Finding("world pauses", value, "bad", "freeze: batch, with branch 5.2; or stop them")
         return Finding("world pauses", f"yes, by a command that {'toggles' if self._toggles else 'pauses'}")
 
     def _follows(self) -> Finding:
-        """Move what has the most pixels, and count the frames that do not show it yet."""
-        name = "captures follow a move"
-        moved = self._largest()
-        if moved is None:
-            return Finding(name, "unknown: no object in sight", "warning", "give --position where one is")
-        location = f"/object/{moved}/location"
+        """Move the object with the most pixels, and count the frames that do not show the move yet."""
+        title = "captures follow a move"
+        name = self._largest()
+        if name is None:
+            return Finding(title, "unknown: no object in sight", "warning", "give --position where one is")
+        location = f"/object/{name}/location"
         start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
         before = self._camera.pixels("depth")
         try:
@@ -78,44 +78,42 @@ class MovingWorld:
             self._connection.text(f"vset {location} {_text(start)}")
         changed = ~np.isclose(before, frames[-1], rtol=_NOISE)
         if not changed.any():
-            return Finding(name, f"never: {moved} stays", "warning", "set its mobility to Movable")
-        late = [not np.isclose(each, frames[-1], rtol=_NOISE)[changed].mean() > 0.5 for each in frames]
+            return Finding(title, f"never: {name} stays", "warning", "set its mobility to Movable")
+        late = [np.isclose(frame, frames[-1], rtol=_NOISE)[changed].mean() <= 0.5 for frame in frames]
         count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
         value = f"stale ticks: {count}" if count else "at once"
         if count <= SETTLED:
-            return Finding.unless(count == 0, name, value, "warning", "none needed: captures wait for it")
-        return Finding(name, value, "bad", f"at most {SETTLED} are waited for: raise the frame rate")
+            return Finding.unless(count == 0, title, value, "warning", "none needed: captures wait for it")
+        return Finding(title, value, "bad", f"at most {SETTLED} are waited for: raise the frame rate")
 
     def _moving(self) -> list[str]:
         """Return the names of objects that move while some ticks go by."""
         names = object_names(self._connection)
-        seen = [object_poses(self._connection, names)]
-        for ticks in (_TICKS, 1):  # an object that swings may be back where it was, but not twice
+        first = object_poses(self._connection, names)
+        moving = set()
+        for ticks in (_TICKS, 1):  # an object that swings may be back at its pose once, but not twice
             for _ in range(ticks):
                 self._connection.text(VERSION)
-            seen.append(object_poses(self._connection, names))
-        first, *later = seen
-        return [name for name in names if any(_differ(first[name], each[name]) for each in later)]
+            poses = object_poses(self._connection, names)
+            moving |= {name for name in names if _differ(first[name], poses[name])}
+        return [name for name in names if name in moving]
 
     def _largest(self) -> str | None:
-        """Return the object that has the most pixels in sight straight ahead; None for none."""
+        """Return the object that has the most pixels straight ahead; None for none."""
         self._camera.go(0)
         by_color = {color: name for name, color in colors(self._connection).items()}
-        found, counts = np.unique(
-            self._camera.pixels("object_mask").reshape(-1, 3), axis=0, return_counts=True
-        )
-        areas = {by_color.get(tuple(c)): n for c, n in zip(found.tolist(), counts.tolist(), strict=True)}
-        areas.pop(None, None)
+        counts = self._camera.color_counts()
+        areas = {by_color[color]: count for color, count in counts.items() if color in by_color}
         return max(areas, key=areas.__getitem__, default=None)
 
     @contextmanager
     def _paused(self) -> Iterator[None]:
-        was = self._clock.paused
+        before = self._clock.paused
         self._clock.set(True)
         try:
             yield
         finally:
-            self._clock.set(was)
+            self._clock.set(before)
 
 
 def _differ(one: Pose, other: Pose) -> bool:
@@ -127,5 +125,5 @@ def _text(location_cm: np.ndarray) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")

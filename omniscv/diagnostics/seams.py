@@ -1,6 +1,6 @@
 """The seams of a cube map: six faces, and twelve views whose axes point at its edges.
 
-At an edge two faces meet with their borders, and a third view has it in its middle. All three see the same
+At an edge the borders of two faces meet, and a third view has the edge in its middle. All three see the same
 surfaces, so differences are due to the camera: a gain for each picture (exposure), and a loss that grows from
 the middle to the corners (vignette).
 """
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from omniscv.diagnostics.finding import Finding
-from omniscv.diagnostics.raw_camera import RawCamera
+from omniscv.diagnostics import Finding
 from omniscv.diagnostics.self_calibration import GREY, Picture, inside, reproject, sample
+from omniscv.diagnostics.server import RawCamera
 from omniscv.geometry import Array
 
 FACES = {
@@ -38,7 +38,7 @@ _SEAM_LEVELS, _SHARE = 2.0, 0.02
 """Grey levels of 255, and share of the light, below which a seam is invisible and may come from textures."""
 _REMEDY = "record --fix-exposure"
 _OTHERS = "vrun r.BloomQuality 0, r.LensFlareQuality 0, r.SSR.Quality 0, r.PostProcessAAQuality 0"
-"""What else makes pictures of one surface differ (protocol reference, section 7.1)."""
+"""Other effects that make pictures of one surface differ (protocol reference, section 7.1)."""
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ def measure(camera: RawCamera) -> Light:
     seams, overlaps = {}, []
     for pair, (yaw, pitch) in EDGES.items():
         edge = picture(yaw, pitch)
-        both = [_overlap(faces[name], edge, camera.fov_deg, upright=pitch == 0) for name in pair]
-        seams[pair] = _seam(*both)
-        overlaps += both
+        sides = [_overlap(faces[name], edge, camera.fov_deg, upright=pitch == 0) for name in pair]
+        seams[pair] = _seam(*sides)
+        overlaps += sides
     return Light(seams, *_fit(overlaps))
 
 
 def findings(light: Light) -> list[Finding]:
-    """Return one finding for exposure, one for vignette, one for each seam."""
+    """Return a finding for the exposure, one for the vignette, and one for each seam."""
     drift = f"vrun r.EyeAdaptationQuality 0, or {_REMEDY}"
     shade = f"vrun r.Tonemapper.Quality 1, or {_REMEDY}, or crop: --overscan"
     first = [
@@ -80,7 +80,7 @@ def findings(light: Light) -> list[Finding]:
 
 
 class _Overlap(NamedTuple):
-    """The N pixels of a face that the view at its edge sees too, in both pictures."""
+    """The N pixels of a face that the view at its edge also sees, in both pictures."""
 
     face: Array  # (N,) grey
     edge: Array
@@ -90,34 +90,34 @@ class _Overlap(NamedTuple):
 
 
 def _overlap(face: Picture, edge: Picture, fov_deg: float, upright: bool) -> _Overlap:
-    """Compare a face and an edge; the seam is the middle column of the edge's view if upright, else row."""
+    """Compare a face and an edge's view, whose middle column is the seam if upright, else its middle row."""
     view, beside = face.view(fov_deg), edge.view(fov_deg)
     uvz = reproject(view, beside)
     common = inside(uvz, beside)
     half = np.array((view.width, view.height)) / 2
-    here = (np.argwhere(common)[:, ::-1] + 0.5) / half - 1  # -1 to 1 across each picture
-    there = uvz[common][:, :2] / half - 1
-    near = np.abs(there[:, 0 if upright else 1]) < 2 * _STRIP
+    in_face = (np.argwhere(common)[:, ::-1] + 0.5) / half - 1  # -1 to 1 across each picture
+    in_edge = uvz[common][:, :2] / half - 1
+    near = np.abs(in_edge[:, 0 if upright else 1]) < 2 * _STRIP
     greys = face.pixels[common], sample(edge.pixels, uvz)[common]
-    return _Overlap(*greys, (here**2).mean(axis=1), (there**2).mean(axis=1), near)
+    return _Overlap(*greys, (in_face**2).mean(axis=1), (in_edge**2).mean(axis=1), near)
 
 
 def _seam(first: _Overlap, second: _Overlap) -> float:
-    """Return the grey levels between the pictures of an edge: of a face and the view, or of both faces."""
+    """Return the largest difference, in grey levels, between two of the three pictures of an edge."""
     if min(first.near.sum(), second.near.sum()) < _LEAST_PIXELS:
         return float("nan")
-    a, b = (float(np.median((each.face - each.edge)[each.near])) for each in (first, second))
+    a, b = (float(np.median((side.face - side.edge)[side.near])) for side in (first, second))
     return max(abs(a), abs(b), abs(a - b))
 
 
 def _fit(overlaps: list[_Overlap]) -> tuple[float, float]:
     """Fit vignette and exposure to all overlaps, by ``face / edge = gain (1 - V t) / (1 - V t')``."""
     usable = []
-    for each in overlaps:
-        clear = (np.minimum(each.face, each.edge) > _DARK) & (np.maximum(each.face, each.edge) < _BRIGHT)
+    for side in overlaps:
+        clear = (np.minimum(side.face, side.edge) > _DARK) & (np.maximum(side.face, side.edge) < _BRIGHT)
         if clear.sum() >= _LEAST_PIXELS:
-            ratio = np.log(each.face[clear] / each.edge[clear])
-            usable.append((ratio, each.t_face[clear], each.t_edge[clear]))
+            ratio = np.log(side.face[clear] / side.edge[clear])
+            usable.append((ratio, side.t_face[clear], side.t_edge[clear]))
     if not usable:
         return float("nan"), float("nan")
 
@@ -125,12 +125,12 @@ def _fit(overlaps: list[_Overlap]) -> tuple[float, float]:
         return [r - np.log1p(-vignette * t) + np.log1p(-vignette * t_edge) for r, t, t_edge in usable]
 
     def misfit(vignette: float) -> float:
-        """By medians: textures differ where they are finer than pixels."""
-        return float(np.mean([np.median(np.abs(each - np.median(each))) for each in residuals(vignette)]))
+        """Use medians, because textures finer than pixels differ."""
+        return float(np.mean([np.median(np.abs(row - np.median(row))) for row in residuals(vignette)]))
 
-    found = float(minimize_scalar(misfit, bounds=(-0.3, 0.95), method="bounded").x)
-    gains = [float(np.median(each)) for each in residuals(found)]
-    return found, float(np.expm1(np.abs(gains).max()))
+    vignette = float(minimize_scalar(misfit, bounds=(-0.3, 0.95), method="bounded").x)
+    gains = [float(np.median(row)) for row in residuals(vignette)]
+    return vignette, float(np.expm1(np.abs(gains).max()))
 
 
 def _share(name: str, share: float, text: str, remedy: str) -> Finding:

@@ -1,4 +1,4 @@
-"""Self-calibration from pure rotation: what a camera's field of view and depth are, by turning it.
+"""Self-calibration from pure rotation: measure a camera's field of view and its kind of depth by turning it.
 
 A camera that turns in place sees the same rays elsewhere in the picture: ``p_2 ~ K R_21 K^-1 p_1``. Only the
 true focal length, and for depth the true meaning, align the two pictures.
@@ -16,9 +16,10 @@ from omniscv.sources.base import View
 from omniscv.sources.unreal.codecs import SKY
 
 GREY = np.array((0.5, 0.3, 0.2))  # weights that make grey levels of RGB
+UNALIGNED = 0.3  # a misfit above which two pictures cannot be aligned
 _STEP_DEG = 2.0
 _FOVS_DEG = np.arange(20.0, 151.0, _STEP_DEG)
-_COARSE = 4  # every so many-th row and column is used to find the approximate field of view
+_COARSE = 4  # stride of rows and columns for the approximate field of view
 _FLAT = 1e-3  # relative contrast below which a picture has nothing to align
 _OVERLAP = 0.1  # the least share of the picture that both must see
 
@@ -59,10 +60,13 @@ def sample(pixels: NDArray[Any], uvz: Array) -> Array:
 
 
 def misfit(first: Picture, second: Picture, fov_deg: float, kind: str = "", stride: int = 1) -> float:
-    """Return how badly one picture predicts the other: 0 not at all, about 1 if they have nothing in common.
+    """Return how badly one picture predicts the other: 0 is exact, about 1 has nothing in common.
 
-    They are colours (H, W, 3), or depth (H, W) of the supposed kind, ``planar`` or ``ray``; their horizontal
-    field of view is supposed too.
+    Args:
+        first, second: colours (H, W, 3), or depth (H, W).
+        fov_deg: horizontal field of view to suppose.
+        kind: of depth to suppose, ``planar`` or ``ray``; empty for colours.
+        stride: of rows and columns that are compared.
     """
     views = [picture.view(fov_deg) for picture in (first, second)]
     uvz = reproject(views[1], views[0], stride)
@@ -81,10 +85,10 @@ def fitted_fov(first: Picture, second: Picture, kind: str = "") -> tuple[float, 
     misfits = [misfit(first, second, fov, kind, _COARSE) for fov in _FOVS_DEG]
     best = float(_FOVS_DEG[int(np.argmin(misfits))])
     near = best - _STEP_DEG, best + _STEP_DEG
-    found = minimize_scalar(
+    fit = minimize_scalar(
         lambda fov: misfit(first, second, fov, kind), bounds=near, method="bounded", options={"xatol": 0.01}
     )
-    return float(found.x), float(found.fun)
+    return float(fit.x), float(fit.fun)
 
 
 def _invariant(picture: Picture, view: View, kind: str) -> Array:
@@ -93,5 +97,5 @@ def _invariant(picture: Picture, view: View, kind: str) -> Array:
         return np.asarray(picture.pixels @ GREY)
     depth = np.asarray(picture.pixels, np.float64)
     distance = depth * view.ray_lengths() if kind == "planar" else depth
-    seen = (depth < SKY) & (depth > 0)
-    return np.asarray(np.divide(1.0, distance, out=np.zeros_like(distance), where=seen))
+    surface = (depth < SKY) & (depth > 0)
+    return np.asarray(np.divide(1.0, distance, out=np.zeros_like(distance), where=surface))

@@ -11,7 +11,7 @@ from support.worlds import DIALECTS, serve
 import mock_server
 from omniscv.diagnostics import doctor, seams
 from omniscv.diagnostics.moving import MovingWorld
-from omniscv.diagnostics.raw_camera import RawCamera
+from omniscv.diagnostics.server import RawCamera
 from omniscv.sources.unreal.commands import FIX_EXPOSURE
 from omniscv.sources.unreal.masks import colors, paint
 from omniscv.sources.unreal.opening import open_connection

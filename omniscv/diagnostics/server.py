@@ -1,8 +1,9 @@
-"""A camera's frames as they come, stale or not, depth in the server's unit, so that faults are visible."""
+"""A server as it answers: replies to commands, and a camera's frames as they come, stale or not."""
 
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array, Pose, pinhole
-from omniscv.sources.base import View
+from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import decode, picture_size
+from omniscv.sources.registry import Deadlines
 from omniscv.sources.unreal.client import Connection, Reply
-from omniscv.sources.unreal.replies import fov
+from omniscv.sources.unreal.commands import checked
+from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.replies import described, fov
 from omniscv.sources.unreal.source import open_driver
 
 EDGE_PX = 128  # frames are square and of this size, where the server can set it
@@ -23,10 +27,34 @@ NEVER = _FRAMES - 1  # so many stale frames mean that a camera does not rest
 _NOISE, _MOVING = 0.01, 0.05  # relative depth, and share of a frame, by which frames of one pose may differ
 
 
-class RawCamera(AbstractContextManager["RawCamera"]):
-    """A camera that a driver aims, without its repairs. A context manager, which leaves the game as it was.
+def replies_to(address: str, commands: Iterable[str], **deadlines: Unpack[Deadlines]) -> Iterator[str]:
+    """Yield the replies to commands, of binary ones the size and format, each before the next is sent.
 
-    It starts at ``position``, (3,) in the world frame, metres; at the player's position if not given.
+    Nothing else is done to the game: no camera is spawned, and no mask colour is set.
+
+    Args:
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``.
+        commands: of UnrealCV, such as ``vget /unrealcv/status``.
+        deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
+
+    Raises:
+        ArgumentError: an address of another form, or a command that is no single line.
+        SourceError: no UnrealCV server reachable there, or one that refuses a command.
+    """
+    lines = [checked(command) for command in commands]
+    with open_connection(address, **deadlines) as connection:
+        for line in lines:
+            yield described(connection.reply(line))
+
+
+class RawCamera(AbstractContextManager["RawCamera"]):
+    """A camera that a driver aims, without the driver's repairs, so that faults are visible.
+
+    A context manager, which leaves the game as it was. Depth is in the server's unit.
+
+    Args:
+        connection: to the server.
+        position: (3,) where the camera starts, world frame, metres; None: the player's position.
 
     Attributes:
         size: width and height of its lit frames, px.
@@ -48,9 +76,8 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         self.size = width, height
         self._aim(0, 0)
         self._sizes.clear()
-        self.fov_deg = fov(
-            self._connection.text(f"vget /camera/{self.driver.camera}/{self.driver.table.fov}")
-        )
+        command = f"vget /camera/{self.driver.camera}/{self.driver.table.fov}"
+        self.fov_deg = fov(self._connection.text(command))
 
     def go(self, yaw_deg: float, pitch_deg: float = 0.0, forward_m: float = 0.0) -> Pose:
         """Turn to world angles, move along the new axis, and wait until frames show it."""
@@ -73,24 +100,27 @@ class RawCamera(AbstractContextManager["RawCamera"]):
 
     def pixels(self, mode: str) -> NDArray[Any]:
         """Return a frame: (H, W, 3) uint8, or (H, W) float32 depth in the server's meaning and unit."""
-
-        where = self._connection.address
+        address = self._connection.address
 
         def decoded(command: str, reply: Reply) -> NDArray[Any]:
             if isinstance(reply, str):
-                kind = ServerRefusedError if reply.startswith("error") else BadReplyError
-                raise kind(f"{where}: expected a picture from {command!r}, got {shown(reply)}")
+                error = ServerRefusedError if reply.startswith("error") else BadReplyError
+                raise error(f"{address}: expected a picture from {command!r}, got {shown(reply)}")
             width, height = picture_size(reply)
             if not 1 <= height <= width <= _LARGEST_PX:
-                wanted = f"expected a picture at most {_LARGEST_PX} px wide and no higher"
-                raise BadReplyError(f"{where}: {wanted}, got {width} x {height}")
+                expected = f"expected a picture at most {_LARGEST_PX} px wide and no higher"
+                raise BadReplyError(f"{address}: {expected}, got {width} x {height}")
             if (known := self._sizes.setdefault(mode, (width, height))) != (width, height):
-                wanted = "expected {} pictures of {} x {} as before".format(mode, *known)
-                raise BadReplyError(f"{where}: {wanted}, got {width} x {height}")
+                expected = "expected {} pictures of {} x {} as before".format(mode, *known)
+                raise BadReplyError(f"{address}: {expected}, got {width} x {height}")
             view = View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height)
             return decode(reply, "npy" if mode == "depth" else "png", mode, view)
 
         return self._connection.read([self.driver.table.image(self.driver.camera, mode)], decoded)[0]
+
+    def color_counts(self) -> dict[Color, int]:
+        """Return the colours in a frame of the object mask, and how many pixels have each."""
+        return color_counts(self.pixels("object_mask"))
 
     def __exit__(self, *error: object) -> None:
         self.driver.release()
@@ -105,8 +135,14 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         return pose
 
 
+def color_counts(mask: NDArray[np.uint8]) -> dict[Color, int]:
+    """Return the colours in an object mask (H, W, 3), and how many pixels have each."""
+    colors, counts = np.unique(mask.reshape(-1, 3), axis=0, return_counts=True)
+    return {(r, g, b): count for (r, g, b), count in zip(colors.tolist(), counts.tolist(), strict=True)}
+
+
 def alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Return whether two frames show the same, but for noise and small things that move."""
+    """Return whether two frames show the same, except for noise and small things that move."""
     return bool(np.isclose(depth, other, rtol=_NOISE).mean() > 1 - _MOVING)
 
 
