@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Self
 
 LONGEST_LINE = 300
 """The most characters of an error."""
@@ -81,7 +81,25 @@ class TornSetError(SourceError):
 
 
 class RecordingError(OmniscvError):
-    """A recording cannot be used."""
+    """A recording cannot be used.
+
+    Attributes:
+        reason: what was expected and what came.
+        path: path or URL of the recording; None where it is not known.
+        advice: what to do.
+    """
+
+    def __init__(self, reason: str, path: object = None, advice: str = "") -> None:
+        start = "" if path is None else f"{path}: "
+        super().__init__(f"{start}{reason}{advice and '; '}{advice}")
+        self.reason, self.path, self.advice = reason, path, advice
+
+    def at(self, path: object, advice: str = "") -> Self:
+        """Return the same error of a recording at a path."""
+        return type(self)(self.reason, path, advice)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.reason, self.path, self.advice)
 
 
 class NotARecordingError(RecordingError):

@@ -77,7 +77,7 @@ class LocalFolder(Folder):
             else:
                 shutil.copyfile(content, part)
             if first:
-                return _link(part, path)
+                return move_new(part, path)
             part.replace(path)
         return True
 
@@ -266,8 +266,8 @@ def refusal(cause: OSError, path: Path | str | None = None) -> str:
     return f"{path}: expected to read or write it, got: {got}{advice}" if path else f"{got}{advice}"
 
 
-def _link(part: Path, path: Path) -> bool:
-    """Link a temporary file to ``path``; return False if the path exists."""
+def move_new(part: Path, path: Path) -> bool:
+    """Give a complete temporary file its path; return False if the path exists."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -280,7 +280,7 @@ def _link(part: Path, path: Path) -> bool:
 
 
 def _create(part: Path, path: Path) -> bool:
-    """As :func:`_link`, on a file system without hard links: of simultaneous writers, the last one wins."""
+    """As :func:`move_new`, on a file system without hard links: of simultaneous writers, the last one wins."""
     if path.exists():
         return False
     content = part.read_bytes()

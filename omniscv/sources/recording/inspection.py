@@ -12,9 +12,9 @@ from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
 from omniscv.sources.base import View
-from omniscv.sources.recording.rows import Row, object_from_json, view_from_json
-from omniscv.sources.recording.state_table import HeldState
-from omniscv.sources.recording.store import ADVICE, Store
+from omniscv.sources.recording.rows import Row, WorldState, object_from_json, view_from_json
+from omniscv.sources.recording.schema import SCHEMA_VERSION
+from omniscv.sources.recording.store import Store
 
 
 @dataclass(frozen=True)
@@ -52,43 +52,35 @@ class Info:
 
 
 def info(path: Path | str) -> Info:
-    """What a recording holds, without its pixels; RecordingError if it cannot be read."""
+    """Return what a recording holds, without its pixels; RecordingError if it cannot be read."""
     with closing(Store(storage.fetch_file(path))) as store:
         rows = store.listing()
         views = [view_from_json(row.captured) for row in rows]
-        origins = [object_from_json(row.provenance) for row in rows]
-        times = [time for each in origins if (time := _time(each)) is not None]
+        provenances = [object_from_json(row.provenance) for row in rows]
+        first, last = _period(provenances)
 
-        def known(key: str) -> list[str]:
-            return sorted({str(each[key]) for each in origins if key in each})
+        def values(key: str) -> list[str]:
+            return sorted({str(provenance[key]) for provenance in provenances if key in provenance})
 
         return Info(
             file=storage.without_secrets(path),
             bytes=store.path.stat().st_size,
-            schema_version=store.version,
-            captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
+            schema_version=SCHEMA_VERSION,
+            captures=_by_mode(rows),
             centers=len({view.key().position for view in views}),
             sizes=dict(Counter(f"{view.width}x{view.height}" for view in views).most_common()),
-            servers=known("server"),
-            scenes=known("scene"),
-            dialects=known("dialect"),
-            first=_iso(min(times, default=None)),
-            last=_iso(max(times, default=None)),
+            servers=values("server"),
+            scenes=values("scene"),
+            dialects=values("dialect"),
+            first=first,
+            last=last,
             objects=len(store.objects().colors),
             states=_states(rows, store.states()),
         )
 
 
-def _states(rows: list[Row], known: dict[str, HeldState]) -> dict[str, dict[str, Any]]:
-    instants = {name: state.instant for name, state in known.items()} | {"": Instant()}
-    return {
-        state: {"captures": count, "instant": each.to_dict() if (each := instants[state]) else None}
-        for state, count in Counter(row.state for row in rows).items()
-    }
-
-
 @dataclass(frozen=True)
-class Place:
+class Center:
     """An optical centre of a recording.
 
     Attributes:
@@ -106,35 +98,18 @@ class Place:
     last: str
 
 
-def places(path: Path | str) -> list[Place]:
+def centers(path: Path | str) -> list[Center]:
     """Return the optical centres of a recording, in the order of their first captures, without its pixels.
 
     Raises:
         RecordingError: it cannot be read.
     """
+    captures: dict[tuple[object, ...], list[tuple[View, Row]]] = {}
     with closing(Store(storage.fetch_file(path))) as store:
-        found: dict[tuple[object, ...], list[tuple[View, Row]]] = {}
         for row in store.listing():
             view = view_from_json(row.captured)
-            found.setdefault((view.key().position, row.state), []).append((view, row))
-    return [_place(each) for each in found.values()]
-
-
-def _place(captures: list[tuple[View, Row]]) -> Place:
-    views, rows = zip(*captures, strict=True)
-    times = [_time(object_from_json(row.provenance)) for row in rows]
-    return Place(
-        center=tuple(views[0].pose.position.tolist()),
-        state=rows[0].state,
-        captures=dict(sorted(Counter(row.mode_name for row in rows).items())),
-        fov_deg=(min(view.fov_deg for view in views), max(view.fov_deg for view in views)),
-        last=_iso(max((time for time in times if time is not None), default=None)),
-    )
-
-
-def _time(origin: Mapping[str, Any]) -> float | None:
-    time = origin.get("time")
-    return time if isinstance(time, int | float) else None
+            captures.setdefault((view.key().position, row.state), []).append((view, row))
+    return [_center(*zip(*group, strict=True)) for group in captures.values()]
 
 
 @dataclass(frozen=True)
@@ -163,25 +138,57 @@ def verify(path: Path | str) -> Verification:
     Raises:
         RecordingError: the file cannot be read, or has other tables than a recording.
     """
-    shown = storage.without_secrets(path)
+    name = storage.without_secrets(path)
+    faults: list[str] = []
+
+    def check(read: Callable[[], object]) -> None:
+        try:
+            read()
+        except RecordingError as cause:
+            faults.append(str(cause.at(name)))
+
+    captures = 0
     with closing(Store(storage.fetch_file(path))) as store:
-        faults = store.structural_faults()
-
-        def check(what: Callable[[], object]) -> None:
-            try:
-                what()
-            except RecordingError as cause:
-                faults.append(str(cause).removeprefix(f"{store.path}: ").removesuffix(ADVICE))
-
-        check(store.objects)
-        check(store.geometry)
-        check(store.states)
-        check(store.listing)
-        captures = 0
+        faults += [f"{name}: {fault}" for fault in store.structural_faults()]
+        for read in (store.objects, store.geometry, store.states, store.listing):
+            check(read)
         for row in store.rows():
             captures += 1
             check(row.capture)
-        return Verification(shown, captures, [f"{shown}: {fault}" for fault in faults])
+    return Verification(name, captures, faults)
+
+
+def _by_mode(rows: Iterator[Row] | tuple[Row, ...] | list[Row]) -> dict[str, int]:
+    return dict(sorted(Counter(row.mode for row in rows).items()))
+
+
+def _states(rows: list[Row], known: dict[str, WorldState]) -> dict[str, dict[str, Any]]:
+    instants = {name: state.instant for name, state in known.items()} | {"": Instant()}
+    return {
+        state: {"captures": count, "instant": instant.to_dict() if (instant := instants[state]) else None}
+        for state, count in Counter(row.state for row in rows).items()
+    }
+
+
+def _center(views: tuple[View, ...], rows: tuple[Row, ...]) -> Center:
+    return Center(
+        center=tuple(views[0].pose.position.tolist()),
+        state=rows[0].state,
+        captures=_by_mode(rows),
+        fov_deg=(min(view.fov_deg for view in views), max(view.fov_deg for view in views)),
+        last=_period([object_from_json(row.provenance) for row in rows])[1],
+    )
+
+
+def _period(provenances: list[dict[str, Any]]) -> tuple[str, str]:
+    """Return the first and the last time of captures, ISO 8601, UTC; empty where it is not recorded."""
+    times = [time for provenance in provenances if (time := _time(provenance)) is not None]
+    return _iso(min(times, default=None)), _iso(max(times, default=None))
+
+
+def _time(provenance: Mapping[str, Any]) -> float | None:
+    time = provenance.get("time")
+    return time if isinstance(time, int | float) else None
 
 
 def _iso(seconds: float | None) -> str:

@@ -1,189 +1,90 @@
-"""SQLite's logs beside a recording: one is taken in only by the file that it was written for.
+"""SQLite's logs beside a recording: only the file that a log was written for takes it in.
 
-SQLite finds a log by its name alone. A log that a killed recorder left would be taken in by whatever file has
-the name next. So every log is compared with the file before SQLite sees both; a foreign one is set aside.
-
-A recorder writes a rollback journal, ``FILE-journal``, which holds pages as they were before a change. Every
-change replaces the random token of the recording first, so that the journal's first page has the token of
-before, and the file has that one, or the one that followed it.
-Recordings of version 1, and other programs, may leave ``FILE-wal``.
+SQLite finds a log by its name alone: the journal of a killed recorder would be rolled back into any file that
+has the name next. So it is compared with the file first. Every change of a recording begins with a new random
+token: the journal's first page has the token from before, which the file has as ``token`` or ``parent``.
 """
 
 import contextlib
 import logging
-import os
 import re
 import sqlite3
-import struct
 from itertools import count
 from pathlib import Path
 
-from zlib_ng import zlib_ng
+from omniscv.errors import NotARecordingError
+from omniscv.sources.recording.schema import check_schema, connect
 
-from omniscv.errors import NotARecordingError, RecordingError
-from omniscv.sources.recording.schema import connect, most_captures, structural_faults, version_of
-
-_JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
-_HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: one behind the other
-_WAL_VERSIONS = b"\x02\x02"  # bytes 18 and 19 of a file with a write-ahead log
-_LEAF = b"\x0d"  # the first byte of a page of rows
+_MAGIC, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # of a journal, of a page of rows
+_HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
 
 _log = logging.getLogger("omniscv")
 
 
-def logs_of(path: Path) -> list[Path]:
-    """Return where SQLite's logs of a file are."""
-    return [Path(f"{path}{end}") for end in ("-journal", "-wal", "-shm")]
-
-
 def settle(path: Path) -> None:
-    """Leave no log beside a file but its own: undo what its journal undoes, set foreign logs aside.
+    """Roll back the file's own journal; rename a foreign one, and a write-ahead log: recordings have none.
 
     Raises:
-        NotARecordingError: a foreign log cannot be set aside, or it cannot be known whose a log is.
+        NotARecordingError: the journal is another program's, or a foreign log cannot be renamed.
         sqlite3.Error, OSError: the file cannot be read.
     """
-    journal, wal, shared = logs_of(path)
-    if wal.exists() and not _owns_wal(path):
+    journal, wal = Path(f"{path}-journal"), Path(f"{path}-wal")
+    if wal.exists():
         _set_aside(path, wal)
-        with contextlib.suppress(OSError):
-            shared.unlink()
-    while (state := _state(journal)) and _is_hot(path):
-        owned = _owns_journal(path, journal)
-        if _state(journal) != state:
-            continue  # another process has just done it
-        if owned is None:
-            raise NotARecordingError(
-                f"{path}: expected a journal of omniscv beside it, got that of another program in "
-                f"{journal.name}; open it with that program, or remove the journal if it is of another file"
-            )
-        if owned:
+        Path(f"{path}-shm").unlink(missing_ok=True)
+    while journal.exists() and journal.stat().st_size and _is_hot(path):
+        known, token = _tokens(path), _token_before(journal)
+        if not _is_hot(path) or token != _token_before(journal):
+            continue  # another process has rolled it back
+        if token is None:
+            got = f"that of another program in {journal.name}; open it with that program, or remove the"
+            reason = f"expected a journal of omniscv beside it, got {got} journal if it is of another file"
+            raise NotARecordingError(reason, path)
+        if token in known:
             connect(path, "rw").close()
         else:
             _set_aside(path, journal)
 
 
-def _state(log: Path) -> tuple[int, int, int] | None:
-    """What tells a log from one that is written later; None if there is none, or an empty one."""
+def _is_hot(path: Path) -> bool:
+    """Return whether SQLite would roll a journal back: it is not that of a running recorder."""
     try:
-        found = log.stat()
-    except FileNotFoundError:
-        return None
-    return (found.st_ino, found.st_size, found.st_mtime_ns) if found.st_size else None
+        connect(path, "ro").close()
+    except sqlite3.OperationalError as refused:
+        if refused.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
+            return True
+        raise
+    return False
 
 
-def remove_logs(path: Path) -> None:
-    """Remove the logs of a file that was replaced."""
-    for log in logs_of(path):
-        log.unlink(missing_ok=True)
+def _tokens(path: Path) -> set[tuple[bytes, ...]]:
+    """Return the id with the token, and with the one before, as they are in a file without its journal."""
+    with contextlib.closing(connect(path, "ro&immutable=1", torn=True)) as database:
+        check_schema(database, path)
+        ((id_, *tokens),) = database.execute("SELECT id, token, parent FROM recording LIMIT 1")
+    return {(str(id_).encode(), str(token).encode()) for token in tokens}
+
+
+def _token_before(journal: Path) -> tuple[bytes, ...] | None:
+    """Return the id and token in the first page of a journal; None in the journal of another program."""
+    with contextlib.suppress(FileNotFoundError), journal.open("rb") as file:
+        start = file.read(1 << 18)
+        sector, page_bytes = int.from_bytes(start[20:24], "big"), int.from_bytes(start[24:28], "big")
+        page = start[sector + 4 : sector + 4 + page_bytes]  # behind the page's number
+        first_row = int.from_bytes(page[8:10], "big")
+        if start.startswith(_MAGIC) and page.startswith(_LEAF) and (found := _HEAD.search(page, first_row)):
+            return found.groups()
+    return None
 
 
 def _set_aside(path: Path, log: Path) -> None:
     names = (log.with_name(f"{log.name}.foreign{number or ''}") for number in count())
-    aside = next(name for name in names if not name.exists())
+    target = next(name for name in names if not name.exists())
     try:
-        log.rename(aside)
-    except FileNotFoundError:
-        return  # another process has just done it
+        log.rename(target)
+        _log.warning("%s: %s is a log of another file; set aside as %s", path, log.name, target.name)
+    except FileNotFoundError:  # another process has done it
+        pass
     except OSError as cause:
-        raise NotARecordingError(
-            f"{path}: expected no log of another file beside it, got {log.name}, which cannot be set aside "
-            f"({cause.strerror}); remove it"
-        ) from cause
-    _log.warning("%s: %s is a log of another file; set aside as %s", path, log.name, aside.name)
-
-
-def _is_hot(path: Path) -> bool:
-    """Whether a journal would be rolled back into a file: it is no live recorder's, and not empty."""
-    try:
-        connect(path, "ro").close()
-    except sqlite3.OperationalError as refused:
-        if refused.sqlite_errorcode != sqlite3.SQLITE_READONLY_ROLLBACK:
-            raise
-        return True
-    return False
-
-
-def _owns_journal(path: Path, journal: Path) -> bool | None:
-    """Whether a journal undoes what is half done in a file; None if that cannot be known."""
-    with contextlib.closing(_alone(path)) as alone:
-        if version_of(alone, path) == 1:
-            # Version 1 wrote journals of the file's header only, a single page.
-            if _sound_rows(alone, path) is not None:
-                return False
-        else:
-            ((root,),) = alone.execute("SELECT rootpage FROM sqlite_master WHERE name = 'recording'")
-            ((own, *tokens),) = alone.execute("SELECT id, token, parent FROM recording LIMIT 1")
-            before = _first_head(journal, root)
-            if before:
-                return before[0] == own and before[1] in tokens
-    return None
-
-
-def _alone(path: Path) -> sqlite3.Connection:
-    """A connection to a file as it is, without its logs."""
-    return connect(path, "ro&immutable=1", torn=True)
-
-
-def _first_head(journal: Path, root: int) -> tuple[str, str] | None:
-    """The recording's id and token in the first page of a journal; None if another page is the first."""
-    with contextlib.suppress(FileNotFoundError), journal.open("rb") as file:
-        file.seek(-min(8, journal.stat().st_size), os.SEEK_END)
-        if file.read() == _JOURNAL_MAGIC:  # it names another journal, which a change of one file does not
-            return None
-        file.seek(0)
-        header = file.read(28)
-        if len(header) < 28 or not header.startswith(_JOURNAL_MAGIC):
-            return None
-        sector, size = struct.unpack(">II", header[20:28])
-        file.seek(sector)
-        page = file.read(4 + min(size, 1 << 16))
-        number, cells = page[:4], page[4:]
-        if int.from_bytes(number, "big") == root and cells[:1] == _LEAF:
-            found = _HEAD.search(cells, int.from_bytes(cells[8:10], "big"))
-            return (found[1].decode(), found[2].decode()) if found else None
-    return None
-
-
-def _owns_wal(path: Path) -> bool:
-    """Whether a file and its write-ahead log together are sound, and hold all that the file alone holds."""
-    with contextlib.closing(_alone(path)) as database, path.open("rb") as file:
-        version_of(database, path)
-        if file.read(20)[18:] != _WAL_VERSIONS:  # it has no such log
-            return False
-        alone = _sound_rows(database, path)
-    with contextlib.closing(connect(path, "ro")) as database:
-        try:
-            version_of(database, path)
-            both = _sound_rows(database, path)
-        except (sqlite3.DatabaseError, RecordingError):
-            return False
-    return both is not None and (alone or set()) <= both
-
-
-def _sound_rows(database: sqlite3.Connection, path: Path) -> set[tuple[str, int]] | None:
-    """The keys and checksums of captures; None if a payload or the structure is damaged."""
-    version = version_of(database, path)
-    column = "checksum" if version == 1 else "payload_checksum"
-    query = f"SELECT key, {column}, payload FROM capture LIMIT {most_captures(path) + 1}"
-    rows = set()
-    try:
-        if structural_faults(database):
-            return None
-        for key, crc, payload in database.execute(query):
-            if not isinstance(payload, bytes) or zlib_ng.crc32(payload) != crc:
-                return None
-            rows.add((str(key), crc))
-    except sqlite3.DatabaseError:
-        return None
-    return rows
-
-
-def sync_folder(path: Path) -> None:
-    """Flush a folder, so that what was renamed in it outlives a power cut; nothing where none can be."""
-    with contextlib.suppress(OSError):
-        folder = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        got = f"{log.name}, which cannot be set aside ({cause.strerror}); remove it"
+        raise NotARecordingError(f"expected no log of another file beside it, got {got}", path) from cause

@@ -1,6 +1,5 @@
 """Replay of a recording."""
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -13,25 +12,10 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.parallel import side_by_side
-from omniscv.sources.base import (
-    Capabilities,
-    Capture,
-    ObjectTable,
-    Request,
-    SceneIdentity,
-    Source,
-    View,
-)
-from omniscv.sources.recording.recorded_views import (
-    NOTHING,
-    RecordedState,
-    differences,
-    in_words,
-    states_in_words,
-)
-from omniscv.sources.recording.rows import view_from_json
-from omniscv.sources.recording.state_table import HeldState
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
+from omniscv.sources.recording.rows import WorldState
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state
 
 S = TypeVar("S", bound=Source)
 
@@ -51,32 +35,26 @@ class RecordedSource(Source):
     """
 
     def __init__(self, path: Path | str, state: str = "") -> None:
-        # Of a URL, and not of the copy, so that it may be opened on another machine:
-        self._where = path if storage.is_url(path) else Path(path).absolute()
-        self._store, self._state, self._owner = Store(storage.fetch_file(path)), state, True
-        self._shown = storage.without_secrets(path)
-        modes: dict[str, dict[View, set[str]]] = defaultdict(lambda: defaultdict(set))
-        for row in self._store.listing():
-            modes[row.state][view_from_json(row.asked)].add(row.mode_name)
-        self._views = {state: RecordedState(held) for state, held in modes.items()}
-        known = self._store.states()
-        # The last one counts of several states that the world was found in.
-        self._found = {known[each].asked: each for each in modes if each and known[each].asked is not None}
-        if state == "" and "" not in modes:
-            self._state = self._found.get("", "")
-        # Planned as on the server that was recorded: it may have made no view higher than wide.
-        tall = any(view.height > view.width for held in modes.values() for view in held)
-        every = frozenset().union(*(each for held in modes.values() for each in held.values()))
-        self._capabilities = Capabilities(modes=every, can_set_tall=tall, dialect="recording")
+        # The URL, not its local copy, so that the source can be pickled for another machine:
+        self._address = path if storage.is_url(path) else Path(path).absolute()
+        self._name = storage.without_secrets(path)
+        self._store, self._owns_store = Store(storage.fetch_file(path)), True
         try:
-            self._check_held(self._state)
-        except MissingCaptureError:
+            self._views = views_by_state(self._store.listing())
+            self._found = self._found_states()
+            self._state = self._found.get("", "") if state == "" and "" not in self._views else state
+            self._check_holds(self._state)
+        except BaseException:
             self._store.close()
             raise
+        # Planned as on the server that was recorded: it may have made no view higher than wide.
+        tall = any(view.height > view.width for held in self._views.values() for view in held.views)
+        modes = frozenset[str]().union(*(held.modes for held in self._views.values()))
+        self._capabilities = Capabilities(modes=modes, can_set_tall=tall, dialect="recording")
 
     def __repr__(self) -> str:
         count = sum(len(held.views) for held in self._views.values())
-        name = str(self._shown).rpartition("/")[2]
+        name = str(self._name).rpartition("/")[2]
         return f"<RecordedSource {name}: {count} views, {' '.join(sorted(self._capabilities.modes))}>"
 
     @property
@@ -85,7 +63,7 @@ class RecordedSource(Source):
 
     def recorded_views(self) -> tuple[View, ...]:
         """The views of the state that is replayed."""
-        return self._held.views
+        return self._views.get(self._state, NO_VIEWS).views
 
     @property
     def scene_identity(self) -> SceneIdentity:
@@ -97,21 +75,20 @@ class RecordedSource(Source):
         Servers that cannot capture straight up and down are recorded in two such views. Views that were
         recorded in fewer modes than this one are left out.
         """
-        return (view, *self._held.turned(view))
+        return (view, *self._views.get(self._state, NO_VIEWS).turned(view))
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        coming = iter(requests)
-        while batch := list(islice(coming, _READ_AHEAD)):
-            yield from side_by_side(self._replayed, batch)
+        remaining = iter(requests)
+        while batch := list(islice(remaining, _READ_AHEAD)):
+            yield from side_by_side(self._replay, batch)
 
     def objects(self) -> ObjectTable:
         return self._store.objects()
 
     def geometry(self) -> SceneGeometry:
-        """As recorded with the objects, and with the state; empty in files of omniscv 0.1, and of sources
-        that know no shapes."""
+        """As recorded with the objects and the state; empty for sources that know no shapes."""
         still = self._store.geometry()
-        return (self._store.state(self._state) or HeldState()).geometry(still)
+        return (self._store.state(self._state) or WorldState()).geometry(still)
 
     @property
     def state(self) -> str:
@@ -119,12 +96,12 @@ class RecordedSource(Source):
 
     @property
     def instant(self) -> Instant:
-        held = self._store.state(self._state)
-        return held.instant if held and held.instant else Instant()
+        known = self._store.state(self._state)
+        return known.instant if known and known.instant else Instant()
 
     def object_poses(self) -> Mapping[str, Pose]:
         """As recorded with the state's first capture."""
-        return (self._store.state(self._state) or HeldState()).object_poses()
+        return (self._store.state(self._state) or WorldState()).object_poses()
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""
@@ -138,44 +115,46 @@ class RecordedSource(Source):
         state = instant.state
         if state not in self._views:
             state = self._found.get(state, state)
-        self._check_held(state)
-        return sharing(self, _state=state, _owner=False)
+        self._check_holds(state)
+        return sharing(self, _state=state, _owns_store=False)
 
     def close(self) -> None:
-        if self._owner:
+        if self._owns_store:
             self._store.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return RecordedSource, (self._where, self._state)
+        return RecordedSource, (self._address, self._state)
 
-    @property
-    def _held(self) -> RecordedState:
-        return self._views.get(self._state, NOTHING)
+    def _found_states(self) -> dict[str, str]:
+        """Return, by the state that was to be set, the one in which the world was found, the last if several."""
+        known = self._store.states()
+        asked = ((known[state].asked, state) for state in self._views if state)
+        return {wanted: state for wanted, state in asked if wanted is not None}
 
-    def _check_held(self, state: str) -> None:
+    def _check_holds(self, state: str) -> None:
         if state and state not in self._views:
-            wanted = f"expected captures of the world in state {shown(state)}"
+            expected = f"expected captures of the world in state {shown(state)}"
             held = states_in_words(self._views)
-            raise MissingCaptureError(f"{self._shown}: {wanted}, the recording holds {held}")
+            raise MissingCaptureError(f"{expected}, the recording holds {held}", self._name)
 
-    def _replayed(self, request: Request) -> Capture:
+    def _replay(self, request: Request) -> Capture:
         if capture := self._store.get(request):
             return capture
-        raise MissingCaptureError(f"{self._shown}: {self._explain(request)}")
+        raise MissingCaptureError(self._explain(request), self._name)
 
     def _explain(self, request: Request) -> str:
-        """What is not there, and what is."""
-        wanted = f"expected a {request.mode} capture of {in_words(request.view)}"
+        """Return what is missing, and what is there."""
+        expected = f"expected a {request.mode} capture of {in_words(request.view)}"
         held = self._views.get(request.state)
         if held is None:
-            of = f" in state {shown(request.state)}" if request.state else ""
-            return f"{wanted}{of}; the recording holds {states_in_words(self._views)}"
+            state = f" in state {shown(request.state)}" if request.state else ""
+            return f"{expected}{state}; the recording holds {states_in_words(self._views)}"
         nearest = held.nearest(request)
         if nearest is None:
             known = modalities.names()
             modes = (mode if mode in known else shown(mode) for mode in sorted(held.modes)[:20])
-            return f"{wanted}; the recording holds no {request.mode}, only {', '.join(modes)}"
-        return f"{wanted}; the nearest recorded view differs in {differences(nearest, request.view)}"
+            return f"{expected}; the recording holds no {request.mode}, only {', '.join(modes)}"
+        return f"{expected}; the nearest recorded view differs in {differences(nearest, request.view)}"
 
 
 open_recording = RecordedSource
@@ -183,7 +162,7 @@ open_recording = RecordedSource
 
 
 def sharing(source: S, **changes: object) -> S:
-    """Return another source of the same kind, which shares all but these attributes."""
-    found = object.__new__(type(source))
-    vars(found).update(vars(source), **changes)
-    return found
+    """Return another source of the same class, which shares all but these attributes."""
+    other = object.__new__(type(source))
+    vars(other).update(vars(source), **changes)
+    return other

@@ -1,25 +1,33 @@
-"""Rows of a recording as values: views as JSON, keys, checksums."""
+"""Rows of a recording as values, and their checksums; docs/recording-format.md describes them.
+
+Anybody may have written a file: values are checked when they are read.
+"""
 
 import contextlib
 import json
 import secrets
-import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 from zlib_ng import zlib_ng
 
 from omniscv import modalities
-from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, BadReplyError, DamagedRecordingError
+from omniscv.arguments import shown, within
+from omniscv.errors import ArgumentError, BadReplyError, DamagedRecordingError, RecordingNotWritableError
 from omniscv.geometry import Pose
-from omniscv.sources.base import Capture, Request, SceneIdentity, View
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
+from omniscv.records import mapping
+from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, payload_of
 
-DEFAULT_TOLERANCE = 3  # of the object table in recordings that hold none: that of UnrealCV servers
+DEFAULT_TOLERANCE = 3  # of a new recording's object table: that of UnrealCV servers
+MOST_OBJECTS = 0xFFFF
 
-_LONGEST_TEXT, _LONGEST_WORD = 1 << 20, 100  # characters of a text column, and of a mode or encoding
+_LONGEST_TEXT, _LONGEST_WORD = 1 << 20, 100  # characters of a text column; of a mode, encoding or state
+_LONGEST_JSON = 1 << 25  # characters of boxes and poses: enough for MOST_OBJECTS
 _LONGEST_CAUSE = 150  # characters of an error about a part of a capture
 
 
@@ -33,10 +41,7 @@ def checksum(values: Iterable[str | int | bytes]) -> int:
 
 
 class Row(NamedTuple):
-    """A capture as it is stored, see docs/recording-format.md; anything may be written in a file.
-
-    ``checksum`` is None in version 1, which has none but the payload's. ``state`` is empty before version 4.
-    """
+    """A row of ``capture``. Of a capture that is in no recording yet, ``number`` and ``checksum`` are 0."""
 
     number: int
     key: str
@@ -46,13 +51,13 @@ class Row(NamedTuple):
     encoding: str
     provenance: str
     payload_checksum: int
-    checksum: int | None
+    checksum: int
     payload: bytes
-    state: str = ""
+    state: str
 
     @classmethod
-    def of(cls, capture: Capture, number: int, recording: str) -> Self:
-        """Return the row of a capture in the recording of an id.
+    def of(cls, capture: Capture) -> Self:
+        """Return the row of a capture.
 
         Raises:
             ArgumentError: provenance that is no JSON, or too long.
@@ -65,65 +70,61 @@ class Row(NamedTuple):
             got = f"{shown(capture.provenance)}: {cause}"
             raise ArgumentError(f"provenance: expected plain JSON values, got {got}") from cause
         if len(provenance) > _LONGEST_TEXT:
-            wanted = f"expected at most {_LONGEST_TEXT} characters of JSON"
-            raise ArgumentError(f"provenance: {wanted}, got {len(provenance)}")
-        requested, captured = map(view_to_json, (capture.request.view, capture.view))
-        key, crc = keys(capture.request)[0], zlib_ng.crc32(payload)
-        texts = key, capture.mode, requested, captured, encoding, provenance
-        row = cls(number, *texts, crc, 0, payload, capture.request.state)
-        return row._replace(checksum=row.own_checksum(recording))
+            expected = f"expected at most {_LONGEST_TEXT} characters of JSON"
+            raise ArgumentError(f"provenance: {expected}, got {len(provenance)}")
+        request = capture.request
+        views = view_to_json(request.view), view_to_json(capture.view)
+        texts = key_of(request), capture.mode, *views, encoding, provenance
+        return cls(0, *texts, zlib_ng.crc32(payload), 0, payload, request.state)
 
-    def own_checksum(self, recording: str) -> int:
-        """Return the checksum of all but the payload, whose own checksum it covers, in a recording."""
+    def in_recording(self, number: int, recording: str) -> Self:
+        """Return the row with its number in the recording of an id, and its checksum there."""
+        row = self._replace(number=number)
+        return row._replace(checksum=row.expected_checksum(recording))
+
+    def expected_checksum(self, recording: str) -> int:
+        """Return the checksum in the recording of an id: of all but the payload, which has its own."""
         state = (self.state,) if self.state else ()
         return checksum((recording, *self[:8], *state))
 
-    @property
-    def mode_name(self) -> str:
-        """The name of the modality, which earlier versions may have stored by an alias."""
-        with contextlib.suppress(ArgumentError):
-            return modalities.get(self.mode).name
-        return str(self.mode)
-
     def check(self, recording: str) -> None:
-        """Raise DamagedRecordingError if anything but the payload is not what was recorded."""
+        """Raise DamagedRecordingError if anything but the payload is not as recorded."""
         self._check_texts()
-        if self.checksum is not None and self.checksum != self.own_checksum(recording):
-            wanted = f"expected checksum {self.checksum} of the row"
-            got = self.own_checksum(recording)
-            raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {got}")
+        if self.checksum != (crc := self.expected_checksum(recording)):
+            reason = f"expected checksum {self.checksum} of the row, got {crc}"
+            raise DamagedRecordingError(f"capture {shown(self.key)}: {reason}")
 
-    def _check_texts(self) -> None:
-        words = self.mode, self.encoding, self.state
-        for text in (*self[1:7], self.state):
-            longest = _LONGEST_WORD if text in words else _LONGEST_TEXT
-            if not isinstance(text, str) or len(text) > longest:
-                wanted = f"expected texts of at most {longest} characters"
-                raise DamagedRecordingError(f"capture {shown(self.key)}: {wanted}, got {shown(text)}")
+    def check_payload(self) -> None:
+        """Raise DamagedRecordingError if the payload is not as recorded."""
+        crc = zlib_ng.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
+        with self._named():
+            if crc != self.payload_checksum:
+                raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
 
     def description(self) -> tuple[Request, View, dict[str, Any]]:
-        """The request, the captured view and the provenance; DamagedRecordingError for anything else."""
+        """Return the request, the captured view and the provenance; DamagedRecordingError for other values."""
         self._check_texts()
         with self._named():
-            request = Request(view_from_json(self.asked), self.mode_name, self.state)
-            if self.key not in keys(request):
+            request = Request(view_from_json(self.asked), self.mode, self.state)
+            if self.key != key_of(request):
                 raise ArgumentError("expected the key of its view, mode and state, got another")
             return request, view_from_json(self.captured), object_from_json(self.provenance)
 
     def capture(self) -> Capture:
-        """The capture, checked and decoded; DamagedRecordingError if a value is not what was recorded."""
+        """Return the capture, checked and decoded; DamagedRecordingError if it is not as recorded."""
         request, view, provenance = self.description()
         self.check_payload()
         with self._named():
             pixels = decode(self.payload, self.encoding, request.mode, view)
         return Capture(request, view, pixels, provenance, self.payload, self.encoding)
 
-    def check_payload(self) -> None:
-        """Raise DamagedRecordingError if the payload is not what was recorded."""
-        crc = zlib_ng.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
-        with self._named():
-            if crc != self.payload_checksum:
-                raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
+    def _check_texts(self) -> None:
+        longest = dict.fromkeys((self.mode, self.encoding, self.state), _LONGEST_WORD)
+        for text in (*self[1:7], self.state):
+            most = longest.get(text, _LONGEST_TEXT)
+            if not isinstance(text, str) or len(text) > most:
+                reason = f"expected texts of at most {most} characters, got {shown(text)}"
+                raise DamagedRecordingError(f"capture {shown(self.key)}: {reason}")
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:
@@ -134,20 +135,13 @@ class Row(NamedTuple):
             reason = str(cause)[:_LONGEST_CAUSE]
             raise DamagedRecordingError(f"capture {shown(self.key)}: {reason}") from cause
 
-    @property
-    def scene(self) -> SceneIdentity:
-        """The scene that its provenance names."""
-        with contextlib.suppress(DamagedRecordingError):
-            return scene_in(object_from_json(self.provenance))
-        return SceneIdentity()
-
 
 class Head(NamedTuple):
-    """The one row of ``recording``: what a recording is.
+    """The row of ``recording``.
 
     Attributes:
-        id: unique, made with the file, 32 hexadecimal digits.
-        token, parent: of the last change, and of the one before it; random, as long.
+        id: 32 random hexadecimal digits, made with the file.
+        token, parent: of the last change and of the one before it; random, as long.
         scene: a :class:`SceneIdentity`, JSON.
         tolerance: of the object table.
         captures, capture_sum: their number, and the sum of their checksums modulo 2^32.
@@ -172,58 +166,172 @@ class Head(NamedTuple):
         head = cls(secrets.token_hex(16), token, token, scene, DEFAULT_TOLERANCE, 0, 0, checksum(()), 0)
         return head.sealed()
 
+    def changed(self) -> Self:
+        """Return the row with a new token."""
+        return self._replace(token=secrets.token_hex(16), parent=self.token)
+
     def sealed(self) -> Self:
         """Return the row with its checksum."""
         return self._replace(checksum=checksum(self[:-1]))
 
     def check(self) -> None:
-        """Raise DamagedRecordingError if it is not as it was written."""
-        if self.checksum != checksum(self[:-1]):
-            wanted = f"expected checksum {self.checksum} of what the recording is"
-            raise DamagedRecordingError(f"{wanted}, got {checksum(self[:-1])}")
+        """Raise DamagedRecordingError if it is not as written."""
+        if self.checksum != (crc := checksum(self[:-1])):
+            raise DamagedRecordingError(f"expected checksum {self.checksum} of its head, got {crc}")
 
-    def with_rows(self, added: Iterable[Row], removed: Iterable[int]) -> Self:
+    def with_rows(self, added: Iterable[Row], removed: Iterable[int] = ()) -> Self:
         """Return the row after some captures were added, and those with some checksums removed."""
-        more, fewer = [row.checksum or 0 for row in added], list(removed)
+        more, fewer = [row.checksum for row in added], list(removed)
         total = (self.capture_sum + sum(more) - sum(fewer)) % (1 << 32)
         return self._replace(captures=self.captures + len(more) - len(fewer), capture_sum=total)
 
-    @property
-    def identity(self) -> SceneIdentity:
-        """The scene that the captures are of."""
-        return scene_from_json(self.scene)
+
+@dataclass(frozen=True, eq=False)
+class WorldState:
+    """What is known of a state of the world: a row of ``state``.
+
+    Attributes:
+        instant: what was set, or read back; None where nothing is known.
+        boxes: by name, of the objects whose boxes are not those of the still world.
+        asked: the state that was to be set, where the world was found in this one; else None.
+        poses: of objects that moved by themselves: those that the instant does not have.
+    """
+
+    instant: Instant | None = None
+    boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
+    asked: str | None = None
+    poses: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
+
+    def object_poses(self) -> dict[str, Pose]:
+        """Return the poses of all objects that are known."""
+        return {**self.poses, **(self.instant or Instant()).poses}
+
+    def geometry(self, still: SceneGeometry) -> SceneGeometry:
+        """Return the shapes in this state, given those of the still world."""
+        return SceneGeometry(MappingProxyType({**still.boxes, **self.boxes}), still.room)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        boxes = SceneGeometry(self.boxes).to_dict()["boxes"]
+        found = {"instant": self.instant and self.instant.to_dict(), "boxes": boxes}
+        found |= {} if self.asked is None else {"asked": self.asked}
+        return found | ({"poses": Instant(self.poses).to_dict()["poses"]} if self.poses else {})
+
+    @classmethod
+    def from_dict(cls, name: str, data: object) -> Self:
+        """Return the inverse of :meth:`to_dict` for the state of a name; ArgumentError for anything else."""
+        known = {"boxes": {}, "poses": {}, **mapping(name, data, ("instant", "boxes", "asked", "poses"))}
+        instant, asked = known.get("instant"), known.get("asked")
+        with within(name):
+            instant = None if instant is None else Instant.from_dict(instant)
+            boxes = SceneGeometry.from_dict({"boxes": known["boxes"], "room": None}).boxes
+            poses = Instant.from_dict({**Instant().to_dict(), "poses": known["poses"]}).poses
+            if instant is not None and instant.state != name:
+                raise ArgumentError(f"expected the instant of this state, got that of {instant.state!r}")
+            if not isinstance(asked, str | None):
+                raise ArgumentError(f"asked: expected a text, got {shown(asked)}")
+        return cls(instant, boxes, asked, poses)
 
 
-def insert(database: sqlite3.Connection, row: Row) -> None:
-    """Write a capture; of another state than the still one, into a recording of version 4 only."""
-    values = row if row.state else row[:-1]
-    columns, marks = ", ".join(Row._fields[: len(values)]), ", ".join("?" * len(values))
-    database.execute(f"INSERT INTO capture ({columns}) VALUES ({marks})", values)
+class ObjectRow(NamedTuple):
+    """A row of ``object``; ``instance`` is None where masks hold colours."""
+
+    name: str
+    red: int
+    green: int
+    blue: int
+    instance: int | None
 
 
-def write_head(database: sqlite3.Connection, head: Head) -> None:
-    """Write what a recording is, with its checksum."""
-    columns = ", ".join(f"{name} = ?" for name in Head._fields)
-    database.execute(f"UPDATE recording SET {columns}", head.sealed())
+def object_rows(table: ObjectTable) -> list[ObjectRow]:
+    """Return the rows of an object table, in the order of names."""
+    return [ObjectRow(name, *table.colors[name], table.ids.get(name)) for name in table.names()]
 
 
-def keys(request: Request) -> list[str]:
-    """The keys of a request in a file: the one to write, then those by aliases of its mode."""
-    names = (request.mode, *modalities.get(request.mode).aliases)
+def object_checksum(rows: Iterable[ObjectRow]) -> int:
+    """Return the checksum of rows; an id that is not known counts as an empty text."""
+    return checksum("" if value is None else value for row in rows for value in row)
+
+
+def object_table(rows: list[ObjectRow], tolerance: int) -> ObjectTable:
+    """Return the object table of rows; DamagedRecordingError for values out of bounds."""
+    limits = [(tolerance, 255), *((value, 255) for row in rows for value in row[1:4])]
+    limits += [(row.instance, MOST_OBJECTS) for row in rows if row.instance is not None]
+    for value, most in limits:
+        if type(value) is not int or not 0 <= value <= most:
+            expected = f"expected colours, ids and a tolerance of 0 to {most}"
+            raise DamagedRecordingError(f"{expected}, got {shown(value)}")
+    if len(rows) > MOST_OBJECTS:
+        raise DamagedRecordingError(f"expected at most {MOST_OBJECTS} objects, got more")
+    ids = {row.name: row.instance for row in rows if row.instance is not None}
+    return ObjectTable({row.name: (row.red, row.green, row.blue) for row in rows}, tolerance, ids)
+
+
+def labelled_modes() -> list[str]:
+    """Return the modes whose captures need the object table."""
+    return [row.name for row in modalities.layers() if row.derives]
+
+
+def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
+    """Return why captured masks would get other names: a name has two colours, or a colour two names.
+
+    Empty where the tables agree.
+    """
+    if before.colors and before.tolerance != after.tolerance:
+        return f"the tolerance is {after.tolerance} and was {before.tolerance}"
+    column = "ids" if after.ids else "colors"
+    known: dict[str, Any] = getattr(before, column)
+    names = {value: name for name, value in known.items()}
+    for name, value in getattr(after, column).items():
+        if known.get(name, value) != value:
+            return f"{shown(name)} is {value} and was {known[name]}"
+        if names.get(value, name) != name:
+            return f"{shown(name)} is {value}, which was {shown(names[value])}"
+    return ""
+
+
+def table_union(before: ObjectTable, after: ObjectTable) -> ObjectTable:
+    """Return the objects of two tables that agree."""
+    return ObjectTable({**before.colors, **after.colors}, after.tolerance, {**before.ids, **after.ids})
+
+
+def checked_json(data: Mapping[str, Any], *prefix: str) -> tuple[str, int]:
+    """Return the columns ``content`` and ``checksum`` of a row of JSON; the prefix is under the checksum too.
+
+    Raises:
+        RecordingNotWritableError: more boxes and poses than a recording can hold.
+    """
+    content = json.dumps(data, ensure_ascii=False, allow_nan=False)
+    if len(content) > _LONGEST_JSON:
+        expected = f"expected boxes and poses of at most {_LONGEST_JSON} characters of JSON"
+        raise RecordingNotWritableError(f"{expected}, got {len(content)}")
+    return content, checksum((*prefix, content))
+
+
+def json_of_row(name: str, content: Any, crc: Any, *prefix: str) -> dict[str, Any]:
+    """Return the inverse of :func:`checked_json`; DamagedRecordingError if it is not as written."""
+    is_text = isinstance(content, str) and len(content) <= _LONGEST_JSON
+    if not is_text or crc != checksum((*prefix, content)):
+        raise DamagedRecordingError(f"expected checksum {shown(crc)} of {name}, got another")
+    return object_from_json(content)
+
+
+def key_of(request: Request) -> str:
+    """Return the key of a request: equal requests have equal keys."""
     width, height, position, rotation, fov_deg = request.view.key()
     state = (request.state,) if request.state else ()
-    numbers = width, height, *position, *rotation, fov_deg, *state
-    return [json.dumps([name, *numbers], separators=(",", ":")) for name in names]
+    numbers = width, height, *position, *rotation, fov_deg
+    return json.dumps([request.mode, *numbers, *state], separators=(",", ":"))
 
 
 def view_to_json(view: View) -> str:
-    """A view as it is stored."""
+    """Return a view as it is stored."""
     size = {"fov_deg": view.fov_deg, "width": view.width, "height": view.height}
     return json.dumps({**view.pose.to_dict(), **size})
 
 
 def view_from_json(text: Any) -> View:
-    """A view as it is stored, JSON; DamagedRecordingError for anything else."""
+    """Return a view as it is stored; DamagedRecordingError for anything else."""
     data = object_from_json(text)
     try:
         size = data["width"], data["height"]
@@ -231,49 +339,34 @@ def view_from_json(text: Any) -> View:
             raise ArgumentError(f"size: expected whole numbers, got {shown(size)}")
         return View(Pose.from_dict(data), data["fov_deg"], *size)
     except (KeyError, TypeError, ValueError) as cause:
-        got = f"{shown(text)}: {cause}"
-        raise DamagedRecordingError(f"expected a view in a recording, got {got}") from cause
+        raise DamagedRecordingError(f"expected a view, got {shown(text)}: {cause}") from cause
 
 
 def scene_to_json(identity: SceneIdentity) -> str:
-    """A scene's identity as it is stored."""
+    """Return a scene's identity as it is stored."""
     return json.dumps(asdict(identity), ensure_ascii=False)
 
 
 def scene_from_json(text: Any) -> SceneIdentity:
-    """A scene's identity as it is stored, JSON; DamagedRecordingError for anything else."""
+    """Return a scene's identity as it is stored; DamagedRecordingError for anything else."""
     data = object_from_json(text)
-    if not (
-        set(data) <= set(asdict(SceneIdentity())) and all(isinstance(each, str) for each in data.values())
-    ):
-        raise DamagedRecordingError(f"expected a scene in a recording, got {shown(text)}")
+    if not set(data) <= set(asdict(SceneIdentity())) or not all(isinstance(part, str) for part in data.values()):
+        raise DamagedRecordingError(f"expected the texts 'name', 'level' and 'content', got {shown(text)}")
     return SceneIdentity(**data)
 
 
-def scene_in(provenance: Mapping[str, Any]) -> SceneIdentity:
-    """The scene that a provenance names."""
-    name = provenance.get("scene", "")
-    return SceneIdentity(name if isinstance(name, str) else "")
-
-
 def scene_in_words(identity: SceneIdentity) -> str:
-    """A scene's identity in a few words."""
+    """Return a scene's identity in a few words."""
     parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
     return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
 
 
-def the_scene(named: Iterable[SceneIdentity]) -> SceneIdentity:
-    """The scene of captures that all name the same; an unknown one where they do not."""
-    found = set(named)
-    return found.pop() if len(found) == 1 else SceneIdentity()
-
-
 def object_from_json(text: Any) -> dict[str, Any]:
-    """A JSON object; DamagedRecordingError for anything else."""
+    """Return a JSON object; DamagedRecordingError for anything else."""
     try:
         data = json.loads(text)
     except (TypeError, ValueError, RecursionError) as cause:
-        raise DamagedRecordingError(f"expected JSON in a recording, got {shown(text)}") from cause
+        raise DamagedRecordingError(f"expected JSON, got {shown(text)}") from cause
     if not isinstance(data, dict):
-        raise DamagedRecordingError(f"expected a JSON object in a recording, got {shown(text)}")
+        raise DamagedRecordingError(f"expected a JSON object, got {shown(text)}")
     return data

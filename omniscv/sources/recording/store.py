@@ -4,102 +4,198 @@ Each capture is a transaction: whatever kills the process, a capture is in the f
 a killed process left half-written is undone from the journal beside the file when it is next opened.
 """
 
+import contextlib
+import os
+import sqlite3
+import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NoReturn
+from weakref import WeakSet
 
 from omniscv.arguments import shown
-from omniscv.errors import DamagedRecordingError, RecordingNotWritableError
+from omniscv.errors import ArgumentError, DamagedRecordingError, NotARecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
-from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity
-from omniscv.sources.recording import geometry_table, object_tables, schema, state_table
-from omniscv.sources.recording.database import Database
+from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
+from omniscv.sources.recording import schema
+from omniscv.sources.recording.logs import settle
+from omniscv.sources.recording.publishing import (
+    followed,
+    kind_of,
+    publish_new,
+    remove_leftovers,
+    target_of,
+    written_for,
+)
 from omniscv.sources.recording.rows import (
+    MOST_OBJECTS,
+    Head,
+    ObjectRow,
     Row,
-    insert,
-    keys,
+    WorldState,
+    checked_json,
+    json_of_row,
+    key_of,
+    labelled_modes,
+    object_checksum,
+    object_rows,
+    object_table,
+    scene_from_json,
     scene_in_words,
     scene_to_json,
-    the_scene,
+    table_conflict,
+    table_union,
 )
-from omniscv.sources.recording.state_table import HeldState
-from omniscv.sources.recording.upgrade import COLUMNS_1
 
-ADVICE = "; run 'omniscv captures verify'"  # at the end of errors about damage
-
-_ALL, _STILL = (", ".join(columns) for columns in (Row._fields, (*Row._fields[:-1], "''")))
-_COLUMNS = {1: COLUMNS_1, 2: _STILL, 3: _STILL, 4: _ALL}
+_ADVICE = "run 'omniscv captures verify'"
+_COLUMNS = ", ".join(Row._fields)
+_WITHOUT_PAYLOAD = _COLUMNS.replace(", payload,", ", x'',")
+_MOST_STATES = 1_000_000
 
 
-class Store(Database):
-    """An open recording; safe to use from several threads, and in forked children.
+class _UndoneError(Exception):
+    """Ends a transaction that is to be undone."""
+
+
+class Store:
+    """An open recording: one thread uses it at a time, and a forked child has a connection of its own.
 
     Args:
         path: the file; links are followed.
-        write: whether captures will be added; the file is then created if there is none, and a recording of
-            version 1 becomes one of version 2.
+        write: whether captures will be added; the file is then created if there is none.
 
     Raises:
-        NotARecordingError: there is no file to read, it is something else, or it is damaged.
+        NotARecordingError: there is no file to read, it is something else, of an earlier version, or damaged.
         NewerRecordingError: written by a later version.
         RecordingNotWritableError: the file cannot be written.
     """
 
-    def listing(self) -> list[Row]:
-        """Every capture but its payload, in the order of recording; DamagedRecordingError if one is damaged
-        or lost."""
-        with self._reading():
-            head, rows = self.head(), self._rows()
-        if head is None:
-            return rows
-        states = {row.state for row in rows} - {""}
-        with self._named(ADVICE):
-            for row in rows:
-                row.check(head.id)
-            if lost := states - self.states().keys():
-                raise DamagedRecordingError(f"expected a row of state {shown(min(lost))}, got none")
-            found = head._replace(captures=0, capture_sum=0).with_rows(rows, ())
-            if (found.captures, found.capture_sum) != (head.captures, head.capture_sum):
-                wanted = f"expected {head.captures} captures as recorded"
-                raise DamagedRecordingError(f"{wanted}, got {found.captures}, or others")
-        return rows
+    def __init__(self, path: Path | str, *, write: bool = False) -> None:
+        self.path = Path(path)
+        self._write, self._closed = write, False
+        self._head: Head | None = None  # of the transaction under way
+        self._id = ""  # read when it is needed first
+        self._file = target_of(path) if write else followed(path)
+        self._lock = threading.RLock()
+        self._connection: sqlite3.Connection | None = self._open()
+        _open_stores.add(self)
 
-    def rows(self, numbers: Iterable[int] | None = None, *, payload: bool = True) -> Iterator[Row]:
-        """Every capture as stored, unchecked, in the order of recording; without its payload if so wanted.
+    def close(self) -> None:
+        """Close the file; no journal is left beside it."""
+        with self._lock:
+            self._closed = True
+            if self._connection is None:
+                return
+            if self._write:
+                # Removes the empty journal; refused while another process writes, which removes it then.
+                with contextlib.suppress(sqlite3.OperationalError):
+                    self._connection.execute("PRAGMA journal_mode = DELETE")
+            self._connection.close()
+            self._connection = None
+
+    def head(self) -> Head:
+        """Return what the recording is, checked, with the changes under way."""
+        with self._using():
+            if self._head is not None:
+                return self._head
+            found = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
+        with self._named():
+            if len(found) != 1:
+                raise DamagedRecordingError(f"expected one row in recording, got {len(found)}")
+            head = Head._make(found[0])
+            head.check()
+        return head
+
+    def structural_faults(self) -> list[str]:
+        """Return what SQLite's integrity check reports; nothing for a sound file."""
+        with schema.errors_of(self.path, write=False), self._using() as database:
+            return schema.structural_faults(database)
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """Make all changes within together, or none of them; may be nested."""
+        with schema.errors_of(self.path, write=True), self._using() as database:
+            if self._head is not None:
+                yield database
+                return
+            with database:  # commits, or rolls back
+                database.execute("BEGIN IMMEDIATE")
+                self._head = head = self.head().changed()
+                try:
+                    self._write_head(database, head)  # first: see omniscv.sources.recording.logs
+                    before = database.total_changes
+                    yield database
+                    if self._head != head or database.total_changes != before:
+                        self._write_head(database, self._head)
+                    else:
+                        database.rollback()
+                finally:
+                    self._head = None
+
+    @contextlib.contextmanager
+    def all_or_none(self) -> Iterator[None]:
+        """Make all changes within together, as :meth:`transaction`; errors raised within pass unchanged."""
+        failure: BaseException | None = None
+        with contextlib.suppress(_UndoneError), self.transaction():
+            try:
+                yield
+            except BaseException as cause:
+                failure = cause
+                raise _UndoneError from cause
+        if failure is not None:
+            raise failure
+
+    def listing(self) -> list[Row]:
+        """Return every capture but its payload, in the order of recording.
+
+        Raises:
+            DamagedRecordingError: one is damaged or lost.
+        """
+        with self._reading():
+            head, found, states = self.head(), self._rows(), self.states()
+        with self._named(_ADVICE):
+            for row in found:
+                row.check(head.id)
+            if lost := {row.state for row in found} - {"", *states}:
+                raise DamagedRecordingError(f"expected a row of state {shown(min(lost))}, got none")
+            total = head._replace(captures=0, capture_sum=0).with_rows(found)
+            if (total.captures, total.capture_sum) != (head.captures, head.capture_sum):
+                expected = f"expected {head.captures} captures as recorded"
+                raise DamagedRecordingError(f"{expected}, got {total.captures}, or others")
+        return found
+
+    def rows(self, numbers: Iterable[int] | None = None) -> Iterator[Row]:
+        """Yield captures as stored, unchecked.
 
         Args:
-            numbers: of those that are wanted, in their order; all if not given.
-            payload: whether it is read.
+            numbers: of the captures; all, in the order of recording, if not given.
         """
-        if not payload:
-            yield from self._rows()
-            return
         if numbers is None:
-            most = schema.most_captures(self._place)
-            every = self._query(f"SELECT rowid FROM capture ORDER BY rowid LIMIT {most}")
-            numbers = (number for (number,) in every)
+            most = schema.most_captures(self._file)
+            found = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
+            numbers = (number for (number,) in found)
         for number in dict.fromkeys(numbers):
-            found = self._query(f"SELECT {_COLUMNS[self.version]} FROM capture WHERE rowid = ?", number)
-            yield from map(Row._make, found)
+            yield from map(Row._make, self._query(f"SELECT {_COLUMNS} FROM capture WHERE number = ?", number))
 
     def holds(self, request: Request) -> bool:
-        """Whether there is a capture of a request."""
-        return bool(self._find("1", request))
+        """Return whether there is a capture of a request."""
+        return bool(self._query("SELECT 1 FROM capture WHERE key = ?", key_of(request)))
 
     def get(self, request: Request) -> Capture | None:
-        """The capture of a request, None if there is none; DamagedRecordingError as :meth:`Row.capture`."""
+        """Return the capture of a request, None if there is none; DamagedRecordingError if it is damaged."""
         row = self.get_row(request)
         if row is None:
             return None
-        with self._named(ADVICE):
+        with self._named(_ADVICE):
             return replace(row.capture(), request=request)
 
     def get_row(self, request: Request) -> Row | None:
-        """The capture of a request as it is stored, all but its payload checked; None if there is none."""
-        found = self._find(_COLUMNS[self.version], request)
+        """Return the capture of a request as stored, all but its payload checked; None if there is none."""
+        found = self._query(f"SELECT {_COLUMNS} FROM capture WHERE key = ?", key_of(request))
         if not found:
             return None
-        with self._named(ADVICE):
+        with self._named(_ADVICE):
             row = Row._make(found[0])
             row.check(self._recording_id())
             return row
@@ -113,35 +209,40 @@ class Store(Database):
             RecordingNotWritableError: the disk is full, the capture is too large, or the file cannot be
                 written.
         """
-        self.add_row(Row.of(capture, 1, ""), capture.request)
+        self.add_row(Row.of(capture))
 
-    def add_row(self, row: Row, request: Request) -> None:
-        """Write a capture as it is stored, of this or another recording, in place of an earlier one.
+    def add_row(self, row: Row) -> None:
+        """Write a capture as stored in this or another recording, in place of an earlier one of its key.
 
         Raises:
             RecordingNotWritableError: as :meth:`add`.
         """
+        if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
+            expected = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
+            raise RecordingNotWritableError(f"{expected}, got {len(row.payload)}", self.path)
         with self.transaction() as database:
-            assert self._head is not None  # there is a transaction
-            known = keys(request)
-            where = f"FROM capture WHERE key IN ({', '.join('?' * len(known))})"
+            head = self.head()
             (number,) = database.execute("SELECT coalesce(max(number), 0) + 1 FROM capture").fetchone()
-            row = row._replace(number=number)
-            row = row._replace(checksum=row.own_checksum(self._head.id))
-            if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
-                wanted = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
-                raise RecordingNotWritableError(f"{self.path}: {wanted}, got {len(row.payload)}")
+            row = row.in_recording(number, head.id)
             if row.state and self.state(row.state) is None:
-                state_table.write(database, self._head.id, row.state, HeldState())
-            replaced = [crc for (crc,) in database.execute(f"SELECT checksum {where}", known)]
-            database.execute(f"DELETE {where}", known)
-            insert(database, row)
-            self._head = self._head.with_rows([row], replaced)
+                self.set_state(row.state, WorldState())
+            replaced = [crc for (crc,) in self._query("SELECT checksum FROM capture WHERE key = ?", row.key)]
+            database.execute("DELETE FROM capture WHERE key = ?", (row.key,))
+            database.execute(f"INSERT INTO capture ({_COLUMNS}) VALUES ({', '.join('?' * len(row))})", row)
+            self._head = head.with_rows([row], replaced)
 
     def objects(self) -> ObjectTable:
-        """The recorded objects and how masks show them; DamagedRecordingError if the table is damaged."""
+        """Return the recorded objects and how masks show them; DamagedRecordingError if they are damaged."""
         with self._named(), self._reading():
-            return object_tables.read(self._query, self.head())
+            head = self.head()
+            columns = ", ".join(ObjectRow._fields)
+            limit = MOST_OBJECTS + 1
+            found = self._query(f"SELECT {columns} FROM object ORDER BY name LIMIT {limit}")
+            table_rows = sorted(map(ObjectRow._make, found), key=lambda row: str(row.name))  # may be NULL
+            if (crc := object_checksum(table_rows)) != head.object_checksum:
+                expected = f"expected checksum {head.object_checksum} of the object table"
+                raise DamagedRecordingError(f"{expected}, got {crc}")
+            return object_table(table_rows, head.tolerance)
 
     def set_objects(self, table: ObjectTable) -> None:
         """Add objects to the table; write it anew where no recorded mask needs it.
@@ -151,88 +252,211 @@ class Store(Database):
                 scene: none of them is known.
         """
         with self.transaction() as database:
-            assert self._head is not None  # there is a transaction
-            before = self.objects()
-            after = object_tables.union(before, table) if self.has_masks() else table
-            if after is not table and (conflict := object_tables.conflict(before, table)):
+            head, before = self.head(), self.objects()
+            after = table_union(before, table) if self.has_masks() else table
+            if after is not table and (conflict := table_conflict(before, table)):
                 self._refuse(f"the mask colours of its object masks, but {conflict}")
             strange = before.colors and table.colors and not before.colors.keys() & table.colors.keys()
-            if self._head.captures and strange:
-                known, new = (shown(min(each.colors)) for each in (before, table))
+            if head.captures and strange:
+                known, new = (shown(min(colors)) for colors in (before.colors, table.colors))
                 self._refuse(f"objects of its scene, such as {known}, got only others, such as {new}")
-            rows = object_tables.rows_of(after)
+            table_rows = object_rows(after)
             if after != before:
                 database.execute("DELETE FROM object")
-                database.executemany(object_tables.INSERT, rows)
-            crc = object_tables.checksum_of(rows)
-            self._head = self._head._replace(tolerance=after.tolerance, object_checksum=crc)
+                database.executemany("INSERT INTO object VALUES (?, ?, ?, ?, ?)", table_rows)
+            crc = object_checksum(table_rows)
+            self._head = head._replace(tolerance=after.tolerance, object_checksum=crc)
 
     def geometry(self) -> SceneGeometry:
-        """What is known of shapes; DamagedRecordingError if that is not as it was written."""
+        """Return what is known of shapes; DamagedRecordingError if that is not as written."""
         with self._named(), self._reading():
-            return geometry_table.read(self._query, self._recording_id())
+            found = self._query("SELECT content, checksum FROM geometry LIMIT 2")
+            if len(found) != 1:
+                raise DamagedRecordingError(f"expected one row in geometry, got {len(found)}")
+            content = json_of_row("the geometry", *found[0], self._recording_id())
+            return _checked("geometry", lambda: SceneGeometry.from_dict(content))
 
     def set_geometry(self, geometry: SceneGeometry) -> None:
-        """Note what is known of shapes; makes a recording of version 2 one of version 3."""
-        with self.transaction() as database:
-            assert self._head is not None  # there is a transaction
+        """Add boxes, and a room, to what is known of shapes."""
+        with self.transaction() as database, self._named():
             known = self.geometry()
             merged = SceneGeometry({**known.boxes, **geometry.boxes}, geometry.room or known.room)
             if merged.to_dict() != known.to_dict():
-                geometry_table.write(database, self._head.id, merged)
+                content = checked_json(merged.to_dict(), self._recording_id())
+                database.execute("UPDATE geometry SET content = ?, checksum = ?", content)
 
-    def states(self) -> dict[str, HeldState]:
-        """What is known of the states that captures show, but the still one; DamagedRecordingError if that is
-        not as it was written."""
-        with self._named(), self._reading():
-            return state_table.read(self._query, self._recording_id())
+    def states(self) -> dict[str, WorldState]:
+        """Return what is known of every state that captures show, except the still one.
 
-    def state(self, name: str) -> HeldState | None:
-        """What is known of a state; None of the still one, and of one that no capture shows."""
-        with self._named(), self._reading():
-            return state_table.read(self._query, self._recording_id(), name).get(name)
+        Raises:
+            DamagedRecordingError: it is not as written.
+        """
+        return self._states("")
 
-    def set_state(self, name: str, state: HeldState) -> None:
-        """Note what is known of a state; makes a recording of version 2 or 3 one of version 4."""
-        with self.transaction() as database:
-            assert self._head is not None  # there is a transaction
-            state_table.write(database, self._head.id, name, state)
+    def state(self, name: str) -> WorldState | None:
+        """Return what is known of a state; None for the still one, and for one that no capture shows."""
+        return self._states("WHERE name = ?", name).get(name)
+
+    def set_state(self, name: str, state: WorldState) -> None:
+        """Note what is known of a state."""
+        with self.transaction() as database, self._named():
+            content = checked_json(state.to_dict(), self._recording_id(), name)
+            database.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", (name, *content))
 
     def has_masks(self) -> bool:
-        """Whether there is a capture that the object table gives names to."""
-        modes = object_tables.labelled_modes()
+        """Return whether there is a capture that the object table gives names to."""
+        modes = labelled_modes()
         marks = ", ".join("?" * len(modes))
         return bool(self._query(f"SELECT 1 FROM capture WHERE mode IN ({marks}) LIMIT 1", *modes))
 
     @property
     def scene_identity(self) -> SceneIdentity:
-        """The scene that the captures are of; in version 1, what their provenance names alike."""
-        head = self.head()
-        if head is not None:
-            with self._named():
-                return head.identity
-        return the_scene(row.scene for row in self.rows(payload=False))
+        """The scene that the captures are of."""
+        with self._named():
+            return scene_from_json(self.head().scene)
 
     def set_scene(self, identity: SceneIdentity) -> None:
         """Note what is known of the scene; RecordingNotWritableError if it is another one."""
         known = self.scene_identity
         if known.differs(identity):
-            self._refuse(f"captures of the scene {scene_in_words(known)}, got {scene_in_words(identity)}")
+            words = scene_in_words(known), scene_in_words(identity)
+            self._refuse("captures of the scene {}, got {}".format(*words))
         if known.merged(identity) != known:
             with self.transaction():
-                assert self._head is not None  # there is a transaction
-                self._head = self._head._replace(scene=scene_to_json(known.merged(identity)))
+                self._head = self.head()._replace(scene=scene_to_json(known.merged(identity)))
+
+    def _states(self, where: str, *names: str) -> dict[str, WorldState]:
+        statement = f"SELECT name, content, checksum FROM state {where} ORDER BY name LIMIT {_MOST_STATES}"
+        states = {}
+        with self._named(), self._reading():
+            for name, content, crc in self._query(statement, *names):
+                data = json_of_row(f"state {shown(name)}", content, crc, self._recording_id(), name)
+                states[name] = _checked("state", lambda: WorldState.from_dict(name, data))
+        return states
 
     def _rows(self) -> list[Row]:
-        columns = _COLUMNS[self.version].replace(", payload,", ", x'',")
-        most = schema.most_captures(self._place)
-        return [*map(Row._make, self._query(f"SELECT {columns} FROM capture ORDER BY rowid LIMIT {most}"))]
-
-    def _find(self, columns: str, request: Request) -> list[Any]:
-        known = keys(request)
-        marks = ", ".join("?" * len(known))
-        statement = f"SELECT {columns} FROM capture WHERE key IN ({marks}) ORDER BY key = ? DESC LIMIT 1"
-        return self._query(statement, *known, known[0])
+        most = schema.most_captures(self._file)
+        found = self._query(f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT {most}")
+        return [*map(Row._make, found)]
 
     def _refuse(self, expected: str) -> NoReturn:
-        raise RecordingNotWritableError(f"{self.path}: expected {expected}; record into another file")
+        raise RecordingNotWritableError(f"expected {expected}; record into another file", self.path)
+
+    def _recording_id(self) -> str:
+        self._id = self._id or self.head().id
+        return self._id
+
+    def _write_head(self, database: sqlite3.Connection, head: Head) -> None:
+        columns = ", ".join(f"{name} = ?" for name in Head._fields)
+        database.execute(f"UPDATE recording SET {columns}", head.sealed())
+
+    def _query(self, statement: str, *values: Any) -> list[Any]:
+        with schema.errors_of(self.path, write=False), self._using() as database:
+            return database.execute(statement, values).fetchall()
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Let all queries within see one state of the file."""
+        with schema.errors_of(self.path, write=False), self._using() as database:
+            if database.in_transaction:
+                yield
+                return
+            database.execute("BEGIN")
+            try:
+                yield
+            finally:
+                database.rollback()
+
+    @contextlib.contextmanager
+    def _named(self, advice: str = "") -> Iterator[None]:
+        """Name the file in errors."""
+        try:
+            yield
+        except (DamagedRecordingError, RecordingNotWritableError) as cause:
+            if cause.path is not None:
+                raise
+            raise cause.at(self.path, advice) from cause
+
+    @contextlib.contextmanager
+    def _using(self) -> Iterator[sqlite3.Connection]:
+        """Yield the connection, for one thread at a time; open it in a forked child."""
+        with self._lock:
+            if self._closed:
+                raise closed_error(str(self.path))
+            if self._connection is None:
+                self._connection = self._open()
+            yield self._connection
+
+    def _open(self) -> sqlite3.Connection:
+        database = self._open_to_write() if self._write else self._open_to_read()
+        try:
+            with schema.errors_of(self.path, write=False):
+                schema.check_schema(database, self.path)
+        except BaseException:
+            database.close()
+            raise
+        return database
+
+    def _open_to_read(self) -> sqlite3.Connection:
+        kind = kind_of(self._file)
+        if kind != "a file":
+            got = kind or "nothing there; record one first"
+            raise NotARecordingError(f"expected a recording, got {got}", self.path)
+        with schema.errors_of(self.path, write=False):
+            schema.check_header(self._file, self.path)
+            settle(self._file)
+            return schema.connect(self._file, "ro")
+
+    def _open_to_write(self) -> sqlite3.Connection:
+        if kind_of(self._file) == "" or self._file.stat().st_size == 0:
+            with written_for(self._file) as file, schema.errors_of(self.path, write=True):
+                schema.create(file)
+                publish_new(file, self._file)
+        remove_leftovers(self._file)
+        with schema.errors_of(self.path, write=True):
+            schema.check_header(self._file, self.path)
+            settle(self._file)
+            database = schema.connect(self._file, "rw")
+            database.execute("PRAGMA journal_mode = TRUNCATE")
+            # Flush each capture, so that it outlives a power cut; little time beside capturing it.
+            database.execute("PRAGMA synchronous = FULL")
+        return database
+
+
+def _checked(name: str, read: Any) -> Any:
+    """Return what a function reads; DamagedRecordingError for its ArgumentError."""
+    try:
+        return read()
+    except ArgumentError as cause:
+        raise DamagedRecordingError(f"{name}: {cause}") from cause
+
+
+_open_stores: WeakSet[Store] = WeakSet()
+_locks_at_fork: list[threading.RLock] = []
+_inherited: list[sqlite3.Connection | None] = []
+"""Connections of the parent process, which a forked child must neither use nor close."""
+_LONGEST_WAIT_S = 30.0
+
+
+def _before_fork() -> None:
+    """Hold every store: SQLite's own locks, if another thread held one, would stay taken in the child."""
+    locks = [store._lock for store in list(_open_stores)]
+    _locks_at_fork.extend(lock for lock in locks if lock.acquire(timeout=_LONGEST_WAIT_S))
+
+
+def _after_fork() -> None:
+    while _locks_at_fork:
+        _locks_at_fork.pop().release()
+
+
+def _after_fork_in_child() -> None:
+    _locks_at_fork.clear()
+    for store in list(_open_stores):
+        _inherited.append(store._connection)
+        store._connection, store._lock, store._head = None, threading.RLock(), None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child
+    )

@@ -1,0 +1,117 @@
+"""The views that a recording holds of each state of the world: which are near each other, how they differ."""
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from omniscv.arguments import shown
+from omniscv.sources.base import Request, View
+from omniscv.sources.recording.rows import Row, view_from_json
+from omniscv.sources.requests import ViewKey
+
+_AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
+_MOST_SHOWN = 5  # states
+
+
+class RecordedViews:
+    """The views of a state of the world.
+
+    Args:
+        modes: by view, in the order of recording.
+
+    Attributes:
+        views: all of them.
+        modes: of all of them.
+    """
+
+    def __init__(self, modes: Mapping[View, Collection[str]]) -> None:
+        self.views, self.modes = tuple(modes), frozenset().union(*modes.values())
+        self._modes_of = {view: frozenset(names) for view, names in modes.items()}
+        self._along: dict[ViewKey, list[View]] = defaultdict(list)
+        for view in self.views:
+            self._along[_axis_key(view)].append(view)
+
+    def turned(self, view: View) -> tuple[View, ...]:
+        """Return other views along the same axis, in at least as many modes."""
+        modes = self._modes_of.get(view, frozenset())
+        others = (other for other in self._along.get(_axis_key(view), ()) if other != view)
+        return tuple(other for other in others if self._modes_of[other] >= modes)
+
+    def nearest(self, request: Request) -> View | None:
+        """Return the view in a request's mode that differs least; None where there is none in that mode."""
+        views = [view for view in self.views if request.mode in self._modes_of[view]]
+        return min(views, key=lambda view: sum(_distances(view, request.view)), default=None)
+
+
+NO_VIEWS = RecordedViews({})
+
+
+def views_by_state(rows: Sequence[Row]) -> dict[str, RecordedViews]:
+    """Return the requested views of captures, by state in the order of recording."""
+    modes: dict[str, dict[View, set[str]]] = defaultdict(lambda: defaultdict(set))
+    for row in rows:
+        modes[row.state][view_from_json(row.asked)].add(row.mode)
+    return {state: RecordedViews(of_views) for state, of_views in modes.items()}
+
+
+def states_in_words(states: Collection[str]) -> str:
+    """Return which states a recording holds captures of."""
+    if not states:
+        return "no captures"
+    names = [shown(state) if state else "the still one" for state in list(states)[:_MOST_SHOWN]]
+    more = len(states) - len(names)
+    return f"captures of the states {', '.join(names)}" + (f" and {more} more" if more else "")
+
+
+def differences(recorded: View, requested: View) -> str:
+    """Return by how much two views differ in what, and both values."""
+    a, b = recorded.key(), requested.key()
+    metres, *radians, _ = _distances(recorded, requested)
+    turn_deg, opening_deg = np.degrees(radians)
+    parts = []
+    if a.position != b.position:
+        positions = recorded.pose.position, requested.pose.position
+        parts.append(f"position by {metres:.3g} m{_both(*positions)}")
+    if a.rotation != b.rotation:
+        angles = recorded.pose.angles(), requested.pose.angles()
+        parts.append(f"orientation by {turn_deg:.3g} deg of yaw, pitch, roll{_both(*angles)}")
+    if a.fov_deg != b.fov_deg:
+        angles_deg = (recorded.fov_deg,), (requested.fov_deg,)
+        parts.append(f"field of view by {opening_deg:.3g} deg{_both(*angles_deg)}")
+    if (a.width, a.height) != (b.width, b.height):
+        parts.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
+    return "; ".join(parts)
+
+
+def in_words(view: View) -> str:
+    """Return a view in a few words."""
+    size = f"{view.width} x {view.height} px, fov {view.fov_deg:.6g} deg"
+    position = "at ({:.6g}, {:.6g}, {:.6g}) m".format(*view.pose.position)
+    angles = (angle + 0.0 for angle in view.pose.angles())  # no negative zero
+    return f"{size}, {position}, " + "yaw {:.6g}, pitch {:.6g}, roll {:.6g} deg".format(*angles)
+
+
+def _axis_key(view: View) -> ViewKey:
+    axis = np.round(view.pose.R_w_c[:, 2], _AXIS_DECIMALS) + 0.0
+    return view.key()._replace(rotation=tuple(axis.tolist()))
+
+
+def _distances(a: View, b: View) -> tuple[float, float, float, float]:
+    """Return the distance in metres, in orientation and field of view in radians, in size as a log ratio."""
+    chord = float(np.linalg.norm(a.pose.R_w_c - b.pose.R_w_c)) / np.sqrt(8)
+    return (
+        float(np.linalg.norm(a.pose.position - b.pose.position)),
+        2 * float(np.arcsin(min(chord, 1.0))),
+        abs(float(np.radians(a.fov_deg - b.fov_deg))),
+        float(np.abs(np.log([a.width / b.width, a.height / b.height])).sum()),
+    )
+
+
+def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
+    """Return two tuples of numbers with as few digits as tell them apart; nothing where no digits do."""
+    for digits in range(4, 18):
+        a, b = (", ".join(f"{value + 0.0:.{digits}g}" for value in values) for values in (recorded, requested))
+        if a != b:
+            return f": ({a}) recorded, ({b}) requested"
+    return ""
