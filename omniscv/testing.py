@@ -6,6 +6,7 @@ when a test uses a fixture, so that it costs other projects nothing.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,7 +78,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     fails leaves the recording unchanged.
     """
     from omniscv.sources.recording import RecordedSource, Recording
-    from omniscv.sources.recording.replacing import copy_to_part, part_of, place_of, publish
+    from omniscv.sources.recording.publishing import publish, target_of, written_for
 
     path = recorded_dir / _file(request)
     mode = request.config.getoption("--record-mode", None) or "none"
@@ -87,15 +88,15 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
         with RecordedSource(path) as replay:
             yield replay
         return
-    place = place_of(path)
-    with part_of(place) as part:
+    target = target_of(path)
+    with written_for(target) as file:
         if mode in ("new_episodes", "all") and _holds_captures(path):
-            copy_to_part(place, part)
-        with _live(request) as live, Recording(live, part, anew=mode == "all") as recording:
+            shutil.copyfile(target, file)
+        with _live(request) as live, Recording(live, file, anew=mode == "all") as recording:
             recording.objects()
             yield recording
         if request.node.stash.get(_passed, False):
-            publish(part, place)
+            publish(file, target)
 
 
 def _holds_captures(path: Path) -> bool:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer
 
+from omniscv.arguments import one_of
 from omniscv.cli import console, options
 from omniscv.cli.progress import StyleOption, display
 
@@ -56,15 +57,6 @@ def verify(file: Recording) -> None:
     raise Exit(0 if report.ok else 1)
 
 
-@app.command(epilog="Example: omniscv captures upgrade room.sqlite")
-def upgrade(file: Written) -> None:
-    """Make a recording of an earlier version one of this version; recording into it does the same."""
-    from omniscv.sources.recording.upgrade import upgrade
-
-    done = upgrade(file)
-    console.line(f"{file}: {'upgraded' if done else 'is of this version already'}")
-
-
 @app.command(epilog="Example: omniscv captures export room.sqlite faces/")
 def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or new folder.")]) -> None:
     """Write a recording as a folder of images and JSON."""
@@ -107,7 +99,8 @@ def split(
     from omniscv.sources import recording
     from omniscv.storage import folder
 
-    for name, count in recording.split(file, out, by, distance):
+    one_of("by", by, ("place",))
+    for name, count in recording.split(file, out, distance):
         console.line(f"{folder(out)}/{name}: {count} captures")
 
 
@@ -116,7 +109,7 @@ def places(file: Recording, as_json: options.AsJson = False) -> None:
     """List the optical centres of a recording, and what was captured at each."""
     from omniscv.sources.recording import inspection
 
-    found = inspection.places(file)
+    found = inspection.centers(file)
     if as_json:
         console.as_json([asdict(each) for each in found])
         return

@@ -56,11 +56,11 @@ class RecordOptions(CaptureOptions):
 def record(given: RecordOptions) -> None:
     """Capture cube maps at positions, or all that a job needs, into a recording; rerun to resume."""
     from omniscv.make import capture
-    from omniscv.sources.recording.replacing import place_of
+    from omniscv.sources.recording.publishing import target_of
 
     job = given.to_job()
     path = job.record or Path("capture.sqlite")
-    place_of(path)  # refuses what is no file, before a game is launched
+    target_of(path)  # refuses what is no file, before a game is launched
     with display("images", given.progress) as shown:
         count = capture(job, path, shown, border_px=given.overscan)
     console.line(f"{path}: {count} captures")

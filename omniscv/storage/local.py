@@ -280,7 +280,7 @@ def move_new(part: Path, path: Path) -> bool:
 
 
 def _create(part: Path, path: Path) -> bool:
-    """As :func:`move_new`, on a file system without hard links: of simultaneous writers, the last one wins."""
+    """As :func:`move_new`, without hard links: of simultaneous writers, the last one wins."""
     if path.exists():
         return False
     content = part.read_bytes()

@@ -16,7 +16,7 @@ from omniscv.cli import COMMANDS, run
 from omniscv.job import EXAMPLE, keys, load
 from omniscv.make import check_dataset
 from omniscv.planning import RenderOptions
-from omniscv.sources.recording.inspection import info, places
+from omniscv.sources.recording.inspection import info
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
 
@@ -94,7 +94,7 @@ def test_places_of_a_recording(capsys, monkeypatch):
     assert max(each["last"] for each in found) == held.last
     assert run(["captures", "places", str(RECORDING)]) == 0
     _, *rows = capsys.readouterr().out.splitlines()
-    assert len(rows) == len(places(RECORDING))
+    assert len(rows) == len(centers(RECORDING))
     assert " ".join(rows[0].split()) == "0 0 1.5 6 depth 6 lit 6 normals 6 object_mask still"
 
 

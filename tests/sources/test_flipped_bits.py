@@ -5,10 +5,8 @@ import sqlite3
 import time
 from contextlib import closing
 
-import numpy as np
 import pytest
 from support.faces import face_requests
-from support.recordings import downgrade
 
 import omniscv
 from omniscv.errors import RecordingError
@@ -109,15 +107,3 @@ def test_a_lost_capture_is_found(small, tmp_path):
     ]
     with pytest.raises(RecordingError, match="expected 24 captures"):
         omniscv.open_source(path)
-
-
-def test_payloads_of_version_1_are_checked_too(small, tmp_path):
-    path = tmp_path / "old.sqlite"
-    downgrade(small, path)
-    assert shown(path)[4:] == shown(small)[4:]
-    with closing(sqlite3.connect(path)) as database, database:
-        ((payload,),) = database.execute("SELECT payload FROM capture WHERE rowid = 1")
-        spoilt = np.frombuffer(payload, np.uint8).copy()
-        spoilt[-20] ^= 1
-        database.execute("UPDATE capture SET payload = ? WHERE rowid = 1", (spoilt.tobytes(),))
-    assert len(verify(path).faults) == 1

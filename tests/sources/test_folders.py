@@ -100,12 +100,12 @@ GOOD = {
 @pytest.mark.parametrize(
     ("entry", "says"),
     [
-        ([], "expected 'file', 'mode' and 'view'"),
+        ([], r"captures\.json\[1\]: expected a mapping with file, mode, view"),
         ({**GOOD, "file": "../a.png"}, "file in the folder"),
         ({**GOOD, "file": "a.tiff"}, ".png or .npy"),
         ({**GOOD, "mode": "beauty"}, "mode: expected one of lit.*got 'beauty'"),
         ({**GOOD, "view": {**GOOD["view"], "width": 4.0}}, "whole number"),
-        ({**GOOD, "view": {"position": [0, 0]}}, "expected a view"),
+        ({**GOOD, "view": {"position": [0, 0]}}, r"captures\.json\[1\]\.view: missing key 'fov_deg'"),
         ({**GOOD, "view": {**GOOD["view"], "fov_deg": 180}}, "fov_deg"),
         ({**GOOD, "view": {**GOOD["view"], "width": 8}}, "expected an 8-bit PNG of 8 x 4, got 8-bit 4 x 4"),
         ({**GOOD, "file": "none.png"}, "expected an image that can be read, got 'none.png'"),

@@ -6,7 +6,6 @@ With ``--record-mode=rewrite`` these tests make the recordings (``scripts/make-c
 
 import hashlib
 import json
-import shutil
 from contextlib import closing
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from omniscv.sources import Request
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.rows import view_from_json
 from omniscv.sources.recording.store import Store
-from omniscv.sources.recording.upgrade import upgrade
 
 ROOMS = ("four-wall", "six-wall")
 FACE_PX, STRIP_FACE_PX = 192, 56
@@ -118,24 +116,13 @@ DECODED = {
 COLORS = {"four-wall": (20, "836c4c467cf983af"), "six-wall": (22, "a30a148dc504569c")}
 
 
-VERSIONS = {"four-wall": 2, "six-wall": 1}
-"""Both were recorded as version 1, with rows of mode ``normal``, and without tolerance and ids."""
-
-
 @pytest.mark.block_network
-@pytest.mark.parametrize("upgraded", [False, True])
 @pytest.mark.parametrize("room", ROOMS)
-def test_recordings_of_an_earlier_version_replay_to_the_same_pixels(room, upgraded, recorded_dir, tmp_path):
+def test_kept_recordings_replay_to_the_pixels_of_the_first_version(room, recorded_dir):
+    """They were recorded by the first version, and converted."""
     path = recorded_dir / f"{room}.sqlite"
-    assert info(path).schema_version == VERSIONS[room]
-    if upgraded:
-        path = tmp_path / "room.sqlite"
-        shutil.copy(recorded_dir / f"{room}.sqlite", path)
-        assert upgrade(path) == (VERSIONS[room] == 1)
-        assert not upgrade(path)
-        assert (info(path).schema_version, verify(path).ok) == (2, True)
     with closing(Store(path)) as store:
-        views = [view_from_json(row.asked) for row in store.rows(payload=False)]
+        views = [view_from_json(row.asked) for row in store.listing()]
     with omniscv.open_source(path) as replay:
         for mode, hashes in DECODED[room].items():
             captures = replay.capture(Request(views[row], mode) for row in hashes)

@@ -6,13 +6,13 @@ import shutil
 import pytest
 from support import recorder
 from support.killed import Processes, moments
-from support.recordings import CountingSource, contents, downgrade
+from support.recordings import CountingSource, contents
 
 import mock_server
 import omniscv
 from omniscv.sources.recording.folders import export
 from omniscv.sources.recording.inspection import verify
-from omniscv.sources.recording.replacing import part_of
+from omniscv.sources.recording.publishing import written_for
 from omniscv.sources.recording.store import Store
 
 KILLS, SOAK_KILLS = 3, 25
@@ -86,12 +86,6 @@ def test_killed_while_it_records(kills, server, whole, processes, tmp_path):
     assert max(held) > 0
 
 
-def upgraded(folder, half, whole):
-    path = folder / "room.sqlite"
-    downgrade(whole, path)
-    return ("upgrade", path), [contents(path)]
-
-
 def imported(folder, half, whole):
     path, faces = folder / "room.sqlite", folder.parent / f"{folder.name}-faces"
     shutil.copy(half, path)
@@ -113,7 +107,7 @@ def changed(folder, half, whole):
 
 
 @pytest.mark.parametrize("kills", NUMBERS)
-@pytest.mark.parametrize("prepare", [upgraded, imported, replaced, changed])
+@pytest.mark.parametrize("prepare", [imported, replaced, changed])
 def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, tmp_path):
     """The file is what it was before, or what it should become, and never anything between."""
     shutil.copy(whole, half.with_name("again.sqlite"))
@@ -132,9 +126,9 @@ def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, 
     assert ended < kills
 
 
-@pytest.mark.parametrize("left", [(), ("lock",), ("room.sqlite", "room.sqlite-journal")])
+@pytest.mark.parametrize("left", [(), ("room.sqlite", "room.sqlite-journal")])
 def test_what_a_killed_process_left_is_removed_by_the_next_that_writes(left, tmp_path):
-    """Whether it was killed before it had locked its folder, while it wrote, or while it removed it."""
+    """Whether it was killed before it wrote, or while it wrote."""
     folder = tmp_path / ".room.sqlite-0123456789abcdef"
     folder.mkdir()
     for name in left:
@@ -146,7 +140,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next_that_writes(left, tmp
 
 def test_what_a_living_process_writes_is_left_alone(tmp_path):
     path = tmp_path / "room.sqlite"
-    with part_of(path) as part:
+    with written_for(path) as part:
         Store(path, write=True).close()
         assert part.parent.is_dir()
     assert list(tmp_path.iterdir()) == [path]

@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 from support.faces import face_requests
 from support.permissions import read_only
-from support.recordings import contents, downgrade
+from support.recordings import contents
 
 import omniscv
 from omniscv.errors import NotARecordingError, RecordingError
@@ -35,32 +35,16 @@ def leave_journal(recorded, folder):
     return before
 
 
-def leave_wal(recorded, folder):
-    """What a recorder of version 1 leaves that is killed: all but its first capture are in the log only."""
-    path = folder / "writing" / "room.sqlite"
-    path.parent.mkdir()
-    downgrade(recorded, path)
-    with closing(sqlite3.connect(path, isolation_level=None)) as database:
-        rows = database.execute("SELECT * FROM capture WHERE rowid > 1").fetchall()
-        database.execute("DELETE FROM capture WHERE rowid > 1")
-        database.execute("VACUUM")
-        database.execute("PRAGMA journal_mode = WAL")
-        database.executemany("INSERT INTO capture VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
-        left = copied(path, folder / "room.sqlite")
-    assert left == {"room.sqlite", "room.sqlite-wal", "room.sqlite-shm"}
-    return contents(recorded)
-
-
 def copied(path, target):
     """Copy a file and its logs; the names of the copies."""
     files = {file.name: shutil.copy(file, target.parent) for file in path.parent.glob(f"{path.name}*")}
     return set(files)
 
 
-@pytest.fixture(params=[leave_journal, leave_wal], ids=["journal", "wal"])
-def left(request, recorded, open_folder):
-    """A recording whose recorder was killed, with its log; what it holds with its log."""
-    wanted = request.param(recorded, open_folder)
+@pytest.fixture
+def left(recorded, open_folder):
+    """A recording whose recorder was killed, with its journal; what it holds with its journal."""
+    wanted = leave_journal(recorded, open_folder)
     shutil.rmtree(open_folder / "writing")
     return open_folder / "room.sqlite", wanted
 
@@ -109,20 +93,39 @@ def recorded_anew(path, other):
         list(source.capture(face_requests(modes=("lit", "object_mask"))))
 
 
-@pytest.mark.parametrize("version", ["1", "1, killed", "2"])
 @pytest.mark.parametrize("replace", [renamed, restored, imported, recorded_anew])
-def test_a_file_of_its_name_does_not_take_it_in(replace, version, left, other, tmp_path, caplog):
+def test_a_file_of_its_name_does_not_take_it_in(replace, left, other, caplog):
     path, _ = left
-    wanted = contents(other)
-    if version != "2":
-        downgrade(other, tmp_path / "other.sqlite")
-        other = tmp_path / "other.sqlite"
-    if version == "1, killed":  # its header says that it has a log, which was not copied with it
-        with closing(sqlite3.connect(other)) as database:
-            database.execute("PRAGMA journal_mode = WAL")
-    log = next(file for file in path.parent.iterdir() if file.name.endswith(("-wal", "-journal")))
+    log = path.with_name("room.sqlite-journal")
     data = log.read_bytes()
     replace(path, other)
+    check_set_aside(path, log, data, contents(other), caplog)
+
+
+def test_a_write_ahead_log_is_always_foreign(recorded, other, open_folder, caplog):
+    """No recorder writes one; SQLite would take it in, whatever the file's header says."""
+    path, log = open_folder / "room.sqlite", open_folder / "room.sqlite-wal"
+    shutil.copy(recorded, open_folder / "changed.sqlite")
+    with closing(sqlite3.connect(open_folder / "changed.sqlite", isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("UPDATE capture SET mode = 'depth'")
+        for end in ("-wal", "-shm"):
+            shutil.copy(open_folder / f"changed.sqlite{end}", open_folder / f"room.sqlite{end}")
+    (open_folder / "changed.sqlite").unlink()
+    data = log.read_bytes()
+    shutil.copy(other, path)
+    check_set_aside(path, log, data, contents(other), caplog)
+
+
+def test_a_recording_that_another_program_gave_a_write_ahead_log_is_refused(copy):
+    with closing(sqlite3.connect(copy)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+    for write in (False, True):
+        with pytest.raises(NotARecordingError, match="run 'PRAGMA journal_mode = DELETE' there"):
+            Store(copy, write=write)
+
+
+def check_set_aside(path, log, data, wanted, caplog):
     for write in (False, True):
         Store(path, write=write).close()
         assert contents(path) == wanted
@@ -190,15 +193,6 @@ def test_its_own_log_is_not_taken_in_where_nothing_can_be_written(recorded, open
     ):
         verify(path)
     assert contents(path) == wanted
-
-
-def test_the_log_of_version_1_is_read_in_a_read_only_folder(recorded, open_folder):
-    wanted = leave_wal(recorded, open_folder)
-    shutil.rmtree(open_folder / "writing")
-    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
-    with read_only(open_folder):
-        assert contents(open_folder / "room.sqlite") == wanted
-    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
 
 
 def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_folder):

@@ -13,7 +13,7 @@ from support.faces import face_requests
 from support.full_disk import largest_file
 from support.recorder import SMALL, STATES
 from support.recorder import requests as requests_in
-from support.recordings import contents, downgrade, provenances
+from support.recordings import contents, provenances
 
 import omniscv
 from omniscv.errors import (
@@ -61,7 +61,7 @@ def known(path):
     """All that a replay can show, of shapes and states too."""
     with closing(Store(path)) as store:
         states = {name: each.instant and each.instant.to_dict() for name, each in store.states().items()}
-        return *contents(path), store.geometry().to_dict(), store.scene_identity, states, store.version
+        return *contents(path), store.geometry().to_dict(), store.scene_identity, states
 
 
 def rendered(path):
@@ -100,32 +100,13 @@ def check_division(whole, folder, owners, order):
     assert known(out) == known(whole)
 
 
-def test_states_and_versions_merge(tmp_path):
-    """Files of version 2, 3 and 4 become the least version that holds all of them."""
+def test_states_merge(tmp_path):
     first = record_states(tmp_path / "first.sqlite", STATES[:2])
     second = record_states(tmp_path / "second.sqlite", STATES[1:])
     whole = record_states(tmp_path / "whole.sqlite", STATES)
     out = tmp_path / "out.sqlite"
     merge(out, [first, second])
     assert known(out) == known(whole)
-    versions = []
-    for modes in (("lit",), ("object_mask",)):
-        path = record(tmp_path / f"{modes[0]}.sqlite", face_requests(size=16, modes=modes))
-        versions.append(info(path).schema_version)
-    assert versions == [2, 3]
-    out = tmp_path / "both.sqlite"
-    merge(out, [tmp_path / "lit.sqlite"])
-    assert info(out).schema_version == 2
-    merge(out, [tmp_path / "object_mask.sqlite"])
-    assert info(out).schema_version == 3
-
-
-def test_a_file_of_version_1_is_merged(whole, tmp_path):
-    downgrade(whole, tmp_path / "old.sqlite")
-    out = tmp_path / "out.sqlite"
-    merge(out, [tmp_path / "old.sqlite"])
-    assert contents(out) == contents(whole)
-    assert verify(out).ok
 
 
 def _other_scene(path):

@@ -6,7 +6,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from support.faces import face_requests
-from support.recordings import CountingSource, contents, downgrade
+from support.recordings import CountingSource, contents
 
 import mock_server
 import omniscv
@@ -27,14 +27,11 @@ def record(address, path, requests=LIT):
     return live.requests
 
 
-@pytest.fixture(params=[1, 2], ids=["version-1", "version-2"])
-def room(request, tmp_path):
+@pytest.fixture
+def room(tmp_path):
     """Colours of the four-wall room, without object masks."""
     path = tmp_path / "room.sqlite"
     record("mock://four-wall", path)
-    if request.param == 1:
-        path = tmp_path / "old.sqlite"
-        downgrade(tmp_path / "room.sqlite", path)
     return path
 
 

@@ -1,69 +1,18 @@
-"""Replay: recordings of earlier versions, and what a missing capture says."""
+"""Replay: what a missing capture says, and which views cover another."""
 
 import re
-import sqlite3
-from contextlib import closing
 
 import numpy as np
 import pytest
 from support.faces import face_requests
-from support.recordings import contents, downgrade
 
 import omniscv
 from omniscv.errors import MissingCaptureError, NotARecordingError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
-from omniscv.sources.recording.inspection import info, verify
 
 POSE = Pose.from_angles((0.0, 0.0, 1.5))
 VIEW = View(POSE, 90.0, 32, 32)
-
-
-@pytest.fixture
-def old(tmp_path):
-    """A recording whose normals have the mode ``normal``, as earlier versions wrote them."""
-    new, path = tmp_path / "new.sqlite", tmp_path / "old.sqlite"
-    with omniscv.record(omniscv.open_source("scene://four-wall"), new) as source:
-        list(source.capture(face_requests(modes=("lit", "normals"))))
-    downgrade(new, path)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute("UPDATE capture SET mode = 'normal', key = replace(key, 'normals', 'normal')")
-        database.execute("UPDATE capture SET mode = 'lit' WHERE key LIKE '%lit%'")
-    return path
-
-
-def test_normals_of_earlier_versions_answer_requests(old):
-    with omniscv.open_source(old) as replay, omniscv.open_source("scene://four-wall") as scene:
-        assert replay.capabilities.modes == {"lit", "normals"}
-        requests = face_requests(modes=("normals",))
-        for capture, other in zip(replay.capture(requests), scene.capture(requests), strict=True):
-            assert capture.mode == "normals"
-            assert np.array_equal(capture.pixels, other.pixels)
-    assert info(old).captures == {"lit": 6, "normals": 6}
-    assert verify(old).ok
-
-
-def test_normals_of_earlier_versions_are_not_recorded_again(old):
-    before = contents(old)
-    with omniscv.record(omniscv.open_source("scene://four-wall"), old) as source:
-        list(source.capture(face_requests(modes=("normals",))))
-        assert contents(old)[0] == before[0]
-        list(source.capture(face_requests(modes=("normals",), center=(1.0, 0.0, 1.5))))
-    with closing(sqlite3.connect(old)) as database:
-        modes = dict(database.execute("SELECT mode, count(*) FROM capture GROUP BY mode"))
-    assert modes == {"lit": 6, "normal": 6, "normals": 6}
-
-
-def test_a_new_capture_replaces_one_of_an_earlier_version(old):
-    from omniscv.sources.recording import Recording
-
-    with Recording(omniscv.open_source("scene://four-wall"), old, anew=True) as source:
-        list(source.capture(face_requests(modes=("normals",))))
-    with closing(sqlite3.connect(old)) as database:
-        assert dict(database.execute("SELECT mode, count(*) FROM capture GROUP BY mode")) == {
-            "lit": 6,
-            "normals": 6,
-        }
 
 
 NEAR = {

@@ -1,7 +1,6 @@
 """States of the world in recordings: each is replayed from its own captures, whatever happened."""
 
 import json
-import shutil
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -13,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.killed import Processes
 from support.recorder import SMALL, STATES, requests
-from support.recordings import contents, downgrade
+from support.recordings import contents
 
 import omniscv
 from omniscv.errors import ArgumentError, DamagedRecordingError, MissingCaptureError
@@ -21,10 +20,8 @@ from omniscv.geometry.instant import Instant
 from omniscv.sources import SourceWrapper
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
-from omniscv.sources.recording.rows import keys
 
 LATER, EMPTIER = STATES[1:]
-KEPT = Path(__file__).parents[2] / "captures"
 SOME = [2, pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(1800)])]
 POSES = st.builds(
     omniscv.Pose.from_angles,
@@ -157,45 +154,7 @@ def test_a_live_source_refuses_requests_of_another_state(scene):
         list(live.capture([later]))
 
 
-@pytest.mark.parametrize("room", ["four-wall", "six-wall"])
-@pytest.mark.parametrize("version", [1, 2])
-def test_earlier_recordings_hold_the_still_state(room, version, tmp_path):
-    path = tmp_path / "room.sqlite"
-    if version == 1:
-        downgrade(KEPT / f"{room}.sqlite", path)
-    else:
-        shutil.copy(KEPT / f"{room}.sqlite", path)
-    before = contents(path)
-    with omniscv.open_source(path) as replay:
-        assert (replay.state, replay.states()) == ("", ("",))
-        with replay.at(Instant()) as there:
-            assert there.recorded_views() == replay.recorded_views()
-        with pytest.raises(MissingCaptureError, match="states the still one"):
-            replay.at(Instant(time=1.0))
-    assert contents(path) == before
-
-
-def test_a_still_world_is_recorded_as_before(scene, tmp_path):
-    """The file has no table or column for states, and is given them when the world moves; nothing else is
-    touched: rows and checksums stay."""
-    path = record(scene, tmp_path / "room.sqlite", [Instant()])
-    with closing(sqlite3.connect(path)) as database:
-        columns = [row[1] for row in database.execute("PRAGMA table_info(capture)")]
-        rows = database.execute("SELECT * FROM capture ORDER BY number").fetchall()
-    assert "state" not in columns
-    width, height, position, rotation, fov_deg = requests(SMALL)[0].view.key()
-    assert json.loads(rows[0][1]) == ["lit", width, height, *position, *rotation, fov_deg]
-    assert info(path).schema_version == 3
-    record(scene, path, [LATER])
-    with closing(sqlite3.connect(path)) as database:
-        after = database.execute("SELECT * FROM capture ORDER BY number").fetchall()
-    assert [row[:-1] for row in after[: len(rows)]] == rows
-    assert {row[-1] for row in after[len(rows) :]} == {LATER.state}
-    assert (info(path).schema_version, verify(path).ok) == (4, True)
-    assert not {*keys(requests(SMALL, LATER.state)[0])} & {row[1] for row in rows}
-
-
-def test_a_reader_follows_a_recorder_that_needs_states(scene, tmp_path):
+def test_a_reader_follows_a_recorder(scene, tmp_path):
     path = record(scene, tmp_path / "room.sqlite", [Instant()])
     with omniscv.open_source(path) as reader:
         record(scene, path, [LATER])

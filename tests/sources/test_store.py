@@ -88,12 +88,19 @@ def payloads(contents):
     return {key: row[2:] for key, row in contents[0].items()}
 
 
-def test_a_newer_recording_says_which_version_it_needs(copy):
+@pytest.mark.parametrize(
+    ("version", "error", "says"),
+    [
+        (7, NewerRecordingError, "expected schema version 4, got version 7; update omniscv"),
+        (3, NotARecordingError, "expected schema version 4, got version 3; record it again"),
+    ],
+)
+def test_a_recording_of_another_version_is_refused(version, error, says, copy):
     with sqlite3.connect(copy) as database:
-        database.execute("PRAGMA user_version = 7")
+        database.execute(f"PRAGMA user_version = {version}")
     database.close()
     for write in (False, True):
-        with pytest.raises(NewerRecordingError, match="version 7"):
+        with pytest.raises(error, match=says):
             Store(copy, write=write)
 
 

@@ -20,8 +20,8 @@ from omniscv import jobs
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
-from omniscv.sources.recording import folders, upgrade
-from omniscv.sources.recording.replacing import part_of, place_of, publish
+from omniscv.sources.recording import folders
+from omniscv.sources.recording.publishing import publish, target_of, written_for
 from omniscv.sources.recording.store import Store
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))
@@ -52,10 +52,10 @@ def record(source, path):
 
 def replace(other, path):
     """Put another recording in the place of one, as the pytest plugin does."""
-    place = place_of(path)
-    with part_of(place) as part:
-        record(omniscv.open_source(other), part)
-        publish(part, place)
+    target = target_of(path)
+    with written_for(target) as file:
+        record(omniscv.open_source(other), file)
+        publish(file, target)
 
 
 def change(path, other):
@@ -90,7 +90,6 @@ def warm():
 
 ACTIONS = {
     "record": lambda address, path: record(omniscv.open_source(address), path),
-    "upgrade": upgrade.upgrade,
     "import": folders.import_folder,
     "replace": replace,
     "change": change,

@@ -97,7 +97,7 @@ def publish_new(file: Path, target: Path) -> bool:
 
 
 def _sync_folder(path: Path) -> None:
-    """Flush a folder, so that a renamed file outlives a power cut; without effect where that is impossible."""
+    """Flush a folder, where that is possible, so that a renamed file outlives a power cut."""
     with contextlib.suppress(OSError):
         folder = os.open(path, os.O_RDONLY)
         try:

@@ -126,7 +126,7 @@ class RecordedSource(Source):
         return RecordedSource, (self._address, self._state)
 
     def _found_states(self) -> dict[str, str]:
-        """Return, by the state that was to be set, the one in which the world was found, the last if several."""
+        """Return, by the state that was to be set, the last one in which the world was found."""
         known = self._store.states()
         asked = ((known[state].asked, state) for state in self._views if state)
         return {wanted: state for wanted, state in asked if wanted is not None}

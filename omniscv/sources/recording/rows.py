@@ -7,19 +7,18 @@ import contextlib
 import json
 import secrets
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from types import MappingProxyType
+from dataclasses import asdict
 from typing import Any, NamedTuple, Self
 
 from zlib_ng import zlib_ng
 
 from omniscv import modalities
-from omniscv.arguments import shown, within
+from omniscv.arguments import shown, text
 from omniscv.errors import ArgumentError, BadReplyError, DamagedRecordingError, RecordingNotWritableError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
-from omniscv.records import mapping
+from omniscv.records import checked, named, nested, optional, read, record
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, payload_of
 
@@ -102,7 +101,7 @@ class Row(NamedTuple):
                 raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
 
     def description(self) -> tuple[Request, View, dict[str, Any]]:
-        """Return the request, the captured view and the provenance; DamagedRecordingError for other values."""
+        """Return request, captured view and provenance; DamagedRecordingError for other values."""
         self._check_texts()
         with self._named():
             request = Request(view_from_json(self.asked), self.mode, self.state)
@@ -119,11 +118,11 @@ class Row(NamedTuple):
         return Capture(request, view, pixels, provenance, self.payload, self.encoding)
 
     def _check_texts(self) -> None:
-        longest = dict.fromkeys((self.mode, self.encoding, self.state), _LONGEST_WORD)
-        for text in (*self[1:7], self.state):
-            most = longest.get(text, _LONGEST_TEXT)
-            if not isinstance(text, str) or len(text) > most:
-                reason = f"expected texts of at most {most} characters, got {shown(text)}"
+        for name in ("key", "mode", "asked", "captured", "encoding", "provenance", "state"):
+            value = getattr(self, name)
+            most = _LONGEST_WORD if name in ("mode", "encoding", "state") else _LONGEST_TEXT
+            if not isinstance(value, str) or len(value) > most:
+                reason = f"expected a {name} of at most {most} characters, got {shown(value)}"
                 raise DamagedRecordingError(f"capture {shown(self.key)}: {reason}")
 
     @contextlib.contextmanager
@@ -186,7 +185,11 @@ class Head(NamedTuple):
         return self._replace(captures=self.captures + len(more) - len(fewer), capture_sum=total)
 
 
-@dataclass(frozen=True, eq=False)
+def _state_name(name: str, value: object) -> str:
+    return text(name, value) if value else ""
+
+
+@record(eq=False)
 class WorldState:
     """What is known of a state of the world: a row of ``state``.
 
@@ -197,40 +200,33 @@ class WorldState:
         poses: of objects that moved by themselves: those that the instant does not have.
     """
 
-    instant: Instant | None = None
-    boxes: Mapping[str, ObjectBox] = field(default_factory=lambda: MappingProxyType({}))
-    asked: str | None = None
-    poses: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
+    instant: Instant | None = checked(optional(nested(Instant)), default=None)
+    boxes: Mapping[str, ObjectBox] = checked(named(nested(ObjectBox)), default_factory=dict)
+    asked: str | None = checked(optional(_state_name), default=None)
+    poses: Mapping[str, Pose] = checked(named(nested(Pose)), default_factory=dict)
 
     def object_poses(self) -> dict[str, Pose]:
         """Return the poses of all objects that are known."""
-        return {**self.poses, **(self.instant or Instant()).poses}
+        return {**self.poses, **(self.instant.poses if self.instant else {})}
 
     def geometry(self, still: SceneGeometry) -> SceneGeometry:
         """Return the shapes in this state, given those of the still world."""
-        return SceneGeometry(MappingProxyType({**still.boxes, **self.boxes}), still.room)
+        return SceneGeometry({**still.boxes, **self.boxes}, still.room)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         boxes = SceneGeometry(self.boxes).to_dict()["boxes"]
-        found = {"instant": self.instant and self.instant.to_dict(), "boxes": boxes}
-        found |= {} if self.asked is None else {"asked": self.asked}
-        return found | ({"poses": Instant(self.poses).to_dict()["poses"]} if self.poses else {})
+        values = {"instant": self.instant and self.instant.to_dict(), "boxes": boxes}
+        values |= {} if self.asked is None else {"asked": self.asked}
+        return values | ({"poses": Instant(self.poses).to_dict()["poses"]} if self.poses else {})
 
     @classmethod
     def from_dict(cls, name: str, data: object) -> Self:
-        """Return the inverse of :meth:`to_dict` for the state of a name; ArgumentError for anything else."""
-        known = {"boxes": {}, "poses": {}, **mapping(name, data, ("instant", "boxes", "asked", "poses"))}
-        instant, asked = known.get("instant"), known.get("asked")
-        with within(name):
-            instant = None if instant is None else Instant.from_dict(instant)
-            boxes = SceneGeometry.from_dict({"boxes": known["boxes"], "room": None}).boxes
-            poses = Instant.from_dict({**Instant().to_dict(), "poses": known["poses"]}).poses
-            if instant is not None and instant.state != name:
-                raise ArgumentError(f"expected the instant of this state, got that of {instant.state!r}")
-            if not isinstance(asked, str | None):
-                raise ArgumentError(f"asked: expected a text, got {shown(asked)}")
-        return cls(instant, boxes, asked, poses)
+        """Return the state of a name that :meth:`to_dict` described; ArgumentError for anything else."""
+        state = read(cls, data, name)
+        if state.instant is not None and state.instant.state != name:
+            raise ArgumentError(f"{name}: expected its instant, got that of {state.instant.state!r}")
+        return state
 
 
 class ObjectRow(NamedTuple):
@@ -350,7 +346,8 @@ def scene_to_json(identity: SceneIdentity) -> str:
 def scene_from_json(text: Any) -> SceneIdentity:
     """Return a scene's identity as it is stored; DamagedRecordingError for anything else."""
     data = object_from_json(text)
-    if not set(data) <= set(asdict(SceneIdentity())) or not all(isinstance(part, str) for part in data.values()):
+    is_text = all(isinstance(part, str) for part in data.values())
+    if not is_text or not set(data) <= set(asdict(SceneIdentity())):
         raise DamagedRecordingError(f"expected the texts 'name', 'level' and 'content', got {shown(text)}")
     return SceneIdentity(**data)
 

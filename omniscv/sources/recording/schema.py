@@ -64,7 +64,9 @@ def create(path: Path) -> None:
         database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         database.executescript(_TABLES)
         database.execute(f"INSERT INTO recording VALUES ({', '.join('?' * len(head))})", head)
-        database.execute("INSERT INTO geometry VALUES (?, ?)", checked_json({"boxes": {}, "room": None}, head.id))
+        database.execute(
+            "INSERT INTO geometry VALUES (?, ?)", checked_json({"boxes": {}, "room": None}, head.id)
+        )
 
 
 def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
@@ -115,8 +117,9 @@ def check_header(path: Path, shown_path: Path) -> None:
         reason = f"expected schema version {SCHEMA_VERSION}, got version {version}; {advice}"
         raise (NewerRecordingError if newer else NotARecordingError)(reason, shown_path)
     if log_versions != [1, 1]:
-        reason = "expected a recording with a rollback journal, got one with a write-ahead log of another program"
-        raise NotARecordingError(f"{reason}; run 'PRAGMA journal_mode = DELETE' in that program", shown_path)
+        got = "one that another program gave a write-ahead log"
+        reason = f"expected a recording with a rollback journal, got {got}"
+        raise NotARecordingError(f"{reason}; run 'PRAGMA journal_mode = DELETE' there", shown_path)
 
 
 def check_schema(database: sqlite3.Connection, path: Path) -> None:
@@ -156,8 +159,8 @@ def errors_of(path: Path, *, write: bool) -> Iterator[None]:
             reason = f"expected a file that can be written, got: {_reason(cause)}; what it held is intact"
             raise errors.RecordingNotWritableError(reason, path) from cause
         reason = f"expected a recording that can be read, got: {_reason(cause)}"
-        advice = "if its recorder was killed, open it once in a folder that can be written, with the files beside it"
-        raise NotARecordingError(f"{reason}; {advice}", path) from cause
+        advice = "open it once in a folder that can be written, together with the files beside it"
+        raise NotARecordingError(f"{reason}; if its recorder was killed, {advice}", path) from cause
     except (sqlite3.DataError, sqlite3.IntegrityError, UnicodeError) as cause:
         raise DamagedRecordingError(f"expected rows as recorded, got: {_reason(cause)}", path) from cause
     except sqlite3.DatabaseError as cause:

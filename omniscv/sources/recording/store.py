@@ -274,7 +274,10 @@ class Store:
             if len(found) != 1:
                 raise DamagedRecordingError(f"expected one row in geometry, got {len(found)}")
             content = json_of_row("the geometry", *found[0], self._recording_id())
-            return _checked("geometry", lambda: SceneGeometry.from_dict(content))
+            try:
+                return SceneGeometry.from_dict(content)
+            except ArgumentError as cause:
+                raise DamagedRecordingError(f"geometry: {cause.message}") from cause
 
     def set_geometry(self, geometry: SceneGeometry) -> None:
         """Add boxes, and a room, to what is known of shapes."""
@@ -331,7 +334,10 @@ class Store:
         with self._named(), self._reading():
             for name, content, crc in self._query(statement, *names):
                 data = json_of_row(f"state {shown(name)}", content, crc, self._recording_id(), name)
-                states[name] = _checked("state", lambda: WorldState.from_dict(name, data))
+                try:
+                    states[name] = WorldState.from_dict(name, data)
+                except ArgumentError as cause:
+                    raise DamagedRecordingError(f"state {cause.message}") from cause
         return states
 
     def _rows(self) -> list[Row]:
@@ -423,14 +429,6 @@ class Store:
         return database
 
 
-def _checked(name: str, read: Any) -> Any:
-    """Return what a function reads; DamagedRecordingError for its ArgumentError."""
-    try:
-        return read()
-    except ArgumentError as cause:
-        raise DamagedRecordingError(f"{name}: {cause}") from cause
-
-
 _open_stores: WeakSet[Store] = WeakSet()
 _locks_at_fork: list[threading.RLock] = []
 _inherited: list[sqlite3.Connection | None] = []
@@ -457,6 +455,4 @@ def _after_fork_in_child() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child
-    )
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child)

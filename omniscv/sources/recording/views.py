@@ -111,7 +111,9 @@ def _distances(a: View, b: View) -> tuple[float, float, float, float]:
 def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
     """Return two tuples of numbers with as few digits as tell them apart; nothing where no digits do."""
     for digits in range(4, 18):
-        a, b = (", ".join(f"{value + 0.0:.{digits}g}" for value in values) for values in (recorded, requested))
+        a, b = (
+            ", ".join(f"{value + 0.0:.{digits}g}" for value in values) for values in (recorded, requested)
+        )
         if a != b:
             return f": ({a}) recorded, ({b}) requested"
     return ""

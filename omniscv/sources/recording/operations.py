@@ -1,0 +1,289 @@
+"""Add to recordings as a whole, merge and split them: each capture stays as recorded, byte for byte."""
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from omniscv import storage
+from omniscv.arguments import number, shown, whole_number
+from omniscv.errors import ArgumentError, RecordingError, RecordingNotWritableError
+from omniscv.geometry.clusters import cluster_starts
+from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.sources.base import ObjectTable
+from omniscv.sources.recording.publishing import kind_of, publish_new, target_of, written_for
+from omniscv.sources.recording.rows import (
+    Row,
+    object_from_json,
+    scene_in_words,
+    table_conflict,
+    table_union,
+    view_from_json,
+)
+from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.views import in_words
+
+Address = TypeVar("Address", str, Path)
+Progress = Callable[[int, int], None]
+"""``progress(done, total)``."""
+
+_NEAREST_M = 0.001
+"""Files of a split are named by positions in millimetres."""
+_JUST_CREATED = "expected a new file, but another recorder has just created one; run again to add to it"
+
+
+def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | None = None) -> int:
+    """Join recordings into one, and return the number of captures that were added.
+
+    All or nothing: the existing recording stays as it was, or a new one appears, complete. Captures that it
+    already holds are left out, so that a merge may be repeated. Shapes and states of the world are those of
+    the first recording that knows them, as one recorder would have recorded them.
+
+    Args:
+        out: path or URL of the recording that gets the captures; new, or one to add to.
+        files: paths or URLs of the recordings, in the order in which their captures are added.
+        progress: called with (recordings done, recordings in all).
+
+    Raises:
+        ArgumentError: no recordings, or ``out`` among them.
+        DamagedRecordingError: a capture is not as it was recorded.
+        RecordingError: recordings of different scenes, dialects or mask colours, or with different captures
+            of one request; or one cannot be read or written.
+    """
+    if not files:
+        raise ArgumentError("files: expected recordings to merge, got none")
+    if str(out) in map(str, files):
+        raise ArgumentError(f"files: expected recordings other than {shown(str(out))}, which gets them")
+    added = 0
+    with opened_whole(out) as target:
+        dialects = _dialects(target.listing())  # checks that no capture is damaged or lost
+        for done, file in enumerate(files, start=1):
+            with _errors_of(file), closing(Store(storage.fetch_file(file))) as store:
+                more = _dialects(store.listing())
+                _check_origin(target, store, dialects, more)
+                added += _add_all(target, store)
+            dialects |= more
+            if progress:
+                progress(done, len(files))
+    return added
+
+
+def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tuple[str, int]]:
+    """Write a recording for each cluster of optical centres of one: ``STEM.X,Y,Z.SUFFIX``.
+
+    Each replays what was captured there. Centres belong to one cluster if steps of at most ``distance_m``
+    lead from one to the other; X, Y, Z is the first of them, metres.
+
+    Args:
+        file: path or URL of the recording.
+        out: path or URL of the folder, which must be empty or new.
+        distance_m: at least a millimetre.
+
+    Returns:
+        The name and the number of captures of each, in the order of recording.
+
+    Raises:
+        ArgumentError: a folder that holds something.
+        RecordingError: the recording cannot be read, is damaged, or one cannot be written.
+    """
+    number("distance_m", distance_m, least=_NEAREST_M)
+    folder = storage.folder(out)
+    if folder.names():
+        raise ArgumentError(f"{folder}: expected an empty or new folder, but it holds something")
+    with closing(Store(storage.fetch_file(file))) as store:
+        rows = store.listing()
+        whole = Path(str(file).rpartition("/")[2])
+        numbers: dict[str, list[int]] = {}
+        for row, cluster in zip(rows, _clusters(rows, distance_m), strict=True):
+            numbers.setdefault(f"{whole.stem}.{cluster}{whole.suffix}", []).append(row.number)
+        with tempfile.TemporaryDirectory(dir=_local_parent(folder), prefix=".") as scratch:
+            for name in numbers:
+                _write(store, numbers[name], Path(scratch) / name)
+            for name in numbers:
+                folder.put(name, Path(scratch) / name)
+    return [(name, len(captures)) for name, captures in numbers.items()]
+
+
+def part_file(address: Address, index: int, count: int) -> Address:
+    """Return where part ``index`` of ``count``, from 0, is recorded: ``room.part-0-of-4.sqlite``.
+
+    Each part is recorded by a process of its own, at the same time.
+
+    Args:
+        address: path or URL of the whole recording.
+        index: 0 to ``count`` - 1.
+        count: of parts, 1 or more.
+
+    Raises:
+        ArgumentError: another index or count.
+    """
+    whole_number("part", count, least=1)
+    whole_number("part", index, least=0, most=count - 1)
+    folder, slash, name = str(address).rpartition("/")
+    stem, dot, suffix = name.rpartition(".")
+    stem, suffix = (stem, dot + suffix) if stem else (name, "")
+    return type(address)(f"{folder}{slash}{stem}.part-{index}-of-{count}{suffix}")
+
+
+def part_files(address: Address, count: int) -> list[Address]:
+    """Return where all parts of a recording are, whether they exist or not."""
+    return [part_file(address, index, count) for index in range(count)]
+
+
+@contextmanager
+def opened_whole(address: Path | str) -> Iterator[Store]:
+    """Yield a recording to add to, in a transaction: everything is written together, or nothing.
+
+    Args:
+        address: path or URL of an existing recording, or of a new one, which appears when it is complete.
+
+    Raises:
+        RecordingError: a recording cannot be written there.
+        StorageError: it cannot be put into the store.
+    """
+    if storage.is_url(address):
+        with _opened_remote(storage.file_at(address)) as store:
+            yield store
+        return
+    target = target_of(address)
+    if kind_of(target) and target.stat().st_size:
+        with closing(Store(address, write=True)) as store, store.transaction():
+            yield store
+        return
+    with written_for(target) as file:
+        try:
+            with closing(Store(file, write=True)) as store, store.transaction():
+                yield store
+        except RecordingNotWritableError as cause:
+            raise cause.at(address) from cause
+        if not publish_new(file, target):
+            raise RecordingNotWritableError(_JUST_CREATED, address)
+
+
+@contextmanager
+def _opened_remote(place: storage.StoredFile) -> Iterator[Store]:
+    """As :func:`opened_whole`, of a file in a store: a copy that is put there at the end."""
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Path(scratch) / place.name
+        exists = place.folder.exists(place.name)
+        if exists:
+            shutil.copyfile(place.folder.fetch(place.name), copy)
+        with opened_whole(copy) as store:
+            yield store
+        if not place.folder.put(place.name, copy, first=not exists):
+            raise RecordingNotWritableError(_JUST_CREATED, f"{place.folder}/{place.name}")
+
+
+def _add_all(target: Store, store: Store) -> int:
+    """Add a recording to another one; return the number of captures that were new."""
+    target.set_scene(store.scene_identity)
+    if (objects := _merged_objects(target, store)) != target.objects():
+        target.set_objects(objects)
+    if geometry := store.geometry():
+        known = target.geometry()
+        boxes = {**geometry.boxes, **known.boxes}
+        target.set_geometry(SceneGeometry(boxes, known.room or geometry.room))
+    states = target.states()
+    for name, state in store.states().items():
+        if name not in states or states[name].instant is None:
+            target.set_state(name, state)
+    return sum(_add_new(target, row) for row in store.rows())
+
+
+def _add_new(target: Store, row: Row) -> bool:
+    """Add a capture; return False if the recording holds it; RecordingError if it holds another one."""
+    row.check_payload()
+    request, view, _ = row.description()
+    held = target.get_row(request)
+    if held is None:
+        target.add_row(row)
+        return True
+    if (held.payload, held.encoding, held.captured) != (row.payload, row.encoding, row.captured):
+        state = f" in state {shown(request.state)}" if request.state else ""
+        expected = f"expected the bytes that were recorded before of {request.mode}, {in_words(view)}{state}"
+        raise RecordingError(f"{expected}; got others")
+    return False
+
+
+def _check_origin(target: Store, store: Store, before: set[str], after: set[str]) -> None:
+    """Raise RecordingError for captures of another scene, or of a server of another dialect."""
+    known, other = target.scene_identity, store.scene_identity
+    if known.differs(other):
+        expected = f"expected captures of the scene {scene_in_words(known)}, as in those before"
+        raise RecordingError(f"{expected}, got {scene_in_words(other)}")
+    if before and after and before.isdisjoint(after):
+        expected = f"expected captures of dialect {', '.join(sorted(before))}, as in those before"
+        raise RecordingError(f"{expected}, got {', '.join(sorted(after))}")
+    names, more = target.objects().colors, store.objects().colors
+    if names and more and not names.keys() & more.keys():
+        expected = f"expected objects of the scene of those before, such as {shown(min(names))}"
+        raise RecordingError(f"{expected}, got only others, such as {shown(min(more))}")
+
+
+def _dialects(rows: Sequence[Row]) -> set[str]:
+    dialects = (object_from_json(row.provenance).get("dialect") for row in rows)
+    return {shown(dialect) for dialect in dialects if dialect}
+
+
+def _merged_objects(target: Store, store: Store) -> ObjectTable:
+    """Return the objects of both; RecordingError where masks of one would get names of the other."""
+    tables, have_masks = (target.objects(), store.objects()), (target.has_masks(), store.has_masks())
+    have_names = [bool(table.colors) for table in tables]
+    if not all(have_names):
+        unnamed = (mask and not names for mask, names in zip(have_masks, have_names, strict=True))
+        if any(have_names) and any(unnamed):
+            expected = "expected object masks with an object table in all recordings"
+            raise RecordingError(f"{expected}, got one without")
+        return tables[0 if have_names[0] else 1]
+    conflict = table_conflict(*tables)
+    if conflict and all(have_masks):
+        raise RecordingError(f"expected the mask colours of those before, but {conflict}")
+    return tables[0 if have_masks[0] else 1] if conflict else table_union(*tables)
+
+
+@contextmanager
+def _errors_of(file: Path | str) -> Iterator[None]:
+    """Name a recording in errors; those of the file that is written pass."""
+    try:
+        yield
+    except RecordingNotWritableError:
+        raise
+    except RecordingError as cause:
+        raise cause.at(storage.without_secrets(file), cause.advice) from cause
+
+
+def _clusters(rows: Sequence[Row], distance_m: float) -> list[str]:
+    """Return the name of each capture's cluster; the view that was requested decides."""
+    centers = [tuple(view_from_json(row.asked).pose.position.tolist()) for row in rows]
+    distinct = list(dict.fromkeys(centers))
+    starts = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
+    return [",".join(f"{coordinate + 0.0:.3f}" for coordinate in starts[center]) for center in centers]
+
+
+def _write(store: Store, numbers: Sequence[int], path: Path) -> None:
+    """Write some captures of a recording, by their numbers, with scene, objects and states."""
+    with opened_whole(path) as target:
+        target.set_scene(store.scene_identity)
+        target.set_objects(store.objects())
+        if geometry := store.geometry():
+            target.set_geometry(geometry)
+        states, written = store.states(), set[str]()
+        for row in store.rows(numbers):
+            row.check_payload()
+            row.description()
+            if row.state and row.state not in written:
+                target.set_state(row.state, states[row.state])
+                written.add(row.state)
+            target.add_row(row)
+
+
+def _local_parent(folder: storage.Folder) -> Path | None:
+    """Return where temporary files are written: on the file system of a local folder."""
+    if folder.local is None:
+        return None
+    folder.local.mkdir(parents=True, exist_ok=True)
+    return folder.local
