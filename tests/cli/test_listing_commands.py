@@ -87,8 +87,8 @@ def test_places_of_a_recording(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert run(["captures", "places", str(RECORDING), "--json"]) == 0
     found, held = json.loads(capsys.readouterr().out), info(RECORDING)
-    centers = np.array([each["center"] for each in found])
-    assert len(np.unique(centers.round(6), axis=0)) == len(found) == held.centers
+    positions = np.array([each["center"] for each in found])
+    assert len(np.unique(positions.round(6), axis=0)) == len(found) == held.centers
     for mode, count in held.captures.items():
         assert sum(each["captures"].get(mode, 0) for each in found) == count
     assert max(each["last"] for each in found) == held.last

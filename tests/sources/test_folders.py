@@ -187,7 +187,7 @@ def test_what_is_no_regular_file_is_left_alone(recorded, tmp_path):
     folder, fifo, null = folder_of(recorded, tmp_path), tmp_path / "fifo", tmp_path / "null"
     os.mkfifo(fifo)
     null.symlink_to(os.devnull)
-    for path, what in ((fifo, "a FIFO"), (tmp_path, "a folder"), (null, "a device")):
+    for path, what in ((fifo, "a device, a FIFO"), (tmp_path, "a folder"), (null, "a device")):
         kind = path.stat().st_mode
         for write in (lambda path: import_folder(folder, path), lambda path: Store(path, write=True)):
             with pytest.raises(

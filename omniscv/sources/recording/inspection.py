@@ -1,7 +1,7 @@
 """What a recording holds, and whether it is undamaged."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -158,7 +158,7 @@ def verify(path: Path | str) -> Verification:
     return Verification(name, captures, faults)
 
 
-def _by_mode(rows: Iterator[Row] | tuple[Row, ...] | list[Row]) -> dict[str, int]:
+def _by_mode(rows: Sequence[Row]) -> dict[str, int]:
     return dict(sorted(Counter(row.mode for row in rows).items()))
 
 

@@ -1,8 +1,8 @@
 """SQLite's logs beside a recording: only the file that a log was written for takes it in.
 
-SQLite finds a log by its name alone: the journal of a killed recorder would be rolled back into any file that
-has the name next. So it is compared with the file first. Every change of a recording begins with a new random
-token: the journal's first page has the token from before, which the file has as ``token`` or ``parent``.
+SQLite finds a log by its name: the journal of a killed recorder would be rolled back into any file that has
+the name next. Every change of a recording begins with a new random token, so the journal's first page has the
+token from before, which the file has as ``token`` or ``parent``.
 """
 
 import contextlib
@@ -24,9 +24,7 @@ _log = logging.getLogger("omniscv")
 def settle(path: Path) -> None:
     """Roll back the file's own journal; rename a foreign one, and a write-ahead log: recordings have none.
 
-    Raises:
-        NotARecordingError: the journal is another program's, or a foreign log cannot be renamed.
-        sqlite3.Error, OSError: the file cannot be read.
+    NotARecordingError if the journal is another program's, or a foreign log cannot be renamed.
     """
     journal, wal = Path(f"{path}-journal"), Path(f"{path}-wal")
     if wal.exists():
@@ -36,25 +34,24 @@ def settle(path: Path) -> None:
         known, token = _tokens(path), _token_before(journal)
         if not _is_hot(path) or token != _token_before(journal):
             continue  # another process has rolled it back
-        if token is None:
-            got = f"that of another program in {journal.name}; open it with that program, or remove the"
-            reason = f"expected a journal of omniscv beside it, got {got} journal if it is of another file"
-            raise NotARecordingError(reason, path)
         if token in known:
             connect(path, "rw").close()
-        else:
+        elif token:
             _set_aside(path, journal)
+        else:
+            got = f"that of another program in {journal.name}; open it there, or remove a foreign journal"
+            raise NotARecordingError(f"expected a journal of omniscv beside it, got {got}", path)
 
 
 def _is_hot(path: Path) -> bool:
     """Return whether SQLite would roll a journal back: it is not that of a running recorder."""
     try:
         connect(path, "ro").close()
+        return False
     except sqlite3.OperationalError as refused:
-        if refused.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
-            return True
-        raise
-    return False
+        if refused.sqlite_errorcode != sqlite3.SQLITE_READONLY_ROLLBACK:
+            raise
+        return True
 
 
 def _tokens(path: Path) -> set[tuple[bytes, ...]]:
@@ -83,8 +80,8 @@ def _set_aside(path: Path, log: Path) -> None:
     try:
         log.rename(target)
         _log.warning("%s: %s is a log of another file; set aside as %s", path, log.name, target.name)
-    except FileNotFoundError:  # another process has done it
-        pass
     except OSError as cause:
+        if not log.exists():
+            return  # another process has done it
         got = f"{log.name}, which cannot be set aside ({cause.strerror}); remove it"
         raise NotARecordingError(f"expected no log of another file beside it, got {got}", path) from cause

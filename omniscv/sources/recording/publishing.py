@@ -3,7 +3,6 @@
 import contextlib
 import os
 import shutil
-import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,11 +11,6 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, RecordingNotWritableError
 from omniscv.sources.recording.schema import errors_of
 from omniscv.storage.local import move_new, remove_scratch, scratch_folder
-
-_KINDS = {
-    stat.S_IFDIR: "a folder", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a FIFO",
-    stat.S_IFSOCK: "a socket",
-}  # fmt: skip
 
 
 def target_of(path: Path | str) -> Path:
@@ -47,11 +41,13 @@ def followed(path: Path | str) -> Path:
 
 def kind_of(path: Path) -> str:
     """Return what is at a path, in words; empty if nothing is."""
-    try:
-        mode = path.stat().st_mode
-    except OSError:
-        return "a link without an end" if path.is_symlink() else ""
-    return _KINDS.get(stat.S_IFMT(mode), "a file")
+    if os.path.isfile(path):
+        return "a file"
+    if os.path.isdir(path):
+        return "a folder"
+    if os.path.exists(path):
+        return "a device, a FIFO or a socket"
+    return "a link without an end" if os.path.islink(path) else ""
 
 
 @contextlib.contextmanager

@@ -100,7 +100,7 @@ class Recording(SourceWrapper):
     def one_instant(self) -> Iterator[None]:
         """As :meth:`Source.one_instant`: one change of the file, which other processes wait for."""
         renewed = None if self._renewed is None else set(self._renewed)
-        with self._lock, self._source.one_instant(), self._store.all_or_none():
+        with self._lock, self._source.one_instant(), self._store.transaction():
             try:
                 yield
             except BaseException:

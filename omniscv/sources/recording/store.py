@@ -54,10 +54,6 @@ _WITHOUT_PAYLOAD = _COLUMNS.replace(", payload,", ", x'',")
 _MOST_STATES = 1_000_000
 
 
-class _UndoneError(Exception):
-    """Ends a transaction that is to be undone."""
-
-
 class Store:
     """An open recording: one thread uses it at a time, and a forked child has a connection of its own.
 
@@ -114,37 +110,29 @@ class Store:
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """Make all changes within together, or none of them; may be nested."""
-        with schema.errors_of(self.path, write=True), self._using() as database:
+        """Make all changes within together, or none; may be nested. Errors raised within pass unchanged.
+
+        Raises:
+            RecordingNotWritableError: the file cannot be written.
+        """
+        with self._using() as database:
             if self._head is not None:
                 yield database
                 return
-            with database:  # commits, or rolls back
-                database.execute("BEGIN IMMEDIATE")
-                self._head = head = self.head().changed()
-                try:
+            try:
+                with schema.errors_of(self.path, write=True):
+                    database.execute("BEGIN IMMEDIATE")
+                    self._head = head = self.head().changed()
                     self._write_head(database, head)  # first: see omniscv.sources.recording.logs
-                    before = database.total_changes
-                    yield database
+                before = database.total_changes
+                yield database
+                with schema.errors_of(self.path, write=True):
                     if self._head != head or database.total_changes != before:
                         self._write_head(database, self._head)
-                    else:
-                        database.rollback()
-                finally:
-                    self._head = None
-
-    @contextlib.contextmanager
-    def all_or_none(self) -> Iterator[None]:
-        """Make all changes within together, as :meth:`transaction`; errors raised within pass unchanged."""
-        failure: BaseException | None = None
-        with contextlib.suppress(_UndoneError), self.transaction():
-            try:
-                yield
-            except BaseException as cause:
-                failure = cause
-                raise _UndoneError from cause
-        if failure is not None:
-            raise failure
+                        database.commit()
+            finally:
+                self._head = None
+                database.rollback()  # without effect after a commit
 
     def listing(self) -> list[Row]:
         """Return every capture but its payload, in the order of recording.
@@ -220,7 +208,7 @@ class Store:
         if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
             expected = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
             raise RecordingNotWritableError(f"{expected}, got {len(row.payload)}", self.path)
-        with self.transaction() as database:
+        with self._changing() as database:
             head = self.head()
             (number,) = database.execute("SELECT coalesce(max(number), 0) + 1 FROM capture").fetchone()
             row = row.in_recording(number, head.id)
@@ -251,7 +239,7 @@ class Store:
             RecordingNotWritableError: recorded masks would get other names, or the objects are of another
                 scene: none of them is known.
         """
-        with self.transaction() as database:
+        with self._changing() as database:
             head, before = self.head(), self.objects()
             after = table_union(before, table) if self.has_masks() else table
             if after is not table and (conflict := table_conflict(before, table)):
@@ -281,7 +269,7 @@ class Store:
 
     def set_geometry(self, geometry: SceneGeometry) -> None:
         """Add boxes, and a room, to what is known of shapes."""
-        with self.transaction() as database, self._named():
+        with self._changing() as database:
             known = self.geometry()
             merged = SceneGeometry({**known.boxes, **geometry.boxes}, geometry.room or known.room)
             if merged.to_dict() != known.to_dict():
@@ -302,7 +290,7 @@ class Store:
 
     def set_state(self, name: str, state: WorldState) -> None:
         """Note what is known of a state."""
-        with self.transaction() as database, self._named():
+        with self._changing() as database:
             content = checked_json(state.to_dict(), self._recording_id(), name)
             database.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", (name, *content))
 
@@ -325,7 +313,7 @@ class Store:
             words = scene_in_words(known), scene_in_words(identity)
             self._refuse("captures of the scene {}, got {}".format(*words))
         if known.merged(identity) != known:
-            with self.transaction():
+            with self._changing():
                 self._head = self.head()._replace(scene=scene_to_json(known.merged(identity)))
 
     def _states(self, where: str, *names: str) -> dict[str, WorldState]:
@@ -355,6 +343,12 @@ class Store:
     def _write_head(self, database: sqlite3.Connection, head: Head) -> None:
         columns = ", ".join(f"{name} = ?" for name in Head._fields)
         database.execute(f"UPDATE recording SET {columns}", head.sealed())
+
+    @contextlib.contextmanager
+    def _changing(self) -> Iterator[sqlite3.Connection]:
+        """A transaction in which errors of SQLite are RecordingNotWritableError."""
+        with self.transaction() as database, schema.errors_of(self.path, write=True), self._named():
+            yield database
 
     def _query(self, statement: str, *values: Any) -> list[Any]:
         with schema.errors_of(self.path, write=False), self._using() as database:
