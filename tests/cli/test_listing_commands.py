@@ -16,7 +16,7 @@ from omniscv.cli import COMMANDS, run
 from omniscv.job import EXAMPLE, keys, load
 from omniscv.make import check_dataset
 from omniscv.planning import RenderOptions
-from omniscv.sources.recording.inspection import info
+from omniscv.sources.recording.inspection import centers, info
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
 
