@@ -27,7 +27,7 @@ from omniscv.dataset.cubemaps import faces
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.rigs import RigFrames, rigs
 from omniscv.frame import Frame
-from omniscv.planning.viewpoints import unproject
+from omniscv.planning.densities import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth import Points
 from omniscv.truth.point_cloud import points_of

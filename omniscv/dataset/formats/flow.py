@@ -42,7 +42,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
-from omniscv.planning.viewpoints import unproject
+from omniscv.planning.densities import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth.optical_flow import INVALID, Wrap, motion
 

@@ -24,7 +24,7 @@ from omniscv.arguments import Reader, fields, flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.errors import printable
 from omniscv.frame import Frame
-from omniscv.planning.viewpoints import unproject
+from omniscv.planning.densities import unproject
 from omniscv.storage.local import whole_file
 from omniscv.truth import Points
 from omniscv.truth.point_cloud import points_of
