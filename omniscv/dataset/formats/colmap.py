@@ -2,7 +2,8 @@
 
 ``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them;
 COLMAP before 3.12 knows no rigs and does not open their two files. Cameras that keep their places to each
-other are a rig; see :mod:`omniscv.dataset.rigs`. Poses are from the world to the camera, in metres, of our
+other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres, of
+our
 world: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view, is written
 for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
 
@@ -23,9 +24,8 @@ from omniscv import truth
 from omniscv.arguments import Reader, fields, number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.dataset.cubemaps import faces
-from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
-from omniscv.dataset.rigs import RigFrames, rigs
+from omniscv.dataset.pictures import copy_lit, faces, without_limit, write_mask
+from omniscv.dataset.sequences import RigFrames, rigs
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
 from omniscv.storage.local import whole_file

@@ -1,8 +1,8 @@
 """Kalibr's ``camchain.yaml``: the cameras of a rig, each with its place after the one before it.
 
-Cameras that keep their places to each other are a rig (:mod:`omniscv.dataset.rigs`); of several rigs each
-has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ... in the order
-of their names, which ``rostopic`` holds. ``cam_overlaps`` lists the cameras that see some of the same
+Cameras that keep their places to each other are a rig (:mod:`omniscv.dataset.sequences`); of several rigs
+each has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ... in the
+order of their names, which ``rostopic`` holds. ``cam_overlaps`` lists the cameras that see some of the same
 directions. :mod:`omniscv.calibration.kalibr` describes the rest.
 """
 
@@ -17,7 +17,7 @@ from omniscv.arguments import fields
 from omniscv.calibration import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.dataset.rigs import rigs
+from omniscv.dataset.sequences import rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array
