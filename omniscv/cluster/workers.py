@@ -117,7 +117,7 @@ class Address:
             wanted = f"expected a scheduler of Dask at {self.address}"
             raise ClusterError(f"{wanted}, got: {cause}; start it with 'dask scheduler'") from cause
         with client:
-            workers = client.scheduler_info(n_workers=-1)["workers_of"].values()
+            workers = client.scheduler_info(n_workers=-1)["workers"].values()
             names = [
                 worker["name"] for worker in workers if not RESOURCE.keys() <= worker["resources"].keys()
             ]

@@ -117,8 +117,8 @@ def test_what_slurm_refuses_is_one_line(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("workers: 2", "expected"),
-        (SLURM + "gpus: 2", "expected fields among"),
+        ("workers: 2", "missing key 'walltime'"),
+        (SLURM + "gpus: 2", "unknown key 'gpus'; known keys: workers, walltime"),
         (SLURM.replace('"01:00:00"', "60"), "walltime: expected a text"),
         (SLURM.replace("01:00:00", "1h"), "walltime: expected hours:minutes:seconds, at least 10 minutes"),
         (SLURM.replace("01:00:00", "00:05:00"), "walltime: expected hours:minutes:seconds"),
