@@ -11,7 +11,7 @@ Mask = NDArray[np.bool_]
 
 
 def grid_axes(pixels: Array) -> tuple[Array, Array]:
-    """u and v of pixels (..., 2); of a grid (H, W, 2), one row (1, W) of u and one column (H, 1) of v."""
+    """Return u and v of pixels (..., 2); of a grid (H, W, 2), a row (1, W) of u and a column (H, 1) of v."""
     u, v = pixels[..., 0], pixels[..., 1]
     if pixels.ndim == 3 and (u == u[:1]).all() and (v == v[:, :1]).all():
         return u[:1], v[:, :1]
@@ -19,19 +19,19 @@ def grid_axes(pixels: Array) -> tuple[Array, Array]:
 
 
 def vectors(x: Array, y: Array, z: Array) -> Array:
-    """(..., 3) the vectors of these parts, which may be the rows and columns of a grid."""
-    parts = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
-    parts[..., 0], parts[..., 1], parts[..., 2] = x, y, z
-    return parts
+    """Return vectors (..., 3) of coordinates that broadcast, such as rows and columns of a grid."""
+    xyz = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
+    xyz[..., 0], xyz[..., 1], xyz[..., 2] = x, y, z
+    return xyz
 
 
 def replaced(keep: Mask, rows: Array, instead: ArrayLike) -> Array:
-    """``rows`` (..., n), and ``instead`` where ``keep`` (...) is False; no copy where all are kept."""
+    """Return ``rows`` (..., n) with ``instead`` where ``keep`` (...) is False; no copy if all are kept."""
     return rows if keep.all() else np.where(keep[..., None], rows, instead)
 
 
 def blanked(rows: Array, keep: Mask) -> Array:
-    """``rows`` (..., 3), an array that nothing else uses, with NaN where ``keep`` (...) is False."""
+    """Return ``rows`` (..., 3), which may be changed in place, with NaN where ``keep`` (...) is False."""
     if not keep.all():
         from omniscv.cameras import camera_kernels  # slow to load
 
@@ -40,27 +40,24 @@ def blanked(rows: Array, keep: Mask) -> Array:
     return rows
 
 
-_NO_RADIUS = float(np.finfo(np.float64).tiny)  # of what is nearer, float64 drops digits
-
-
 def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
-    """Raise ArgumentError where both of two ways to give one number are used."""
+    """Raise ArgumentError if both ways to give the focal length are used."""
     if focal is not None and fov_deg is not None:
-        got = f"both ({shown(focal)} px and {shown(fov_deg)} deg)"
-        raise ArgumentError(f"focal: expected focal or fov_deg, got {got}")
+        got = f"{shown(focal)} px and {shown(fov_deg)} deg"
+        raise ArgumentError(f"focal: expected focal or fov_deg, got both ({got})")
 
 
 def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
-    """Sine and cosine of ``angle_deg / 2``, 0 to 180; exact to the last digits next to 0, 90, 180 degrees."""
+    """Return sine and cosine of ``angle_deg / 2``; exact to the last digits near 0, 90 and 180 degrees."""
     half = angle_deg / 2
     return np.sin(np.radians(min(half, 180 - half))), np.sin(np.radians(90 - half))
 
 
 def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Array]:
-    """Radius and the unit vector (cos a, sin a) of the azimuth of (..., 2); (1, 0) at the centre."""
+    """Return radius r and azimuth (cos a, sin a) of (..., 2); (1, 0) at the centre."""
     offset = xy - np.asarray(center)
     x, y = offset[..., 0], offset[..., 1]
     r = np.hypot(x, y)
-    at_center = r < _NO_RADIUS
+    at_center = r == 0
     safe = np.where(at_center, 1.0, r)
     return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)

@@ -1,28 +1,23 @@
-"""What every camera model is: a map from pixels to rays and back.
+"""Base of all camera models: a map from pixels to rays and back.
 
 Conventions
     Pixels are continuous: (0, 0) is the image's top-left corner, pixel (i, j) has its centre at
     (i + 0.5, j + 0.5), and the image is the closed rectangle [0, width] x [0, height].
     Camera frame: x right, y down, z forward. Rays have an origin (metres) and a unit direction.
 
-A pixel or point that the model cannot serve is data, not an error: it comes back with
-``valid = False`` and NaN in its numbers. A wrong call (shape, parameter) raises ``ArgumentError``.
-
-Extremes
-    Points farther than 1e150 m are not seen, nor, by a central camera, points within 1e-308 m of the
-    optical centre. A point is valid only if the ray of its pixel points to it: to 1e-5 rad and the angle
-    that 1e-7 px turn that ray, and never more than 60 degrees off, whatever the size and the parameters.
-    Numbers that a model cannot compute with are refused with an ``ArgumentError``.
+A pixel or point outside the model's domain is no error: its result has ``valid = False`` and NaN in its
+numbers. Wrong arguments (shapes, parameters, numbers that a model cannot compute with) raise
+``ArgumentError``. Points more than 1e150 m away are not seen.
 
 To add a model
-    1. Subclass :class:`CentralCamera` (or :class:`Camera`, or a family's base), here or in another
-       package, decorate the class with
-       ``omniscv.cameras.register``, give it ``name``, a docstring that is the model in ten lines
-       (formula, parameters with units, domain, source), a constructor that keeps each argument in an
-       attribute of the same name, ``_directions`` (``Camera``: ``_unproject``) and ``_project``.
-    2. Unless ``cls(width, width)`` is a typical camera, give the parameters of one as ``typical``, or
-       override ``example`` where they grow with the size. The demo, the stability picture and the
-       contract suite use it; ``tests/cameras/examples.py`` may add cameras at the ends of its parameters.
+    1. Subclass :class:`CentralCamera` (or :class:`Camera`, or the base of a family), here or in another
+       package, and decorate the class with ``omniscv.cameras.register``. Give it ``name``, a docstring that
+       is the model in ten lines (formula, parameters with units, domain, source), a constructor that keeps
+       each argument in an attribute of the same name, ``_directions`` (``Camera``: ``_unproject``) and
+       ``_project``.
+    2. Unless ``cls(width, width)`` is a typical camera, give typical parameters as ``typical``, or override
+       ``example`` if they depend on the size. The demo, the stability chart and the contract suite use the
+       example; ``tests/cameras/examples.py`` may add cameras at the limits of its parameters.
     3. In this package, import it in ``omniscv/cameras/__init__.py``.
 """
 
@@ -45,20 +40,15 @@ from omniscv.errors import ArgumentError
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
-"""What a constructor argument of a model may be."""
+"""The types of constructor arguments."""
 
-FARTHEST = 1e150  # metres: of what is farther, float64 cannot hold the square
-_NEAREST = float(np.finfo(np.float64).tiny)  # metres: of what is nearer, float64 drops digits
-_ROUNDING = 1e-12  # relative: what rounding may add to a pixel at the border
-_LARGEST_PX = 10**6  # of larger images, rounding at the border would be more than 1e-6 px
-
-_SAME_RAY = 1e-9  # of Plücker coordinates, metres in them
+FARTHEST = 1e150  # metres: float64 cannot hold the square of more
+_ROUNDING = 1e-12  # relative rounding error of a pixel at the border
+_LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
+_SAME_RAY = 1e-9  # tolerance of Plücker coordinates, metres
 
 LARGEST_IMAGE = 1 << 27
-"""Pixels: 16384 x 8192. The rays of such an image take 7 GB."""
-
-_STEP_PX = 1e-6  # rounding of a pixel's coordinates is far below it
-_STEEPEST = 1e-3  # rad in such a step: the most that rays turn where pixels resolve them
+"""Pixels, 16384 x 8192: the rays of such an image take 7 GB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +66,13 @@ class Rays:
     valid: Mask
 
     def lines(self) -> Array:
-        """(..., 6) Plücker coordinates: direction, then moment ``origin x direction``."""
+        """Return Plücker coordinates (..., 6): direction, then moment ``origin x direction``."""
         return np.concatenate([self.directions, np.cross(self.origins, self.directions)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoints:
-    """The optical centres of an image, and which pixel belongs to which.
+    """The optical centres of an image, and the centre of each pixel.
 
     Attributes:
         centers: (K, 3) float64, camera frame, metres.
@@ -94,13 +84,13 @@ class Viewpoints:
 
 
 class Camera(ABC):
-    """A camera model with its image size: immutable, equal to and hashed as cameras of the same numbers.
+    """A camera model with its image size. Cameras are immutable; equal parameters make equal cameras.
 
     Constructors keep their arguments in attributes of the same names (or, like ``fov_deg``, in others
     that follow from them); :meth:`parameters`, :meth:`to_dict`, equality and pickling use these.
 
     Args:
-        width, height: image size in pixels, each 1 to 1,000,000, together at most ``LARGEST_IMAGE``.
+        width, height: image size in pixels, each 1 to 1,000,000, their product at most ``LARGEST_IMAGE``.
         center: (u, v) px, where the axis meets the image; the image's middle if not given.
 
     Raises:
@@ -110,8 +100,7 @@ class Camera(ABC):
     name: ClassVar[str]
     central: ClassVar[bool] = True
     typical: ClassVar[dict[str, Any]] = {}
-    typical_pitch_deg: ClassVar[float] = 0.0  # 90: mirrors hang above cameras; -90: plans
-    _farthest_off: ClassVar[float] = 1.0  # between unit vectors: a point and the ray of its pixel
+    typical_pitch_deg: ClassVar[float] = 0.0  # 90: a mirror above the camera; -90: a plan
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
         self.width = whole_number("width", width, "pixels", most=_LARGEST_PX)
@@ -143,7 +132,7 @@ class Camera(ABC):
             inside = np.ones(uv.shape[:-1], dtype=bool) if pixels is None else self._in_image(uv)
             origins, directions, valid = self._unproject(replaced(inside, uv, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
-        if origins.shape != directions.shape:  # those of a grid's columns or rows
+        if origins.shape != directions.shape:  # one per row or column of a grid
             origins = np.array(np.broadcast_to(origins, directions.shape))
         return Rays(blanked(origins, valid), blanked(directions, valid), valid)
 
@@ -161,20 +150,18 @@ class Camera(ABC):
         with np.errstate(all="ignore"):
             x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
             largest = np.maximum(np.maximum(x, y), z)
-            placed = np.asarray((largest >= (_NEAREST if self.central else 0.0)) & (largest <= FARTHEST))
-            pixels, valid = self._project(replaced(placed, xyz, 1.0))
+            known = np.asarray((largest > 0 if self.central else True) & (largest <= FARTHEST))
+            pixels, valid = self._project(replaced(known, xyz, 1.0))
             pixels, inside = self._within_image(pixels)
-            valid = np.asarray(valid & placed & inside)
-            if self._unresolved_px:
-                valid = self._seen_by_their_pixels(xyz, pixels, valid)
+            valid = np.asarray(valid & known & inside)
         return replaced(valid, pixels, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
-        """(...) bool: which pixels have a ray; (H, W) for the whole image if not given."""
+        """Return which pixels have a ray, (...) bool; (H, W) for every pixel if not given."""
         return self.unproject(pixels).valid
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """Return the optical centres: one of a central camera, else at most ``count`` if given."""
+        """Return the optical centres: one for a central camera, else at most ``count`` if given."""
         if count is not None:
             whole_number("count", count, "viewpoints")
         index = np.where(self.valid(), 0, -1).astype(np.int32)
@@ -182,44 +169,42 @@ class Camera(ABC):
 
     @cached_property
     def wraps(self) -> bool:
-        """Whether the sides of the image meet: pixels at u = 0 and u = width have the same rays."""
+        """Whether the borders of the image meet: pixels at u = 0 and u = width have the same rays."""
         v = np.arange(self.height) + 0.5
-        left, right = (
-            self.unproject(np.stack([np.full_like(v, u), v], axis=-1)) for u in (0.0, float(self.width))
-        )
+        left, right = (self.unproject(np.stack([np.full_like(v, u), v], axis=-1)) for u in (0.0, self.width))
         if not (left.valid.all() and right.valid.all()):
             return False
         return bool(np.abs(left.lines() - right.lines()).max() <= _SAME_RAY)
 
     @abstractmethod
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
-        """Origins, unit directions (new arrays), valid of pixels (..., 2) in the image; warnings are off."""
+        """Return origins, unit directions (new arrays), valid of pixels (..., 2) of the image."""
 
     @abstractmethod
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
-        """Pixels, in the rectangle or not, valid of finite points (..., 3), not the optical centre."""
+        """Return pixels, in the image or not, and valid of finite points (..., 3)."""
 
     # -- common to all --------------------------------------------------------------------------
 
     def pixels(self) -> Array:
-        """(H, W, 2) the centre (u, v) of every pixel."""
+        """Return the centre (u, v) of every pixel, (H, W, 2)."""
         pixels = np.empty((self.height, self.width, 2))
         pixels[..., 0] = np.arange(self.width) + 0.5
         pixels[..., 1] = np.arange(self.height)[:, None] + 0.5
         return pixels
 
     def parameters(self) -> dict[str, Any]:
-        """The model's own constructor arguments, beyond width, height and center, JSON-ready."""
+        """Return the constructor arguments beyond width, height and center, ready for JSON."""
         return {k: v for k, v in self._arguments().items() if k not in ("width", "height", "center")}
 
     def to_dict(self) -> dict[str, Any]:
-        """Name, size, centre and parameters: what :func:`omniscv.cameras.from_dict` takes."""
+        """Return name, size, centre and parameters: what :func:`omniscv.cameras.from_dict` takes."""
         return {"model": self.name, **self._arguments()}
 
     def _arguments(self) -> dict[str, Any]:
-        """The constructor arguments that make this camera again; those that are None are left out."""
-        given = ((key, getattr(self, key, None)) for key in inspect.signature(type(self)).parameters)
-        return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in given if v is not None}
+        """Return the constructor arguments that reproduce this camera, without those that are None."""
+        values = ((key, getattr(self, key, None)) for key in inspect.signature(type(self)).parameters)
+        return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values if v is not None}
 
     def __repr__(self) -> str:
         fields = ", ".join(f"{key}={value!r}" for key, value in self._arguments().items())
@@ -239,7 +224,7 @@ class Camera(ABC):
         return partial(type(self), **self._arguments()), ()
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Check and freeze the class's cameras once their constructor has ended."""
+        """Wrap the constructor: it checks and freezes the camera at its end."""
         super().__init_subclass__(**options)
         construct = cls.__init__
 
@@ -263,21 +248,22 @@ class Camera(ABC):
 
     def __setattr__(self, name: str, value: object) -> None:
         if "_frozen" in vars(self):
-            delattr(self, name)
+            raise self._immutable(name)
         super().__setattr__(name, value)
 
     def __delattr__(self, name: str) -> None:
-        raise AttributeError(
-            f"{type(self).__name__}.{name}: cameras are immutable; make another one, for example with "
-            "omniscv.cameras.from_dict({**camera.to_dict(), ...})"
-        )
+        raise self._immutable(name)
+
+    def _immutable(self, name: str) -> AttributeError:
+        advice = "create another one, for example with omniscv.cameras.from_dict({**camera.to_dict(), ...})"
+        return AttributeError(f"{type(self).__name__}.{name}: cameras are immutable; {advice}")
 
     def _in_image(self, pixels: Array) -> Mask:
         u, v = pixels[..., 0], pixels[..., 1]
         return np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
 
     def _within_image(self, pixels: Array) -> tuple[Array, Mask]:
-        """Which pixels (..., 2) lie in the rectangle; those that rounding took out of it are put back."""
+        """Return pixels (..., 2) clipped to the image, and which of them were in it but for rounding."""
         size = np.array([self.width, self.height])
         slack = _ROUNDING * (size + np.abs(self.center))
         near = np.asarray(((pixels >= -slack) & (pixels <= size + slack)).all(axis=-1))
@@ -285,46 +271,20 @@ class Camera(ABC):
 
     @cached_property
     def _pixel_rounding(self) -> float:
-        """How far, px, rounding may move a pixel that is computed as an offset from the centre."""
+        """Rounding error, px, of a pixel that is computed as an offset from the centre."""
         return float(4e-16 * (max(self.width, self.height) + np.abs(self.center).max()))
-
-    @cached_property
-    def _unresolved_px(self) -> float:
-        """Within how many px of the centre float64 pixels may not resolve rays; 0 for ordinary cameras."""
-        steps = _STEP_PX * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-        rays = self.unproject(self.center + steps)
-        if not rays.valid[1:].all():
-            return np.inf
-        if not rays.valid[0]:  # as at the tip of a cone
-            return _STEP_PX
-        turned = np.linalg.norm(rays.directions[1:] - rays.directions[0], axis=-1).max()
-        return 0.0 if turned <= _STEEPEST else np.inf
-
-    def _seen_by_their_pixels(self, points: Array, pixels: Array, valid: Mask) -> Mask:
-        """Of valid points (..., 3), those to which the rays of their pixels, as float64 has them, point."""
-        u, v = np.abs(pixels[..., 0] - self.center[0]), np.abs(pixels[..., 1] - self.center[1])
-        suspect = valid & (np.maximum(u, v) <= self._unresolved_px)
-        if not suspect.any():
-            return valid
-        rays = self.unproject(pixels[suspect])
-        offset = points[suspect] - rays.origins
-        offset /= np.abs(offset).max(axis=-1, keepdims=True)
-        offset /= np.linalg.norm(offset, axis=-1, keepdims=True)
-        valid = valid.copy()
-        valid[suspect] = np.linalg.norm(offset - rays.directions, axis=-1) <= self._farthest_off
-        return valid
 
 
 class CentralCamera(Camera):
-    """A camera whose rays all start at the origin: a model gives their directions."""
+    """A camera whose rays all start at the origin: subclasses give their directions."""
 
     @abstractmethod
     def _directions(self, pixels: Array) -> tuple[Array, Mask | bool]:
-        """Unit directions (a new array), valid of pixels (..., 2) in the rectangle; warnings are off."""
+        """Return unit directions (a new array), valid of pixels (..., 2) of the image."""
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         directions, valid = self._directions(pixels)
-        return np.zeros(directions.shape), directions, valid  # (np.zeros_like would write all of them)
+        return np.zeros(directions.shape), directions, valid  # np.zeros_like would write the memory
 
 
 def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
@@ -337,15 +297,15 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
 
 
 def viewpoints_by_line(origins: Array, valid: Mask, axis: int, count: int | None) -> Viewpoints:
-    """Return one centre per line of an image, or at most ``count`` for equal numbers of lines.
+    """Return one centre per line of an image, or at most ``count``, each for the same number of lines.
 
-    A shared centre is the mean of its lines' own (least squares; a single line's is exact). Where all centres
-    are the same, one suffices; centres that no valid pixel has are left out.
+    A shared centre is the mean of the lines' centres (least squares; exact for a single line). If all are
+    equal, there is one centre; centres without a valid pixel are left out.
 
     Args:
         origins: (L, 3) the lines' centres, camera frame, metres.
         valid: (H, W) of the image.
-        axis: 0 where lines are rows, 1 where they are columns.
+        axis: 0 if lines are rows, 1 if they are columns.
         count: centres at most, or None.
     """
     lines = len(origins)

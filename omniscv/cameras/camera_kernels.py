@@ -1,6 +1,6 @@
-"""Compiled loops over pixels. Loaded when the first camera works: numba takes longer to load than all else.
+"""Compiled loops over pixels, imported on first use: numba takes longer to load than everything else.
 
-Angles never turn up here: a pixel has a radius and the cosine and sine of its azimuth.
+A pixel has a radius and the cosine and sine of its azimuth; angles are not computed.
 """
 
 import math
@@ -14,11 +14,8 @@ from omniscv.compiled import njit
 
 Array = NDArray[np.float64]
 Plane = tuple[float, float, float, float, float, float]
-"""What takes offsets in px to the plane: a matrix row by row, and two divisors."""
-Found = tuple[NDArray[np.int64], Array, Array, Array]  # rows of pixels, their r, cos a, sin a
-
-_SAFE_LEAST, _SAFE_MOST = 1e-140, 1e140  # whose squares float64 holds with all digits
-_NEAREST = float(np.finfo(np.float64).tiny)
+"""The map from offsets in px to the plane: a matrix row by row, and two divisors."""
+Polar = tuple[NDArray[np.int64], Array, Array, Array]  # indices of pixels, their r, cos a, sin a
 
 
 @njit(cache=True, nogil=True)
@@ -37,11 +34,11 @@ def in_plane(pixels: Array, i: int, center: tuple[float, float], plane: Plane) -
 
 
 @njit(cache=True, nogil=True)
-def store(found: Found, n: int, i: int, x: float, y: float, r: float) -> int:
-    """Enter row i, whose place in the plane is (x, y), as the n-th that was found; return n + 1."""
-    where, radius, cos_a, sin_a = found
-    where[n], radius[n] = i, r
-    if r < _NEAREST:
+def store(polar: Polar, n: int, i: int, x: float, y: float, r: float) -> int:
+    """Write pixel i with the coordinates (x, y) in the plane as the n-th entry; return n + 1."""
+    index, radius, cos_a, sin_a = polar
+    index[n], radius[n] = i, r
+    if r == 0.0:
         cos_a[n], sin_a[n] = 1.0, 0.0
     else:
         cos_a[n], sin_a[n] = x / r, y / r
@@ -51,25 +48,24 @@ def store(found: Found, n: int, i: int, x: float, y: float, r: float) -> int:
 @njit(cache=True, nogil=True)
 def length(x: float, y: float) -> float:
     """Return the length of (x, y)."""
-    r = math.sqrt(x * x + y * y)
-    return r if _SAFE_LEAST < r < _SAFE_MOST else math.hypot(x, y)
+    return math.sqrt(x * x + y * y)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def polar_within(pixels: Array, center: tuple[float, float], plane: Plane, end: float, found: Found) -> int:
-    """Enter the pixels (N, 2) whose radius in the plane is at most ``end``; return how many there are."""
+def polar_within(pixels: Array, center: tuple[float, float], plane: Plane, end: float, polar: Polar) -> int:
+    """Write the pixels (N, 2) whose radius in the plane is at most ``end``; return their number."""
     n = 0
     for i in range(len(pixels)):
         x, y = in_plane(pixels, i, center, plane)
         r = length(x, y)
         if r <= end:
-            n = store(found, n, i, x, y, r)
+            n = store(polar, n, i, x, y, r)
     return n
 
 
 @njit(cache=True, nogil=True)
 def turn(
-    where: NDArray[np.int64],
+    index: NDArray[np.int64],
     across: Array,
     along: Array,
     cos_a: Array,
@@ -77,9 +73,9 @@ def turn(
     directions: Array,
     valid: NDArray[np.bool_],
 ) -> None:
-    """Write the directions with these parts across and along the axis into rows ``where``."""
-    for n in range(len(where)):
-        i = where[n]
+    """Write directions, given across and along the axis, into the rows ``index``."""
+    for n in range(len(index)):
+        i = index[n]
         directions[i, 0] = across[n] * cos_a[n]
         directions[i, 1] = across[n] * sin_a[n]
         directions[i, 2] = along[n]
@@ -93,16 +89,16 @@ def turn(
 def invert(values: Array, coefficients: Array, table: Array, last: float) -> Array:
     """Return x with ``p(x) = y`` for values y (N,) in [0, last], where p increases from 0.
 
-    Halley's steps from a table of x at equal steps of y, mostly one, within an interval that holds the root:
-    where p turns, and a step would leave the interval, it is halved.
+    Halley's steps, mostly one, from a table of x at equal steps of y, within an interval that holds the root.
+    A step that would leave the interval, as where p turns back, is replaced by a bisection.
     """
     out, cells = np.empty(len(values)), len(table) - 1
     for n in range(len(values)):
         y = values[n]
-        place = min(max(y / last * cells, 0.0), float(cells))
-        j = min(int(place), cells - 1)
+        position = min(max(y / last * cells, 0.0), float(cells))
+        j = min(int(position), cells - 1)
         low, high = table[max(j - 1, 0)], table[min(j + 2, cells)]
-        x = table[j] + (place - j) * (table[j + 1] - table[j])
+        x = table[j] + (position - j) * (table[j + 1] - table[j])
         for _ in range(100):
             value, slope, bend = _value_slope_bend(coefficients, x)
             if value > y:
@@ -110,7 +106,7 @@ def invert(values: Array, coefficients: Array, table: Array, last: float) -> Arr
             else:
                 low = x
             newton = (value - y) / slope
-            turned = newton * bend / slope  # what the slope changes over a step, relative: half of it
+            turned = newton * bend / slope  # half of the relative change of the slope over a step
             step = newton / (1 - turned)
             if not (abs(turned) < 0.5 and low <= x - step <= high):
                 x = (low + high) / 2
@@ -118,7 +114,7 @@ def invert(values: Array, coefficients: Array, table: Array, last: float) -> Arr
                     break
                 continue
             x -= step
-            # What is left is about the third power of the step.
+            # The remaining error is about the third power of the step.
             if (turned * turned * x * x + step * step) * abs(step) <= 1e-18 * x * x * x:
                 break
         out[n] = x
@@ -127,7 +123,7 @@ def invert(values: Array, coefficients: Array, table: Array, last: float) -> Arr
 
 @njit(cache=True, nogil=True)
 def _value_slope_bend(coefficients: Array, x: float) -> tuple[float, float, float]:
-    """p, p' and p'' / 2 at x."""
+    """Return p, p' and p'' / 2 at x."""
     value, slope, bend = coefficients[-1], 0.0, 0.0
     for k in range(len(coefficients) - 2, -1, -1):
         bend = bend * x + slope
@@ -142,16 +138,16 @@ Coefficients = tuple[float, ...]  # twelve, in OpenCV's order
 Moved = tuple[float, float, float, float, float, float]  # x'', y'', and their slopes by x and y, row by row
 
 Solver = tuple[Coefficients, float, float, float, float, Array]
-"""The coefficients; the disc's radius, where the radial terms put it, and the farthest that it comes to; what
-rounding may add; and the radii that the radial terms put at equal steps."""
+"""Coefficients; the disc's radius, its distorted radius by the radial terms alone, the largest distorted radius
+of its rim; the rounding error; and radii whose distorted radii by the radial terms are equally spaced."""
 
-_STEPS = 3  # of Newton's, that mostly do
+_STEPS = 3  # of Newton's: mostly enough
 _RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _moved(k: Coefficients, x: float, y: float) -> Moved:
-    """Where distortion puts (x, y), and its derivative there; see :class:`distortion.Distortion`."""
+    """Return the distorted (x, y), and the derivative there; see :class:`distortion.Distortion`."""
     r2 = x * x + y * y
     above, below = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])), 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
     share = 1 / below
@@ -174,7 +170,7 @@ def _moved(k: Coefficients, x: float, y: float) -> Moved:
 
 @njit(cache=True, nogil=True)
 def distorted(plane: Array, k: Coefficients) -> Array:
-    """Return where distortion puts places (N, 2)."""
+    """Return the distorted coordinates of (N, 2)."""
     out = np.empty_like(plane)
     for i in range(len(plane)):
         moved = _moved(k, plane[i, 0], plane[i, 1])
@@ -184,7 +180,7 @@ def distorted(plane: Array, k: Coefficients) -> Array:
 
 @njit(cache=True, nogil=True)
 def _stretches(k: Coefficients, r: float, azimuths: int) -> bool:
-    """Whether distortion stretches in every direction, all around the circle of radius r."""
+    """Return whether the derivative is positive definite on the circle of radius r."""
     for j in range(azimuths):
         a = 2 * math.pi * j / azimuths
         _, _, xx, xy, yx, yy = _moved(k, r * math.cos(a), r * math.sin(a))
@@ -195,7 +191,7 @@ def _stretches(k: Coefficients, r: float, azimuths: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def first_turn(k: Coefficients, end: float) -> float:
-    """Return the radius, at most ``end``, up to which distortion stretches in every direction."""
+    """Return the radius, at most ``end``, up to which the derivative is positive definite."""
     for i in range(1, _RADII + 1):
         high = end * i / _RADII
         if not _stretches(k, high, _AZIMUTHS):
@@ -212,7 +208,7 @@ def first_turn(k: Coefficients, end: float) -> float:
 
 @njit(cache=True, nogil=True)
 def farthest_of_rim(k: Coefficients, end: float) -> float:
-    """Return how far from (0, 0) the circle of radius ``end`` comes, and a little more."""
+    """Return the largest distorted radius of the circle of radius ``end``, times 1.001."""
     most = 0.0
     for j in range(_FINE_AZIMUTHS):
         a = 2 * math.pi * j / _FINE_AZIMUTHS
@@ -223,69 +219,68 @@ def farthest_of_rim(k: Coefficients, end: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def undistorted_within(
-    pixels: Array, center: tuple[float, float], plane: Plane, solver: Solver, found: Found
+    pixels: Array, center: tuple[float, float], plane: Plane, solver: Solver, polar: Polar
 ) -> int:
-    """Enter the pixels (N, 2) that distortion makes of places in its disc, as those; return how many."""
+    """Write the undistorted coordinates of pixels (N, 2) that have them in the disc; return their number."""
     k, end, last, farthest, _, table = solver
-    where, wanted_x, wanted_y = np.empty(len(pixels), np.int64), np.empty(len(pixels)), np.empty(len(pixels))
+    index, target_x, target_y = np.empty(len(pixels), np.int64), np.empty(len(pixels)), np.empty(len(pixels))
     count = 0
     for i in range(len(pixels)):
         x, y = in_plane(pixels, i, center, plane)
         if length(x, y) <= farthest:
-            where[count], wanted_x[count], wanted_y[count] = i, x, y
+            index[count], target_x[count], target_y[count] = i, x, y
             count += 1
-    found_x, found_y = np.empty(count), np.empty(count)
+    guess_x, guess_y = np.empty(count), np.empty(count)
     for m in range(count):
-        found_x[m], found_y[m] = _start(wanted_x[m], wanted_y[m], last, table)
+        guess_x[m], guess_y[m] = _start(target_x[m], target_y[m], last, table)
     for _ in range(_STEPS):
-        _newton_steps(k, wanted_x[:count], wanted_y[:count], found_x, found_y)
+        _newton_steps(k, target_x[:count], target_y[:count], guess_x, guess_y)
     n = 0
     for m in range(count):
-        x, y = found_x[m], found_y[m]
+        x, y = guess_x[m], guess_y[m]
         to_x, to_y, _, _, _, _ = _moved(k, x, y)
-        off, r = abs(to_x - wanted_x[m]) + abs(to_y - wanted_y[m]), length(x, y)
-        good = off <= 1e-15 * length(wanted_x[m], wanted_y[m]) and r <= end
+        off, r = abs(to_x - target_x[m]) + abs(to_y - target_y[m]), length(x, y)
+        good = off <= 1e-15 * length(target_x[m], target_y[m]) and r <= end
         if not good:
-            x, y, good = _undistorted(wanted_x[m], wanted_y[m], solver)
+            x, y, good = _undistorted(target_x[m], target_y[m], solver)
             r = min(length(x, y), end)
         if good:
-            n = store(found, n, where[m], x, y, r)
+            n = store(polar, n, index[m], x, y, r)
     return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _start(wanted_x: float, wanted_y: float, last: float, table: Array) -> tuple[float, float]:
-    """The place that the radial terms alone would have moved to the one wanted."""
-    reached, cells = length(wanted_x, wanted_y), len(table) - 1
+def _start(target_x: float, target_y: float, last: float, table: Array) -> tuple[float, float]:
+    """Return the coordinates that the radial terms alone distort to the target."""
+    reached, cells = length(target_x, target_y), len(table) - 1
     at = min(reached / last, 1.0) * cells
     j = min(int(at), cells - 1)
     scale = (table[j] + (at - j) * (table[j + 1] - table[j])) / reached if reached > 0 else 0.0
-    return wanted_x * scale, wanted_y * scale
+    return target_x * scale, target_y * scale
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _newton_steps(k: Coefficients, wanted_x: Array, wanted_y: Array, x: Array, y: Array) -> None:
-    """One step of Newton's for every place: no branch, so that the processor takes several at once."""
+def _newton_steps(k: Coefficients, target_x: Array, target_y: Array, x: Array, y: Array) -> None:
+    """Make one of Newton's steps for all coordinates: without branches, so that it is vectorised."""
     for m in range(len(x)):
         to_x, to_y, xx, xy, yx, yy = _moved(k, x[m], y[m])
-        off_x, off_y, scale = to_x - wanted_x[m], to_y - wanted_y[m], 1 / (xx * yy - xy * yx)
+        off_x, off_y, scale = to_x - target_x[m], to_y - target_y[m], 1 / (xx * yy - xy * yx)
         x[m] -= (yy * off_x - xy * off_y) * scale
         y[m] -= (xx * off_y - yx * off_x) * scale
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _undistorted(wanted_x: float, wanted_y: float, solver: Solver) -> tuple[float, float, bool]:
-    """The place in the disc that distortion puts at the one wanted, and whether there is one: Newton's steps
-    that do not leave the disc."""
+def _undistorted(target_x: float, target_y: float, solver: Solver) -> tuple[float, float, bool]:
+    """Return the undistorted coordinates of a target, and whether it has them: Newton's steps in the disc."""
     k, end, last, _, slack, table = solver
-    x, y = _start(wanted_x, wanted_y, last, table)
-    # Left of a root next to a turn Newton's steps approach it; right of it they might go anywhere.
+    x, y = _start(target_x, target_y, last, table)
+    # Next to a turn Newton's steps approach a root from the inside; from the outside they may diverge.
     inward = min(0.9 * end / max(length(x, y), 1e-300), 1.0)
     x, y = x * inward, y * inward
     at_the_rim = 0
     for _ in range(100):
         to_x, to_y, xx, xy, yx, yy = _moved(k, x, y)
-        off_x, off_y, scale = to_x - wanted_x, to_y - wanted_y, 1 / (xx * yy - xy * yx)
+        off_x, off_y, scale = to_x - target_x, to_y - target_y, 1 / (xx * yy - xy * yx)
         step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - yx * off_x) * scale
         step = length(step_x, step_y)
         if not step <= end:
@@ -299,14 +294,13 @@ def _undistorted(wanted_x: float, wanted_y: float, solver: Solver) -> tuple[floa
         if at_the_rim > 4 or length(x - before_x, y - before_y) <= 2e-16 * end:
             break
     to_x, to_y, _, _, _, _ = _moved(k, x, y)
-    near = slack + 4e-16 * length(wanted_x, wanted_y)
-    return x, y, abs(to_x - wanted_x) + abs(to_y - wanted_y) <= near
+    near = slack + 4e-16 * length(target_x, target_y)
+    return x, y, abs(to_x - target_x) + abs(to_y - target_y) <= near
 
 
 # -- cube maps ----------------------------------------------------------------------------------
 
-_INSIDE = 2e-15
-"""What keeps a ray off a face's edge, that it be seen in the slot of its own pixel; of the face's half."""
+_INSIDE = 2e-15  # distance of rays from a face's edge, so that they project to their own slot; half faces
 
 
 @njit(cache=True, nogil=True)
@@ -314,7 +308,7 @@ def cast(
     pixels: Any, grid: Any, slot_px: Any, padding: int, equiangular: bool,
     face: Any, axes: Any, rays: Any, valid: Any,
 ) -> None:  # fmt: skip
-    """Write the unit rays (N, 3) of pixels (N, 2), and which lie in a slot with a face."""
+    """Write the unit rays (N, 3) of pixels (N, 2), and which pixels lie in a slot with a face."""
     row_px, edge = slot_px[1] + 2 * padding, 1 - _INSIDE
     a = np.empty(2)
     for i in range(pixels.shape[0]):
@@ -324,7 +318,7 @@ def cast(
         a[0] -= column * slot_px[0]
         for k in range(2):
             a[k] = 2 * a[k] / slot_px[k] - 1
-            # Beyond a face's edges, in the padding, its plane goes on.
+            # In the padding the plane of the face continues.
             if not (padding > 0 and abs(a[k]) > 1 + ROUNDING):
                 a[k] = min(max(a[k], -edge), edge)
             if equiangular:

@@ -108,8 +108,6 @@ class CatadioptricHyperbolic(SphereModel):
     ) -> None:
         self.distance = number("distance", distance, above=0)
         self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
-        ratio = self.semi_latus_rectum / self.distance
-        number("semi_latus_rectum / distance", ratio, least=1e-150, most=1e150)
         root = float(np.hypot(self.distance, self.semi_latus_rectum))
         self.xi, self.eta = self.distance / root, -self.semi_latus_rectum / root
         self._one_less_xi_squared = self.eta**2

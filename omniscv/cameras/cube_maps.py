@@ -43,7 +43,6 @@ class CubeLayout(CentralCamera):
 
     _layouts: ClassVar[dict[str, Slots]] = LAYOUTS
     _equiangular: ClassVar = False
-    _unresolved_px = 0.0  # rays jump where slots meet, but pixels resolve them
 
     def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
         super().__init__(width, height)

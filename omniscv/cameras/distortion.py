@@ -1,4 +1,4 @@
-"""OpenCV's distortion of the plane: rational and tangential terms and a thin prism."""
+"""OpenCV's distortion of the plane: rational and tangential terms, and a thin prism."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from omniscv.cameras.base import Array
 from omniscv.cameras.monotone import first_positive_root
 
-_TABLE = 512  # radii whose undistorted ones are known beforehand
+_TABLE = 512  # cells of the table of undistorted radii
 
 
 class Distortion:
@@ -15,8 +15,8 @@ class Distortion:
     ``y'' = y c + p1 (r2 + 2 y^2) + 2 p2 x y + s3 r2 + s4 r2^2``, with ``r2 = x^2 + y^2`` and
     ``c = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)``.
 
-    It is undone within the largest disc about (0, 0) on which the symmetric part of its derivative is
-    positive definite: there no two places come to one. Without p and s it ends where r c turns back.
+    It is inverted in the largest disc about (0, 0) in which the symmetric part of its derivative is positive
+    definite: there it is one to one. Without p and s the disc ends where r c turns back.
 
     Args:
         coefficients: (12,) k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4: OpenCV's order.
@@ -30,19 +30,19 @@ class Distortion:
         self.solver: tuple[Any, ...] = ()
 
     def apply(self, plane: Array) -> Array:
-        """Return the places (..., 2) of undistorted places (..., 2)."""
+        """Return the distorted coordinates (..., 2) of undistorted ones (..., 2)."""
         from omniscv.cameras import camera_kernels  # slow to load
 
         flat = np.ascontiguousarray(plane.reshape(-1, 2))
         return np.asarray(camera_kernels.distorted(flat, self.coefficients).reshape(plane.shape))
 
     def ending(self, end: float, beyond: float, rounding: float) -> float:
-        """Return the radius of the disc on which the distortion can be undone, and prepare to undo it.
+        """Return the radius of the disc in which the distortion can be inverted, and prepare the solver.
 
         Args:
             end: the last radius of the model.
             beyond: a distorted radius beyond the image's corners.
-            rounding: how far rounding may move a distorted place.
+            rounding: the rounding error of distorted coordinates.
         """
         from omniscv.cameras import camera_kernels  # slow to load
 
@@ -59,12 +59,12 @@ class Distortion:
         return end if np.isfinite(table).all() and last > 0 else np.nan
 
     def _radial(self, r: Array) -> Array:
-        """r c, for radii (...)."""
+        """Return r c of radii (...)."""
         powers = (r * r)[..., None] ** np.arange(4)
         return np.asarray(r * (powers @ self._numerator) / (powers @ self._denominator))
 
     def _first_turn(self) -> float:
-        """Where r c turns back or has its first pole; infinity where it does not."""
+        """Return the radius where r c turns back or has its first pole; infinity if there is none."""
         N, D, twice = self._numerator, self._denominator, 2 * np.arange(4)
         # The slope by r of r N / D times D^2, with s = r^2: N D + 2 s (N' D - N D').
         slope = np.convolve(N, D) + np.convolve(twice * N, D) - np.convolve(N, twice * D)
@@ -72,9 +72,9 @@ class Distortion:
         return float(np.sqrt(min(turn, pole)))
 
     def _reaching(self, end: float, beyond: float) -> float:
-        """A radius up to ``end`` where r c is between 0.9 and 1 ``beyond``; ``end`` where it is less."""
+        """Return a radius up to ``end`` where r c is 0.9 to 1 times ``beyond``; ``end`` if r c is less."""
 
-        def within(r: float) -> bool:  # and not past a pole
+        def within(r: float) -> bool:  # negative beyond a pole
             return bool(0 <= self._radial(np.array(r)) <= beyond)
 
         if np.isfinite(end) and within(end):

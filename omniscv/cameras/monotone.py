@@ -1,12 +1,15 @@
-"""Polynomials on the branch where they increase from 0."""
+"""Roots and inverses of increasing functions: polynomials up to where they turn back, and others."""
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from omniscv.cameras.base import Array
+from omniscv.cameras.arrays import Array
 
 _CELLS = 1 << 11
+_MOST_STEPS = 100  # bisection alone needs 60
 
 
 class Increasing:
@@ -14,7 +17,7 @@ class Increasing:
 
     Args:
         coefficients: (N,) 0, c1, c2 ...
-        most: the largest x that is wanted.
+        most: the largest x.
 
     Attributes:
         end, last: the last x, and p there.
@@ -23,7 +26,7 @@ class Increasing:
     def __init__(self, coefficients: Array, most: float) -> None:
         self._coefficients = np.array(coefficients)
         slope = polyder(self._coefficients)
-        # An odd polynomial's slope is even: its first root is the square root of one in x^2.
+        # The slope of an odd polynomial is even: its first root is the square root of one in x^2.
         odd = not slope[1::2].any()
         turn = np.sqrt(first_positive_root(slope[::2])) if odd else first_positive_root(slope)
         self.end = float(min(turn, most))
@@ -33,43 +36,75 @@ class Increasing:
         self._table = np.interp(np.linspace(0.0, self.last, _CELLS + 1), y, x)
         self._table.flags.writeable = self._coefficients.flags.writeable = False
         if not np.isfinite(self._table).all():
-            self.end = self.last = np.nan  # no camera is made of such numbers
+            self.end = self.last = np.nan  # cameras refuse it
 
     def __call__(self, x: Array) -> Array:
         return np.asarray(polyval(x, self._coefficients))
 
     def inverse(self, y: Array) -> Array:
-        """The x of values 0 <= y <= ``last``."""
+        """Return the x of values 0 <= y <= ``last``."""
         from omniscv.cameras import camera_kernels  # slow to load
 
         flat = np.require(np.asarray(y).reshape(-1), requirements=("C", "W"))
-        return np.asarray(
-            camera_kernels.invert(flat, self._coefficients, self._table, self.last).reshape(np.shape(y))
-        )
+        x = camera_kernels.invert(flat, self._coefficients, self._table, self.last)
+        return np.asarray(x.reshape(np.shape(y)))
 
 
 def first_positive_root(coefficients: ArrayLike) -> float:
-    """The least x > 0 from which on ``c_0 + c_1 x + ...``, positive at 0, is negative; else infinity."""
+    """Return the least x > 0 where ``c_0 + c_1 x + ...``, positive at 0, becomes negative; else infinity."""
     trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
     if trimmed.size < 2:
         return np.inf
     constant, least = trimmed[0], 1e-300 * np.abs(trimmed).max()
-    if abs(constant) < least:  # a root next to 0 stays next to 0, and its reciprocal finite
+    if abs(constant) < least:  # keeps the reciprocal of a root near 0 finite
         trimmed = np.append(np.copysign(least, constant), trimmed[1:])
-    # The least root is the greatest reciprocal, which the solver finds best. Roots that coincide come out
-    # scattered in the complex plane; a crossing is next to the real part of one all the same. Coefficients
-    # that are next to nothing have roots next to infinity, where all may overflow.
+    # The least root is the greatest reciprocal, which the solver finds best. Coinciding roots come out
+    # scattered in the complex plane; a crossing is next to the real part of one. Tiny coefficients have roots
+    # near infinity, which may overflow.
     roots = 1 / np.roots(trimmed).astype(np.complex128)
     near = np.sort(roots.real[np.isfinite(roots) & (roots.real > 0)])
     between = np.sqrt(near) * np.sqrt(np.append(near[1:], 4 * near[-1:]))
-    # A root that the polynomial only touches is no crossing: the branch goes on.
+    # The polynomial does not cross a root that it only touches: the branch continues.
     rounding = np.finfo(np.float64).eps * len(trimmed) * polyval(between, np.abs(trimmed))
     negative = np.flatnonzero(polyval(between, trimmed) < -rounding)
     if not negative.size:
         return np.inf
     first = negative[0]
     low, high = between[first - 1] if first else near[0] / 2, between[first]
-    for _ in range(70):  # halves their ratio, from 1e300 to the last digit
+    for _ in range(70):  # halves the ratio of the two, down to the last digit
         middle = np.sqrt(low) * np.sqrt(high)
         low, high = (low, middle) if polyval(middle, trimmed) < 0 else (middle, high)
     return float(low)
+
+
+def increasing_root(
+    value_and_slope: Callable[[Array, NDArray[np.intp]], tuple[Array, Array]],
+    low: Array,
+    high: Array,
+    start: Array,
+) -> Array:
+    """Return the roots of N functions that rise from negative to positive between ``low`` and ``high``.
+
+    Newton's steps within a bracket that shrinks; a step that leaves it is replaced by a bisection. Converged
+    roots are set aside when they are the majority, so that a few slow ones cost little.
+
+    Args:
+        value_and_slope: of arguments (M,) of the functions with indices (M,).
+        low, high, start: (N,).
+    """
+    root = np.empty_like(start)
+    index, x = np.arange(start.size), start
+    for _ in range(_MOST_STEPS):
+        value, slope = value_and_slope(x, index)
+        below = value < 0
+        low, high = np.where(below, x, low), np.where(below, high, x)
+        step = x - value / slope
+        step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+        moving = np.abs(step - x) > 4e-16 * x
+        x = step
+        root[index] = x
+        if 2 * np.count_nonzero(moving) <= index.size:
+            index, x, low, high = index[moving], x[moving], low[moving], high[moving]
+        if not index.size:
+            break
+    return root

@@ -1,44 +1,45 @@
-"""Mirrors of revolution when a perspective camera looks at them along the axis.
+"""Mirrors of revolution under a perspective camera that looks at them along the axis.
 
-The camera is at the origin and looks along +z at the mirror. Everything happens in the plane through the
-axis that holds the pixel: a radius ``r`` (distance from the image's centre over the focal length) gives a
-ray that leaves the axis at height ``z_r`` and the angle ``phi`` from +z.
+The camera is at the origin and looks along +z at the mirror. In the half-plane through the axis and the pixel
+a radius ``r`` (distance from the image's centre divided by the focal length) gives a ray that meets the axis
+at height ``z_r`` at the angle ``phi`` from +z.
 """
 
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
 from omniscv.cameras.arrays import polar
 from omniscv.cameras.base import Array, Viewpoints
+from omniscv.cameras.monotone import increasing_root
 from omniscv.cameras.radial import ROUNDING, CircleCamera, Meridian
 from omniscv.cameras.registry import register
 
-_BLOCK = 1 << 14  # points solved together: their arrays stay in the processor's cache
+_BLOCK = 1 << 14  # points per block: its arrays fit the processor's cache
 
 
 class NoncentralMirror(CircleCamera):
     """A mirror of revolution under a perspective camera.
 
-    Rays. ``origins`` are the optical centres, where the line of the ray meets the axis: within the
-    mirror, or before it for rays that nearly graze a ball. The light that makes the pixel comes in along
-    the line outside the mirror, up to its surface; so ``project`` finds no pixel for points within the
-    mirror, and for a point outside it exactly the pixel where the mirror shows it.
+    Rays: ``origins`` are the optical centres, where the line of a ray meets the axis: inside the mirror, or
+    in front of it for rays that nearly graze a ball. Light arrives along the line from outside, up to the
+    mirror's surface. So ``project`` finds no pixel for points inside the mirror, and for a point outside it
+    the pixel where the mirror shows it.
     """
 
     central = False
     typical_pitch_deg = 90.0
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre per ring of a pixel's width, or at most ``count`` in equal steps of height.
+        """Return one centre per ring of a pixel's width, or at most ``count`` in equal steps of height.
 
-        Ring k holds the pixels with k <= r < k + 1; with ``count`` no pixel is displaced by more than half
-        an equal step of ``z_r``, and steps that hold no pixel are left out. A shared centre is midway
-        between the lowest and the highest of its pixels. Rings of a pixel's width are off by half of what
-        ``z_r`` changes over a pixel: 0.3 mm in most of an image of 256 px of a mirror 0.3 m away, but
-        centimetres in the last ring of a ball seen to its edge, where ``z_r`` comes back down.
+        Ring k holds the pixels with k <= r < k + 1. With ``count`` the centre of a pixel moves by at most
+        half a step of ``z_r``; steps without pixels are left out. A shared centre is midway between the
+        lowest and the highest of its pixels. The error of a ring is half of the change of ``z_r`` over a
+        pixel: 0.3 mm in most of an image of 256 px of a mirror 0.3 m away, but centimetres in the last ring
+        of a ball seen to its edge, where ``z_r`` decreases again.
         """
         rays = self.unproject()
         height = rays.origins[rays.valid][:, 2]
@@ -87,9 +88,8 @@ class NoncentralSphericalMirror(NoncentralMirror):
     ) -> None:
         self.mirror_radius = number("mirror_radius", mirror_radius, above=0)
         self.distance = number("distance", distance, above=0)
-        number("mirror_radius / distance", self.mirror_radius / self.distance, most=1e300)
         self._z_s = self.distance + self.mirror_radius
-        # Z^2 - 1 as a product: a camera close to the ball must not lose its distance.
+        # Z^2 - 1 as a product: exact for a camera close to the ball.
         beyond = np.sqrt(self.distance * (self.distance + 2 * self.mirror_radius))
         self._edge = float(self.mirror_radius / beyond)
         super().__init__(width, height, focal, fov_deg, center)
@@ -99,7 +99,7 @@ class NoncentralSphericalMirror(NoncentralMirror):
         cos_alpha = 1 / np.hypot(1.0, t)
         sin_alpha = t * cos_alpha
         cos_i = np.sqrt((1 - part) * (1 + part)) * cos_alpha
-        # sin(2i - alpha) / sin(alpha) - 1, which is >= 0, without a difference of like numbers.
+        # sin(2i - alpha) / sin(alpha) - 1 >= 0, without cancellation.
         excess = 2 * cos_i / (self._edge**2 * (ratio * cos_alpha + cos_i))
         across = sin_alpha * (1 + excess)
         along = -((2 * cos_i**2 - 1) * cos_alpha + 2 * ratio * sin_alpha**2 * cos_i)
@@ -111,7 +111,7 @@ class NoncentralSphericalMirror(NoncentralMirror):
         point = self._reflection_point((self._z_s - z) / from_ball, rho / from_ball, closeness)
         if self.mirror_radius <= 1e3 * self.distance:
             return self._radius_of(point)
-        # In units of a ball so large, rounding loses the place of points that are so near to it.
+        # Rounding loses points so close to so large a ball.
         return np.where(closeness <= 1 - 1e-10, self._radius_of(point), np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
@@ -122,60 +122,45 @@ class NoncentralSphericalMirror(NoncentralMirror):
         return float(self._radius_of(t)[0])
 
     def _radius_of(self, t: Array) -> Array:
-        """Where the camera sees the ball's point at the angle ``2 atan t`` from its nearest point."""
+        """Return the radius at which the camera sees the ball's point ``2 atan t`` from the nearest one."""
         depth = self.distance * (1 + t**2) + 2 * self.mirror_radius * t**2
         return np.asarray(2 * self.mirror_radius * t / depth)
 
     def _reflection_point(self, cos_psi: Array, sin_psi: Array, closeness: Array) -> Array:
-        """Where on the ball the camera sees a point: t = tan(beta / 2), NaN where it does not.
+        """Return t = tan(beta / 2) of the ball's point at which a point is reflected; NaN if it is not seen.
 
-        Seen from the ball's centre the point is at psi from the camera, the reflection at beta, and
-        ``closeness`` is ball radius over the point's distance. The law of reflection, equal angles of
-        incidence, is ``sin(beta) (cos(psi - beta) - closeness) = sin(psi - beta) (cos(beta) - R_s / Z_s)``,
-        a quartic in t. It has one root between 0 and psi, where the angle to the camera grows while
-        that to the point shrinks; the camera sees it up to the grazing ring.
+        From the ball's centre the point is at psi from the camera and the reflection at beta; ``closeness``
+        is the ball's radius divided by the point's distance. Equal angles of incidence mean
+        ``sin(beta) (cos(psi - beta) - closeness) = sin(psi - beta) (cos(beta) - R_s / Z_s)``, a quartic in t.
+        It has one root between 0 and psi, where the angle to the camera grows while that to the point
+        shrinks; the camera sees it up to the grazing ring.
         """
         t = np.full(cos_psi.shape, np.nan)
-        every = t.reshape(-1), cos_psi.ravel(), sin_psi.ravel(), closeness.ravel()
+        flat = t.reshape(-1), cos_psi.ravel(), sin_psi.ravel(), closeness.ravel()
         m = self.distance / self._z_s
         grazing = np.sqrt(m / (2 - m))
         for start in range(0, t.size, _BLOCK):
-            found, p, q, k = (values[start : start + _BLOCK] for values in every)
+            out, p, q, k = (values[start : start + _BLOCK] for values in flat)
             limit = np.where(p > 0, np.minimum(grazing, q / (1 + p)), grazing)
             above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -ROUNDING
             seen = above_horizon & (k <= 1 + ROUNDING)
             p, q, k = p[seen], q[seen], np.minimum(k[seen], 1.0)
             quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
-            found[seen] = _rising_root(np.stack(quartic), limit[seen])
+            out[seen] = _root_of_quartic(np.stack(quartic), limit[seen])
         return t
 
 
-def _rising_root(quartic: Array, limit: Array) -> Array:
-    """The root in [0, limit] of polynomials (5, N), lowest power first, that are negative before it."""
-    # Newton's steps within a bracket that shrinks; a step that leaves it becomes a bisection. Converged roots
-    # are set aside when they are the greater part, so that a few slow ones cost little.
-    root = np.empty_like(limit)
-    left = np.arange(limit.size)
-    # Not far above the root of a camera that nearly touches the ball: t - value / slope would lose it.
-    t = np.where(quartic[1] > 0, np.minimum(-quartic[0] / quartic[1], 0.5 * limit), 0.5 * limit)
-    low, high = np.zeros_like(limit), limit
-    for _ in range(100):  # bisection alone would need 60
-        c0, c1, c2, c3, c4 = quartic
+def _root_of_quartic(quartic: Array, limit: Array) -> Array:
+    """Return roots in [0, limit] of polynomials (5, N), lowest power first, that are negative before them."""
+
+    def value_and_slope(t: Array, index: NDArray[np.intp]) -> tuple[Array, Array]:
+        c0, c1, c2, c3, c4 = quartic if len(index) == limit.size else quartic[:, index]
         value = (((c4 * t + c3) * t + c2) * t + c1) * t + c0
-        slope = ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
-        below = value < 0
-        low, high = np.where(below, t, low), np.where(below, high, t)
-        step = t - value / slope
-        step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-        moving = np.abs(step - t) > 4e-16 * t
-        t = step
-        root[left] = t
-        if 2 * np.count_nonzero(moving) <= left.size:
-            left, t, low, high = left[moving], t[moving], low[moving], high[moving]
-            quartic = quartic[:, moving]
-        if not left.size:
-            break
-    return root
+        return value, ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
+
+    # A start close above the root of a camera that nearly touches the ball: t - value / slope would lose it.
+    start = np.where(quartic[1] > 0, np.minimum(-quartic[0] / quartic[1], 0.5 * limit), 0.5 * limit)
+    return increasing_root(value_and_slope, np.zeros_like(limit), limit, start)
 
 
 @register
@@ -187,7 +172,7 @@ class NoncentralConicalMirror(NoncentralMirror):
     at azimuth a.
     Parameters: ``half_angle_deg`` tau between axis and surface, 0 < tau < 90; ``distance`` Z_m > 0 from
     the camera to the tip, metres; ``focal`` px (default width / 2) or ``fov_deg``, twice the angle from
-    -z of the last ray; ``mirror_radius`` of the cone's rim, metres, endless if not given.
+    -z of the last ray; ``mirror_radius`` of the cone's rim, metres, infinite if not given.
     Domain: 0 < r < tan tau (beyond, the cone is missed; the tip itself has no normal), r up to the rim.
     Source: OmniSCV, table of Z_r and cot phi. Multiplied by cos 2tau here: nothing special at 45 degrees.
     """
@@ -209,7 +194,7 @@ class NoncentralConicalMirror(NoncentralMirror):
         self.half_angle_deg = number("half_angle_deg", half_angle_deg, above=0, below=90)
         self.distance = number("distance", distance, above=0)
         self.mirror_radius = optional_number("mirror_radius", mirror_radius, above=0)
-        # From the complement, because cos of nearly 90 degrees has lost its digits in radians.
+        # cos by the complement: in radians an angle of nearly 90 degrees has lost its digits.
         sin, cos = np.sin(np.radians([self.half_angle_deg, 90 - self.half_angle_deg])).tolist()
         self._sin, self._cos, self._sin2, self._cos2 = sin, cos, 2 * sin * cos, (cos - sin) * (cos + sin)
         if (rim := self.mirror_radius) is None:
@@ -225,7 +210,7 @@ class NoncentralConicalMirror(NoncentralMirror):
         return Meridian(across / length, along / length, self.distance * (1 + r / across))
 
     def _radius_seeing(self, rho: Array, z: Array) -> Array:
-        """Mirror the point in the cone's side, where the camera sees it as through a window."""
+        """Project the point's mirror image in the cone's side."""
         h = z - self.distance
         x_image = h * self._sin2 - rho * self._cos2
         z_image = h * self._cos2 + rho * self._sin2 + self.distance
@@ -234,7 +219,7 @@ class NoncentralConicalMirror(NoncentralMirror):
         return np.where(seen, x_image / z_image, np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
-        """From the tip's 360 - 4 tau to the 360 - 2 tau of rays along the cone's side."""
+        """Accept angles between 360 - 4 tau, at the tip, and 360 - 2 tau, along the cone's side."""
         tip, side = 360 - 4 * self.half_angle_deg, 360 - 2 * self.half_angle_deg
         fov_deg = number("fov_deg", fov_deg, above=tip, below=side)
         return float(np.tan(np.radians((fov_deg - tip) / 2)))

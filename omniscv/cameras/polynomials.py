@@ -1,7 +1,5 @@
-"""Lenses by a polynomial, on the branch where it increases, and the polynomial's inverse there."""
+"""Lenses by a polynomial, on the branch where it increases."""
 
-from collections.abc import Callable
-from functools import cached_property
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
@@ -11,19 +9,20 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers, one_of, optional_number, shown
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
-from omniscv.cameras.monotone import Increasing, first_positive_root
+from omniscv.cameras.monotone import Increasing, first_positive_root, increasing_root
 from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Lens, Meridian
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
 
 Reference = Literal["angle-to-pixel", "pixel-to-angle"]
 
-_MOST_COEFFICIENTS = 64  # finding the roots takes the cube of them
-_BLOCK = 1 << 14  # values solved together: their arrays stay in the processor's cache
+_MOST_COEFFICIENTS = 64  # finding roots takes the cube of their number
+_CELLS = 2048
+_BLOCK = 1 << 14  # values per block: its arrays fit the processor's cache
 
 
 class AffineLens(Lens):
-    """A lens by ``u = u_0 + c x + d y``, ``v = v_0 + e x + y``, (x, y) in the plane, here in px."""
+    """A lens with ``u = u_0 + c x + d y``, ``v = v_0 + e x + y``, (x, y) in the plane, here in px."""
 
     def _set_affine(self, name: str, affine: Array) -> float:
         """Set the matrix [[c, d], [e, 1]]; return the radius of the farthest corner in the plane."""
@@ -44,12 +43,11 @@ class Scaramuzza(AffineLens):
     Parameters: ``coefficients`` a0..aN with a0 < 0; ``affine`` = (c, d, e), (1, 0, 0) if not given;
     ``fov_deg`` <= 360, an optional limit.
     Domain: the branch on which the ray turns away from +z as rho grows, ``rho f'(rho) > f(rho)``;
-    beyond it two pixels would see one ray, and they are invalid.
+    pixels beyond it are invalid, because others see their rays.
     Source: OmniSCV, Scaramuzza; Scaramuzza et al. 2006.
     """
 
     name = "scaramuzza"
-    _farthest_off = 1e-5  # a steep polynomial may turn the ray to and fro within a rounding
 
     def __init__(
         self,
@@ -76,12 +74,6 @@ class Scaramuzza(AffineLens):
         powers = (width / 384) ** (1.0 - np.arange(5))
         return cls(width, width, [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers, fov_deg=190)
 
-    @cached_property
-    def _unresolved_px(self) -> float:
-        # Where f changes sign the ray turns by f' / rho; rho is not less than |a0| over the greatest f'.
-        greatest = polyval(self._r_end, np.abs(self._slope))
-        return np.inf if greatest * greatest > -1e3 * self.coefficients[0] else super()._unresolved_px
-
     def _theta(self, rho: Array) -> Array:
         return np.asarray(np.arctan2(rho, -polyval(rho, self.coefficients)))
 
@@ -91,16 +83,30 @@ class Scaramuzza(AffineLens):
         return Meridian(r / length, along / length)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        def slope(rho: Array) -> Array:
-            f = polyval(rho, self.coefficients)
-            return np.asarray((rho * polyval(rho, self._slope) - f) / (rho * rho + f * f))
-
         theta = np.minimum(np.arctan2(across, along), self._theta_end)
-        return _invert(self._theta, slope, self._r_end, theta)
+        flat, radius = theta.ravel(), np.empty(theta.size)
+        for start in range(0, flat.size, _BLOCK):
+            radius[start : start + _BLOCK] = self._radius_of(flat[start : start + _BLOCK])
+        return radius.reshape(theta.shape)
+
+    def _radius_of(self, theta: Array) -> Array:
+        """Return the radii of angles (N,), by Newton's steps from a table."""
+        table = np.linspace(0.0, self._r_end, _CELLS)
+        angles = np.maximum.accumulate(self._theta(table))
+        cell = np.clip(np.searchsorted(angles, theta) - 1, 0, _CELLS - 2)
+        low, high = table[cell], table[cell + 1]
+
+        def value_and_slope(rho: Array, index: Any) -> tuple[Array, Array]:
+            f = polyval(rho, self.coefficients)
+            slope = (rho * polyval(rho, self._slope) - f) / (rho * rho + f * f)
+            return self._theta(rho) - theta[index], np.asarray(slope)
+
+        start = np.clip(np.interp(theta, angles, table), low, high)
+        return increasing_root(value_and_slope, low, high, start)
 
 
 class AngleLens(FocalLens):
-    """A lens whose radius is a polynomial of the angle, on the branch where it increases, at most to pi."""
+    """A lens whose radius is a polynomial of the angle, up to where it turns back, at most pi."""
 
     _r_of_theta: Increasing
 
@@ -166,8 +172,8 @@ class Fisheye624(AngleLens):
     Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5, so Aria's
     cu + 0.5); ``k`` = (k0 .. k5); ``p`` = (p0, p1), OpenCV's (p2, p1); ``s`` = (s0 .. s3); ``skew`` of u as
     in ``kannala-brandt``; ``fov_deg`` <= 360, an optional limit: what Aria calibrates ends with its circle.
-    Domain: theta up to where r turns back, at most pi, and the disc of (x, y) within which the distortion
-    turns back nowhere.
+    Domain: theta up to where r turns back, at most pi, and the disc of (x, y) in which the distortion does
+    not turn back.
     Source: projectaria_tools, FisheyeRadTanThinPrism, which is right up to 90 degrees.
     """
 
@@ -204,8 +210,8 @@ class Fisheye624(AngleLens):
 
 @register
 class FTheta(AffineLens):
-    """NVIDIA's f-theta lens: r = f(theta) px, theta from +z, or theta = g(r): the polynomial that is given
-    is exact, and is inverted where it increases. ``(u, v) = (cx, cy) + [[c, d], [e, 1]] r (cos a, sin a)``.
+    """NVIDIA's f-theta lens: r = f(theta) px, theta from +z, or theta = g(r). The given polynomial is exact,
+    and is inverted where it increases. ``(u, v) = (cx, cy) + [[c, d], [e, 1]] r (cos a, sin a)``.
 
     Parameters: ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5); ``polynomial`` = (0, c1,
     c2 ...) of ``reference``: "angle-to-pixel", f (px per rad^n), or "pixel-to-angle", g (rad per px^n);
@@ -269,38 +275,8 @@ class FTheta(AffineLens):
 
 
 def _checked(name: str, polynomial: ArrayLike) -> Array:
-    """The coefficients, not so many that finding their roots takes all memory."""
-    found = numbers(name, polynomial, (None,))
-    if len(found) > _MOST_COEFFICIENTS:
-        raise ArgumentError(f"{name}: expected at most {_MOST_COEFFICIENTS} numbers, got {len(found)}")
-    return found
-
-
-def _invert(
-    function: Callable[[Array], Any], slope: Callable[[Array], Any], end: float, values: Array
-) -> Array:
-    """x in [0, end] with ``function(x) = value``, for a function that increases there; else an end."""
-    # A table gives the start, Newton's steps the digits; where the slope vanishes, at the end of the branch,
-    # the interval of the table is halved instead.
-    x_table = np.linspace(0.0, end, 2048)
-    y_table = np.maximum.accumulate(function(x_table))
-    flat = values.ravel()
-    result = np.empty(flat.shape)
-    for start in range(0, flat.size, _BLOCK):
-        y = flat[start : start + _BLOCK]
-        cell = np.clip(np.searchsorted(y_table, y) - 1, 0, len(x_table) - 2)
-        low, high = x_table[cell], x_table[cell + 1]
-        x = np.clip(np.interp(y, y_table, x_table), low, high)
-        for _ in range(3):
-            gradient = slope(x)
-            x = np.clip(x - (function(x) - y) / np.where(gradient > 0, gradient, np.inf), low, high)
-        bad = np.flatnonzero(~(np.abs(function(x) - y) <= 4e-16 * (np.abs(y) + slope(x) * np.abs(x))))
-        if bad.size:
-            a, b, wanted = low[bad], high[bad], y[bad]
-            for _ in range(60):
-                middle = (a + b) / 2
-                below = function(middle) < wanted
-                a, b = np.where(below, middle, a), np.where(below, b, middle)
-            x[bad] = (a + b) / 2
-        result[start : start + _BLOCK] = x
-    return result.reshape(values.shape)
+    """Return the coefficients; ArgumentError for more than ``_MOST_COEFFICIENTS``."""
+    coefficients = numbers(name, polynomial, (None,))
+    if len(coefficients) > _MOST_COEFFICIENTS:
+        raise ArgumentError(f"{name}: expected at most {_MOST_COEFFICIENTS} numbers, got {len(coefficients)}")
+    return coefficients

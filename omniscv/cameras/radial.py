@@ -1,7 +1,7 @@
-"""What lenses and mirrors have in common: everything turns about the axis, within an image circle.
+"""Cameras of revolution: lenses and mirrors by focal length within an image circle, and calibrated lenses.
 
-A model relates the distance from the image's centre, over the focal length, to the ray's angle from its
-axis; the image circle and the two ways to give the focal length are the same for all.
+A model relates the radius in the image, divided by the focal length, to the ray's angle from the axis. All of
+them turn radii into rays in the half-plane of the azimuth, :class:`Meridian`, and then about the axis.
 """
 
 from abc import abstractmethod
@@ -16,14 +16,14 @@ from omniscv.cameras.arrays import polar, refuse_focal_and_fov, sin_cos_of_half
 from omniscv.cameras.base import Array, Camera, CentralCamera, Mask
 from omniscv.cameras.distortion import Distortion
 
-ROUNDING = 1e-12  # relative: what rounding may add to a radius
+ROUNDING = 1e-12  # relative rounding error of a radius
 BEFORE_TURN = 1 - 1e-7
-"""Of the radius where rays turn back: up to there float64 tells the rays of pixels apart, to 1e-6 px."""
-_BLOCK = 1 << 13  # pixels computed together: their arrays stay in the processor's cache
+"""Fraction of the radius where rays turn back up to which float64 separates the rays of pixels to 1e-6 px."""
+_BLOCK = 1 << 13  # pixels per block: its arrays fit the processor's cache
 
 
 class Meridian(NamedTuple):
-    """Rays in the half-plane of their azimuth: ``(0, z) + s (across, along)`` in (rho, z)."""
+    """Rays in the half-plane (rho, z) of their azimuth: ``(0, z) + s (across, along)``."""
 
     across: Array
     along: Array
@@ -46,26 +46,26 @@ def rays_about_axis(
     flat = np.require(pixels.reshape(-1, 2), requirements=("C", "W"))
     directions, heights = np.empty((len(flat), 3)), np.zeros(len(flat))
     valid = np.zeros(len(flat), dtype=bool)
-    found = np.empty(_BLOCK, dtype=np.int64), *np.empty((3, _BLOCK))
+    inside = np.empty(_BLOCK, dtype=np.int64), *np.empty((3, _BLOCK))
     for start in range(0, len(flat), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        count = find(flat[part], found)
-        where, r, cos_a, sin_a = (each[:count] for each in found)
+        block = slice(start, start + _BLOCK)
+        count = find(flat[block], inside)
+        index, r, cos_a, sin_a = (array[:count] for array in inside)
         across, along, z = meridian(r)
-        camera_kernels.turn(where, across, along, cos_a, sin_a, directions[part], valid[part])
-        heights[part][where] = z
+        camera_kernels.turn(index, across, along, cos_a, sin_a, directions[block], valid[block])
+        heights[block][index] = z
     shape = pixels.shape[:-1]
     return directions.reshape(*shape, 3), heights.reshape(shape), valid.reshape(shape)
 
 
 class CircleCamera(Camera):
-    """A camera of revolution about z, with a focal length and an image circle.
+    """A camera of revolution about z with a focal length and an image circle.
 
-    Domain. ``0 <= r <= min(width, height) / 2`` px, and as far as the model reaches.
+    Domain: ``0 <= r <= min(width, height) / 2`` px, within that of the model.
     """
 
-    _edge: float = np.inf  # the model's last normalised radius; set before this constructor runs
-    _default_fov_deg: float | None = None  # where neither is given; else a focal length of half the width
+    _edge: float = np.inf  # the model's last normalised radius; set before this constructor
+    _default_fov_deg: float | None = None  # if None, the default is a focal length of half the width
 
     def __init__(
         self,
@@ -87,23 +87,23 @@ class CircleCamera(Camera):
 
     @abstractmethod
     def _radius_of_fov(self, fov_deg: float) -> float:
-        """The normalised radius of the ray ``fov_deg / 2`` off the axis, checked."""
+        """Return the normalised radius of the ray ``fov_deg / 2`` off the axis; check the angle."""
 
     @abstractmethod
     def _meridian(self, t: Array) -> Meridian:
-        """The rays of normalised radii 0 <= t <= edge, directions unit; NaN where there is none."""
+        """Return the rays of normalised radii 0 <= t <= edge, directions unit; NaN if there is none."""
 
     @abstractmethod
     def _radius_seeing(self, rho: Array, z: Array) -> Array:
-        """The normalised radius whose ray comes from a point at rho >= 0; NaN where there is none."""
+        """Return the normalised radius that sees a point at rho >= 0; NaN if there is none."""
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
         from omniscv.cameras import camera_kernels  # slow to load
 
         center, plane = tuple(self.center.tolist()), (1.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
-        def find(some: Array, found: Any) -> int:
-            return int(camera_kernels.polar_within(some, center, plane, self._reach_px, found))
+        def find(block: Array, inside: Any) -> int:
+            return int(camera_kernels.polar_within(block, center, plane, self._reach_px, inside))
 
         def meridian(r_px: Array) -> Meridian:
             return self._meridian(np.minimum(r_px / self.focal, self._edge))
@@ -118,7 +118,7 @@ class CircleCamera(Camera):
         rho, cos_a, sin_a = polar(points[..., :2])
         r_px = self.focal * self._radius_seeing(rho, points[..., 2])
         seen = r_px <= self._reach_px * (1 + ROUNDING)  # NaN is not
-        # Inside the edge by what rounding may add, so that the pixel that comes out is one that has a ray.
+        # Inside the edge by the rounding error, so that the returned pixel has a ray.
         last = min(self._reach_px * (1 - 0.1 * ROUNDING), self._reach_px - self._pixel_rounding)
         r_px = np.minimum(r_px, max(last, 0.0))
         return self.center + np.stack([r_px * cos_a, r_px * sin_a], axis=-1), seen
@@ -129,7 +129,7 @@ class RadialCamera(CircleCamera):
 
     @abstractmethod
     def _radius(self, across: Array, along: Array) -> Array:
-        """The normalised radius that sees a unit direction; NaN where there is none."""
+        """Return the normalised radius that sees a unit direction; NaN if there is none."""
 
     def _radius_seeing(self, rho: Array, z: Array) -> Array:
         length = np.hypot(rho, z)
@@ -137,10 +137,12 @@ class RadialCamera(CircleCamera):
 
 
 class Lens(CentralCamera):
-    """A camera of revolution about +z behind a matrix and, if there is one, a distortion.
+    """A calibrated lens: radius by angle, then a distortion of the plane, if any, and a matrix.
 
-    Domain. What the model has: angles up to ``_theta_end``, radii up to ``_r_end``; less where the field of
-    view ``fov_deg`` is limited, or where the distortion turns back.
+    A point at the angle theta from +z and the azimuth a has the coordinates ``(r cos a, r sin a)`` in the
+    plane, with the model's r(theta); the distortion moves them; the matrix and the centre make a pixel.
+    Domain: angles up to ``_theta_end``, radii up to ``_r_end``; the limit ``fov_deg`` and the turn of the
+    distortion reduce both.
     """
 
     _A: Array  # (2, 2) px: from the plane to the image
@@ -149,7 +151,7 @@ class Lens(CentralCamera):
     _distortion: Distortion | None = None
 
     def _see_through(self, fov_deg: float | None) -> None:
-        """End the domain; the matrix and the model's own numbers are already set."""
+        """Set the end of the domain; the matrix and the model's parameters are already set."""
         self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
         self._rounding = self._pixel_rounding / float(np.linalg.svd(self._A, compute_uv=False)[-1])
         beyond = 2.0 * self._farthest_corner()
@@ -165,7 +167,7 @@ class Lens(CentralCamera):
             self._theta_end = min(self._theta_end, float(np.arctan2(across, along)))
 
     def _farthest_corner(self) -> float:
-        """The radius in the plane of the image's farthest corner; infinity if the matrix is singular."""
+        """Return the radius of the image's farthest corner in the plane; infinity for a singular matrix."""
         corners = np.array([[0, 0], [self.width, 0], [0, self.height], [self.width, self.height]])
         try:
             return float(np.hypot(*np.linalg.solve(self._A, (corners - self.center).T)).max())
@@ -174,14 +176,14 @@ class Lens(CentralCamera):
 
     @abstractmethod
     def _meridian(self, r: Array) -> Meridian:
-        """The rays of radii 0 <= r <= ``_r_end`` in the plane; directions unit."""
+        """Return the rays of radii 0 <= r <= ``_r_end`` in the plane; directions unit."""
 
     @abstractmethod
     def _radius(self, across: Array, along: Array) -> Array:
-        """The radius in the plane of a unit direction within ``_theta_end``."""
+        """Return the radius in the plane of a unit direction within ``_theta_end``."""
 
     def _plane(self) -> tuple[float, ...]:
-        """What takes a pixel's offset to the plane: see ``camera_kernels.in_plane``."""
+        """Return the map from a pixel's offset to the plane: see ``camera_kernels.in_plane``."""
         return (*np.linalg.inv(self._A).ravel().tolist(), 1.0, 1.0)
 
     def _directions(self, pixels: Array) -> tuple[Array, Mask]:
@@ -189,10 +191,11 @@ class Lens(CentralCamera):
 
         center, plane = tuple(self.center.tolist()), self._plane()
 
-        def find(some: Array, found: Any) -> int:
+        def find(block: Array, inside: Any) -> int:
             if self._distortion is None:
-                return int(camera_kernels.polar_within(some, center, plane, self._r_end, found))
-            return int(camera_kernels.undistorted_within(some, center, plane, self._distortion.solver, found))
+                return int(camera_kernels.polar_within(block, center, plane, self._r_end, inside))
+            solver = self._distortion.solver
+            return int(camera_kernels.undistorted_within(block, center, plane, solver, inside))
 
         directions, _, valid = rays_about_axis(pixels, find, self._meridian)
         return directions, valid
@@ -203,7 +206,7 @@ class Lens(CentralCamera):
         seen = np.arctan2(rho, z) <= self._theta_end * (1 + ROUNDING)
         distance = np.hypot(rho, z)
         r = self._radius(rho / distance, z / distance)
-        # Inside the end by what rounding may add, so that the pixel that comes out is one that has a ray.
+        # Inside the end by the rounding error, so that the returned pixel has a ray.
         r = np.minimum(r, max(min(self._r_end * (1 - 0.1 * ROUNDING), self._r_end - self._rounding), 0.0))
         plane = np.stack([r * cos_a, r * sin_a], axis=-1)
         if self._distortion is not None:
@@ -212,7 +215,7 @@ class Lens(CentralCamera):
 
 
 class FocalLens(Lens):
-    """A lens by ``u = cx + fx (x + skew y)``, ``v = cy + fy y``, (x, y) in the plane."""
+    """A calibrated lens with ``u = cx + fx (x + skew y)``, ``v = cy + fy y``, (x, y) in the plane."""
 
     def _see_through_focal(
         self, fx: float, fy: float, cx: float | None, cy: float | None, skew: float, fov_deg: float | None

@@ -1,1 +1,1 @@
-"""Speed and accuracy, measured side by side and drawn."""
+"""Charts: speed against accuracy, growth, and the limits of camera models."""

@@ -1,14 +1,13 @@
-"""Ways into the limits of camera models, and the round-trip error along them.
+"""Approaches to the limits of camera models, and the round-trip error along them.
 
-Error: ``|project(point on the ray of p) - p|`` in px, the largest of a few dozen pixels p, for a limit that
-is approached from 1 to 1e-16 of itself.
+Error: ``|project(point on the ray of p) - p|`` in px, the largest of a few dozen pixels p, while a parameter
+or the pixels approach a limit: the remainder ``left`` falls from 1 to 1e-16.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -20,53 +19,111 @@ from omniscv.geometry import Array
 SIZE = 512
 AZIMUTHS = np.linspace(-np.pi, np.pi, 13)[1:] - 0.1
 
+Pixels = Callable[[Camera, float], Array]
+"""(N, 2) pixels of a camera, by what is left to the limit."""
 
-def fan(camera: Camera, parts: Array) -> Array:
-    """(N, 2) pixels at parts of the last valid radius, all around the centre."""
-    along = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
-    return np.asarray(camera.center + last_radius(camera) * np.multiply.outer(parts, along).reshape(-1, 2))
+
+def bisect(inside: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """Return the largest number between ``low``, inside, and ``high`` that is still inside."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (middle, high) if inside(middle) else (low, middle)
+    return low
 
 
 def last_radius(camera: Camera) -> float:
-    """The largest valid radius, px, by bisection along a row: from the outside, knowing no formula."""
-    low, high = 1e-12 * SIZE, SIZE / 2  # (the middle itself may be a tip)
-    if camera.valid(np.add(camera.center, (high, 0))):
-        return high
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if camera.valid(np.add(camera.center, (middle, 0))) else (low, middle)
-    return low
+    """Return the largest valid radius along a row, px, without knowledge of the model."""
+
+    def inside(radius: float) -> bool:
+        return bool(camera.valid(np.add(camera.center, (radius, 0))))
+
+    # The centre itself may be invalid, as the tip of a cone is.
+    return SIZE / 2 if inside(SIZE / 2) else bisect(inside, 1e-12 * SIZE, SIZE / 2, 60)
+
+
+def fan(camera: Camera, fractions: Array) -> Array:
+    """Return (N, 2) pixels at fractions of the last valid radius, in all directions from the centre."""
+    along = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
+    offsets = np.multiply.outer(fractions, along).reshape(-1, 2)
+    return np.asarray(camera.center + last_radius(camera) * offsets)
+
+
+def everywhere(camera: Camera, left: float) -> Array:
+    """Pixels of a few radii up to the last valid one."""
+    return fan(camera, np.array([0.1, 0.5, 0.9, 1 - 1e-12]))
+
+
+def edge(camera: Camera, left: float) -> Array:
+    """Pixels that approach the last valid radius, in all directions."""
+    return fan(camera, np.array([1 - left]))
+
+
+def edge_to_the_right(camera: Camera, left: float) -> Array:
+    """One pixel that approaches the last valid one, for borders that are no circles."""
+    return np.asarray(camera.center + np.array([[last_radius(camera) * (1 - left), 0.0]]))
+
+
+def tip(camera: Camera, left: float) -> Array:
+    """Pixels that approach the centre."""
+    return fan(camera, np.array([left]))
+
+
+def row(fraction: Callable[[float], float]) -> Pixels:
+    """Pixels of a panorama in the row at a fraction of its height, those of both borders included."""
+    u = SIZE * np.array([0, 0.1, 0.3, 0.5, 0.7, 0.9, 1])
+    return lambda camera, left: np.stack([u, np.full_like(u, fraction(left) * camera.height)], axis=-1)
+
+
+towards_pole = row(lambda left: 0.5 * left)
+
+
+def towards_seam(camera: Camera, left: float) -> Array:
+    """Pixels of a column that approaches the last one."""
+    v = np.array([0.1, 0.4, 0.5, 0.8]) * SIZE
+    return np.stack([np.full_like(v, SIZE * (1 - 0.5 * left)), v], axis=-1)
+
+
+def edge_of_a_face(camera: Camera, left: float) -> Array:
+    """Pixels that approach the border between two slots of a strip, and a corner."""
+    v = SIZE * np.array([0.3, 0.4, 0.5])
+    return np.stack([np.full(3, SIZE / 3 * (1 - left / 3)), v], axis=-1)
 
 
 @dataclass(frozen=True)
 class Approach:
-    """A way into a limit: ``left`` runs from 1 to 0; below 0 lies what is beyond."""
+    """An approach to a limit.
+
+    Attributes:
+        limit: its name.
+        camera: by what is left to the limit, from 1 to 0; less than 0 is beyond.
+        pixels: that are tested.
+        metres: distance of the points on their rays.
+        past: what is left one step beyond the limit.
+        known_px: what float64 can tell of the points themselves, if more than 1e-6 px.
+    """
 
     limit: str
     camera: Callable[[float], Camera]
-    pixels: Callable[[Camera, float], Array] = lambda camera, left: fan(
-        camera, np.array([0.1, 0.5, 0.9, 1 - 1e-12])
-    )
+    pixels: Pixels = everywhere
     metres: Callable[[float], float] = lambda left: 10.0
     past: float = -1e-12
-    known_px: Callable[[Array], Array] | None = None  # what float64 keeps of the points themselves
+    known_px: Callable[[Array], Array] | None = None
 
     def error_px(self, left: float) -> float:
-        """The largest error, or NaN where no pixel is valid."""
+        """Return the largest error, or NaN if no pixel is valid. A lost pixel counts as the image's width."""
         camera = self.camera(left)
         pixels = self.pixels(camera, left)
         rays = camera.unproject(pixels)
-        again, seen = camera.project(rays.origins + self.metres(left) * rays.directions)
         if not rays.valid.any():
             return np.nan
+        again, seen = camera.project(rays.origins + self.metres(left) * rays.directions)
         error = np.abs(again - pixels)
-        if wraps(camera):  # left and right border are one place
+        if _borders_meet(camera):
             error[:, 0] = np.minimum(error[:, 0], np.abs(camera.width - error[:, 0]))
-        error = np.where(seen[:, None], error, camera.width)[rays.valid]  # a lost pixel is a whole image off
-        return float(error.max())
+        return float(np.where(seen[:, None], error, camera.width)[rays.valid].max())
 
     def beyond(self) -> str:
-        """How the model answers a step past the limit."""
+        """Return how the model answers one step past the limit."""
         try:
             camera = self.camera(self.past)
         except ArgumentError:
@@ -74,65 +131,12 @@ class Approach:
         return "in domain" if camera.valid(self.pixels(camera, self.past)).any() else "marked"
 
 
-def parameter(name: str, key: str, limit: float, text: str, metres: float = 10.0, **options: Any) -> Approach:
-    """``key`` runs from 0 up to ``limit``."""
-    return Approach(
-        text, lambda left: create(name, **{key: limit * (1 - left)}, **options), metres=lambda left: metres
-    )
+def create(name: str, **options: object) -> Camera:
+    """Return a camera of the size of all."""
+    return cameras.create(name, **{"width": SIZE, "height": SIZE, **options})  # type: ignore[arg-type]
 
 
-def vanishing(name: str, key: str, scale: float, text: str, **options: Any) -> Approach:
-    """``key`` runs from ``scale`` down to 0."""
-    return Approach(text, lambda left: create(name, **{key: scale * left}, **options))
-
-
-def create(name: str, **options: Any) -> Camera:
-    """A camera of the size of all."""
-    return cameras.create(name, **{"width": SIZE, "height": SIZE, **options})
-
-
-def wraps(camera: Camera) -> bool:
-    """Whether the left and the right border are one place."""
+def _borders_meet(camera: Camera) -> bool:
+    """Whether the middles of the left and the right border see one direction."""
     left, right = camera.unproject([(0, camera.height / 2), (camera.width, camera.height / 2)]).directions
     return bool(np.allclose(left, right, rtol=0, atol=1e-9))
-
-
-def rows(part: Callable[[float], float]) -> Callable[[Camera, float], Array]:
-    """Pixels of a panorama in the row at a part of its height, and the seam's columns with them."""
-    u = SIZE * np.array([0, 0.1, 0.3, 0.5, 0.7, 0.9, 1])
-    return lambda camera, left: np.stack([u, np.full_like(u, part(left) * camera.height)], axis=-1)
-
-
-def edge(camera: Camera, left: float) -> Array:
-    """Pixels that run to the last valid ones, all around."""
-    return fan(camera, np.array([1 - left]))
-
-
-def edge_to_the_right(camera: Camera, left: float) -> Array:
-    """Of borders that are no circles."""
-    return np.asarray(camera.center + np.array([[last_radius(camera) * (1 - left), 0.0]]))
-
-
-def towards_pole(name: str, **options: Any) -> Approach:
-    """Rows that run to the first."""
-    return Approach("row → pole", lambda left: create(name, **options), rows(lambda left: 0.5 * left))
-
-
-def towards_seam(name: str, **options: Any) -> Approach:
-    """Columns that run to the last."""
-    v = np.array([0.1, 0.4, 0.5, 0.8]) * SIZE
-    return Approach(
-        "column → ±180°",
-        lambda left: create(name, **options),
-        lambda camera, left: np.stack([np.full_like(v, SIZE * (1 - 0.5 * left)), v], axis=-1),
-    )
-
-
-def at_the_edge_of_a_face(name: str) -> Approach:
-    """Pixels that run to a border between two slots, and to a corner."""
-    along = SIZE * np.array([0.3, 0.4, 0.5])
-    return Approach(
-        "pixel → edge of a face",
-        lambda left: create(name, layout="strip"),
-        lambda camera, left: np.stack([np.full(3, SIZE / 3 * (1 - left / 3)), along], axis=-1),
-    )

@@ -1,4 +1,4 @@
-"""Speed against accuracy of one panorama: filters and face sizes, and what others make of the same faces."""
+"""Speed against accuracy of one panorama: filters, face sizes, and other programs with the same faces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from omniscv.cameras import Camera, create
-from omniscv.chart import drawing
+from omniscv.chart import drawing, filters
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.peers import PAPER, Image, Peer, peers, remap_limit
 from omniscv.chart.truth import traced_mean
@@ -22,7 +22,7 @@ from omniscv.sources.scene import SceneSource, open_scene
 
 FILTERS: tuple[Filter, ...] = ("nearest", "bilinear", "bicubic", "area")
 SCALES = (0.5, 1.0, 2.0)
-"""Face sizes, as multiples of a quarter of the image's width: of the same pixels per degree."""
+"""Face sizes as multiples of a quarter of the image's width, which has the same pixels per degree."""
 DEFAULT: tuple[Filter, float] = ("bilinear", 1.0)
 
 QUICK = {"width": 64}
@@ -40,12 +40,12 @@ class Row:
     """One way to compose the panorama.
 
     Attributes:
-        name: of the filter, or of the peer.
+        name: the filter, or the other program.
         face_size: px.
         map: ``kept`` from image to image, ``new`` for an orientation not seen before, ``none`` kept.
         ours: whether it is omniscv.
-        default: whether it is what ``filter="auto"`` and ``face_size="auto"`` come nearest to.
-        ms: to compose one image in colour from decoded faces: the best of nine, all ways in turns.
+        default: whether it is nearest to ``filter="auto"`` and ``face_size="auto"``.
+        ms: time to compose one image in colour from decoded faces: the best of nine, in turn with the others.
         rms: error of the colours, grey levels of 255, against each pixel's mean by exact tracing; NaN for
             the limit, which composes no image.
     """
@@ -59,18 +59,18 @@ class Row:
     rms: float
 
 
-class _Faces(SourceWrapper):
-    """Captures that are there already: each is made once."""
+class _CachedCaptures(SourceWrapper):
+    """Captures that cost nothing: each is made once."""
 
     def __init__(self, source: Source) -> None:
         super().__init__(source)
-        self._held: dict[Request, Capture] = {}
+        self._captures: dict[Request, Capture] = {}
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         for request in requests:
-            if request not in self._held:
-                (self._held[request],) = self._source.capture([request])
-            yield self._held[request]
+            if request not in self._captures:
+                (self._captures[request],) = self._source.capture([request])
+            yield self._captures[request]
 
 
 def measure(width: int = 2048, progress: Callable[[int, int], None] | None = None) -> list[Row]:
@@ -78,43 +78,35 @@ def measure(width: int = 2048, progress: Callable[[int, int], None] | None = Non
 
     Args:
         width: of the panorama, px.
-        progress: called with (rounds done, rounds in all).
+        progress: called with (rounds done, rounds in total).
     """
     camera = create("equirectangular", width=width, height=width // 2)
     scene = open_scene("scene://four-wall").scene
     ways: dict[tuple[str, int, str], Callable[[int], Image]] = {}
     for edge in (round(width / 4 * scale) for scale in SCALES):
         fixed = Capabilities(can_set_size=False, can_set_fov=False, image_size=(edge, edge), fov_deg=90.0)
-        source = _Faces(SceneSource(scene, fixed, cached_views=1))
+        source = _CachedCaptures(SceneSource(scene, fixed, cached_views=1))
         for filter in FILTERS:
             options = RenderOptions("cube", face_size=edge, filter=filter)
             ways[filter, edge, "kept"] = _ours(Renderer(source), camera, options, new=False)
             if filter == DEFAULT[0]:
                 ways[filter, edge, "new"] = _ours(Renderer(source), camera, options, new=True)
     edge = round(width / 4)
-    faces = {
-        name: next(iter(source.capture([_face(rotation, edge)]))).pixels
-        for source in [SceneSource(scene)]
-        for name, rotation in cube_rotations()
-    }
+    captures = SceneSource(scene).capture(_face(rotation, edge) for _, rotation in cube_rotations())
+    faces = {name: capture.pixels for (name, _), capture in zip(cube_rotations(), captures, strict=True)}
     for name, peer in peers(faces, camera).items():
         ways[name, edge, "none" if name == PAPER else "kept"] = _always(peer)
     limit = "cv2.remap, map ready", edge, "kept"
     ways[limit] = _always(remap_limit(camera, list(faces.values())))
     times = _best_ms(ways, progress)
     mean = traced_mean(scene, camera, _LEVEL)
-    return [
-        Row(
-            name,
-            size,
-            kept,
-            ours := name in FILTERS,
-            ours and (name, size) == (DEFAULT[0], round(width / 4 * DEFAULT[1])),
-            times[name, size, kept],
-            np.nan if (name, size, kept) == limit else _rms(way(0), mean),
-        )
-        for (name, size, kept), way in ways.items()
-    ]
+    rows = []
+    for (name, size, kept), way in ways.items():
+        ours = name in FILTERS
+        default = ours and (name, size) == (DEFAULT[0], round(width / 4 * DEFAULT[1]))
+        rms = np.nan if (name, size, kept) == limit else _rms(way(0), mean)
+        rows.append(Row(name, size, kept, ours, default, times[name, size, kept], rms))
+    return rows
 
 
 def _face(rotation: np.ndarray, edge: int) -> Request:
@@ -122,7 +114,7 @@ def _face(rotation: np.ndarray, edge: int) -> Request:
 
 
 def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bool) -> Callable[[int], Image]:
-    """A function of a round: the image is level in round 0, with ``new`` turned ever farther then."""
+    """Return a function of the round that composes the image: level, or with ``new`` turned by the round."""
 
     def compose(turn: int) -> Image:
         pose = Pose.from_angles(_POSITION, yaw_deg=0.7 * turn) if new else _LEVEL
@@ -146,7 +138,7 @@ def _best_ms(
             times[key].append(time.perf_counter() - started)
         if progress:
             progress(turn + 1, _ROUNDS + 2)
-    return {key: 1e3 * min(each[2:]) for key, each in times.items()}
+    return {key: 1e3 * min(seconds[2:]) for key, seconds in times.items()}
 
 
 def _rms(image: Image, mean: np.ndarray) -> float:
@@ -156,16 +148,14 @@ def _rms(image: Image, mean: np.ndarray) -> float:
 def further(
     progress: Callable[[int, int], None] | None = None, width: int = 1024
 ) -> dict[str, Sequence[object]]:
-    """Return what the page has beside the picture's rows: every filter and face size, in all modalities."""
-    from omniscv.chart import filters
-
+    """Return further tables for the page: every filter and face size, in all modalities."""
     heading = "Three models in all modalities; ms with a new orientation"
     return {heading: filters.measure(width // 2, progress)}
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them: ``chart-central`` as JSON, SVG and PNG."""
-    made, (axes,) = drawing.figure(1, 4.6, finding(rows))
+    figure, (axes,) = drawing.figure(1, 4.6, finding(rows))
     ways = [_dot(row) for row in rows if np.isfinite(row.rms)]
     looks: dict[str, Look] = {str(name): Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(FILTERS)}
     looks |= {dot.series: Look(INK, "P", "") for dot in ways if dot.series not in looks}
@@ -187,7 +177,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
     drawing.label(axes, ways, looks)
-    return [drawing.write_rows(rows, out, "chart-central"), *drawing.save(made, out, "chart-central")]
+    return drawing.write(rows, figure, out, "chart-central")
 
 
 def _dot(row: Row) -> Dot:
@@ -197,7 +187,7 @@ def _dot(row: Row) -> Dot:
 
 
 def finding(rows: Sequence[Row]) -> str:
-    """The title: what the measurement shows."""
+    """Return the title, which states the result."""
     ours = next(row for row in rows if row.default and row.map == "kept")
     others = [row for row in rows if not row.ours and np.isfinite(row.rms)]
     beaten = [f"{row.ms / ours.ms:.1f} times as fast as {row.name}" for row in others if row.ms > ours.ms]

@@ -1,7 +1,7 @@
-"""What the charts share: dots with labels that do not overlap, plain numbers, what other ways beat.
+"""Drawing for the charts: dots with labels that do not overlap, plain numbers, Pareto fronts.
 
-Pictures are 800 px wide on a page: SVG, and PNG with twice as many pixels. Colours are those of Okabe and
-Ito, which colour-blind readers tell apart; shapes differ as well.
+Pictures are 800 px wide on a page: SVG, and PNG with twice as many pixels. The colours of Okabe and Ito suit
+colour-blind readers; shapes differ as well.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v")
 
 _WIDTH_IN, _DPI = 8.0, 100
-_POINTS = 72 / _DPI
-"""In a pixel."""
+_POINTS = 72 / _DPI  # in a pixel
 _TITLE_CHARACTERS = 95
 _REACH = (7, 14, 24)  # points from a dot to its label
 _SIDES = ((1, 0.5), (1, 1), (1, 0), (0, 0.5), (0, 1), (0, 0), (0.5, 1), (0.5, 0))
@@ -41,11 +40,11 @@ class Dot:
     """A way to make an image.
 
     Attributes:
-        series: dots of one are joined; of the first kinds in the order of :data:`COLORS`.
+        series: dots of one series are joined.
         label: beside the dot; empty for none.
         x, y: cost and error, both > 0.
         default: whether it is ringed.
-        hollow: whether the dot is drawn as a ring of its colour.
+        hollow: whether its inside is white.
     """
 
     series: str
@@ -57,7 +56,7 @@ class Dot:
 
 
 class Look(NamedTuple):
-    """How a series is drawn."""
+    """The style of a series."""
 
     color: str
     marker: str
@@ -65,7 +64,7 @@ class Look(NamedTuple):
 
 
 def front(rows: Sequence[Row], cost: Callable[[Row], float], error: Callable[[Row], float]) -> list[Row]:
-    """Return the rows that no other is both cheaper and more accurate than, from cheap to accurate."""
+    """Return the Pareto front: the rows that no other row beats in cost and error, from cheap to accurate."""
     best: list[Row] = []
     for row in sorted(rows, key=lambda row: (cost(row), error(row))):
         if not best or error(row) < error(best[-1]):
@@ -74,45 +73,46 @@ def front(rows: Sequence[Row], cost: Callable[[Row], float], error: Callable[[Ro
 
 
 def figure(columns: int, height_in: float, title: str) -> tuple[Figure, list[Axes]]:
-    """Return a figure of 800 px on a page, and its panels side by side."""
+    """Return a figure 800 px wide and its panels, side by side."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(made)
-    made.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
-    return made, list(made.subplots(1, columns, squeeze=False)[0])
+    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
+    return figure, list(figure.subplots(1, columns, squeeze=False)[0])
 
 
-def write_rows(rows: Sequence[Any], out: Path, name: str) -> Path:
-    """Write dataclasses as ``NAME.json`` into a folder, which is made; NaN becomes null."""
+def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
+    """Write dataclasses as ``NAME.json`` and a figure as ``NAME.svg`` and ``NAME.png``; return the paths.
+
+    NaN becomes null. The folder is made if missing.
+    """
     out.mkdir(parents=True, exist_ok=True)
-    return write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
+    data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
+    return [data, *save(figure, out, name, dpi)]
 
 
-def save(made: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
-    """Write a figure as ``NAME.svg`` and ``NAME.png``."""
+def save(figure: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
+    """Write a figure as ``NAME.svg`` and ``NAME.png``; equal figures have equal bytes."""
     import matplotlib as mpl
 
-    lines, pixels = out / f"{name}.svg", out / f"{name}.png"
-    with whole_file(lines) as part, mpl.rc_context({"svg.hashsalt": name}):  # the same bytes every time
-        made.savefig(part, metadata={"Date": None})
-    with whole_file(pixels) as part:
-        made.savefig(part, dpi=dpi)
-    return [lines, pixels]
+    svg, png = out / f"{name}.svg", out / f"{name}.png"
+    with whole_file(svg) as part, mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(part, metadata={"Date": None})
+    with whole_file(png) as part:
+        figure.savefig(part, dpi=dpi)
+    return [svg, png]
 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
     """Draw ways on logarithmic axes, and shade what others beat."""
     axes.set(xscale="log", yscale="log")
-    for series, look in looks.items():
-        mine = [dot for dot in ways if dot.series == series]
-        for hollow in (False, True):
-            part = [dot for dot in mine if dot.hollow == hollow]
-            x, y = [dot.x for dot in part], [dot.y for dot in part]
-            face = "white" if hollow else look.color
-            line = look.line or "none"
-            axes.plot(x, y, ls=line, marker=look.marker, color=look.color, lw=1.2, ms=6, mfc=face, zorder=3)
+    for (series, look), hollow in product(looks.items(), (False, True)):
+        group = [dot for dot in ways if dot.series == series and dot.hollow == hollow]
+        x, y = [dot.x for dot in group], [dot.y for dot in group]
+        face, line = "white" if hollow else look.color, look.line or "none"
+        axes.plot(x, y, ls=line, marker=look.marker, color=look.color, lw=1.2, ms=6, mfc=face, zorder=3)
     for dot in ways:
         if dot.default:
             axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
@@ -125,7 +125,7 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
 
 
 def plain(axis: Axis, ticks: Sequence[int] = (1, 2, 5)) -> None:
-    """Write the ticks of a logarithmic axis as plain numbers: 1, 2, 5, 10, and so on."""
+    """Label the ticks of a logarithmic axis with plain numbers: 1, 2, 5, 10, and so on."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=ticks))
@@ -134,12 +134,12 @@ def plain(axis: Axis, ticks: Sequence[int] = (1, 2, 5)) -> None:
 
 
 def number(value: float) -> str:
-    """Return a number as people write it: no powers of ten, commas from a thousand."""
+    """Return a number without powers of ten, with commas from a thousand."""
     return f"{value:,.0f}" if value >= 1 else f"{value:.6f}".rstrip("0")
 
 
 def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
-    """Shade where another way is both cheaper and more accurate."""
+    """Shade the region in which a drawn way is both cheaper and more accurate."""
     best = front(ways, lambda dot: dot.x, lambda dot: dot.y)
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     edge = [(best[0].x, y1)]
@@ -151,31 +151,33 @@ def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
 
 
 def label(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    """Write each dot's label at the side of it where it covers the least of dots, labels and borders.
+    """Write each label beside its dot where it overlaps dots, labels and borders least.
 
-    To be called when all else is drawn: titles and other panels move the axes.
+    Call this after everything else is drawn: titles and other panels move the axes.
     """
-    axes.figure.canvas.draw()  # limits and text sizes are known from here on
+    axes.figure.canvas.draw()  # fixes limits and text sizes
     to_px = axes.transData.transform
     taken = [_around(x, y, 5, 5) for x, y in to_px([(dot.x, dot.y) for dot in ways])]
-    for dot in (each for each in ways if each.label):
+    for dot in (dot for dot in ways if dot.label):
         x, y = to_px((dot.x, dot.y))
         look = looks[dot.series]
         text = axes.annotate(
             dot.label, (dot.x, dot.y), (0, 0), textcoords="offset points", size=8, color=_dark(look.color)
         )
         size = text.get_window_extent()
-        tried = [
-            (_placed(x, y, size, side, reach), reach)
-            for reach, side in product((r / _POINTS for r in _REACH), _SIDES)
-        ]
-        box = min(tried, key=lambda each: _cost(each[0], taken, axes.bbox) + each[1])[0]
+        box = min(
+            (
+                (_label_box(x, y, size, side, reach), reach)
+                for reach, side in product((r / _POINTS for r in _REACH), _SIDES)
+            ),
+            key=lambda option: _overlap(option[0], taken, axes.bbox) + option[1],
+        )[0]
         text.set_position((_POINTS * (box.x0 - x), _POINTS * (box.y0 - y)))
         taken.append(box)
 
 
-def _placed(x: float, y: float, size: Bbox, side: tuple[float, float], reach: float) -> Bbox:
-    """The box of a label beside a dot, px; ``side`` is 1 right or above, 0 left or below, 0.5 centred."""
+def _label_box(x: float, y: float, size: Bbox, side: tuple[float, float], reach: float) -> Bbox:
+    """Return the box of a label beside a dot, px; ``side``: 1 right or above, 0 left or below."""
     left = x + {1: reach, 0: -reach - size.width, 0.5: -size.width / 2}[side[0]]
     low = y + {1: reach / 2, 0: -reach / 2 - size.height, 0.5: -size.height / 2}[side[1]]
     return _around(left + size.width / 2, low + size.height / 2, size.width / 2, size.height / 2)
@@ -187,8 +189,8 @@ def _around(x: float, y: float, half_width: float, half_height: float) -> Bbox:
     return Bbox([(x - half_width, y - half_height), (x + half_width, y + half_height)])
 
 
-def _cost(box: Bbox, taken: Sequence[Bbox], inside: Bbox) -> float:
-    """How much of a box covers others, or lies outside, square px."""
+def _overlap(box: Bbox, taken: Sequence[Bbox], inside: Bbox) -> float:
+    """Return the area of a box that covers others or lies outside, square px; outside counts four times."""
     out = box.width * box.height - _common(box, inside)
     return 4 * out + sum(_common(box, other) for other in taken)
 
@@ -199,7 +201,7 @@ def _common(a: Bbox, b: Bbox) -> float:
 
 
 def _dark(color: str) -> Any:
-    """A colour, dark enough for text."""
+    """Return a colour dark enough for text."""
     from matplotlib.colors import to_rgb
 
     return tuple(0.72 * part for part in to_rgb(color))

@@ -1,4 +1,4 @@
-"""Central cameras in all modalities: filters x face sizes x models, and finer ground truth."""
+"""Central cameras in all modalities: filters, face sizes and models, and finer ground truth."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 FILTERS: tuple[Filter, ...] = ("nearest", "bilinear", "bicubic", "area")
 SCALES = (0.5, 1.0, 2.0, 4.0)
-"""Face sizes, as multiples of the one that ``auto`` takes."""
+"""Face sizes as multiples of the one that ``auto`` selects."""
 TRUTH_SCALES = (2, 4)
-"""How much finer masks and depth are captured, beside the default."""
+"""How many times finer masks and depth are captured, beside the default 1."""
 
 DEFAULT: tuple[float, Filter, int] = (1.0, "bilinear", 1)
 WAYS = (
@@ -47,12 +47,12 @@ class Row:
 
     Attributes:
         truth_scale: how many times finer mask and depth are captured than lit.
-        ms: composing lit, mask and depth with a new orientation, captures decoded: the best of five.
+        ms: time to compose lit, mask and depth with a new orientation from decoded captures: best of five.
         megapixels: captured, over all three modes.
         psnr_db, flip: lit against the mean colour of each pixel, by exact tracing.
-        wrong_labels: part of the valid pixels.
-        depth_median, depth_q99: relative error against each pixel's own ray.
-        seam: rms error of lit within two face pixels of the cube's edges, over that elsewhere.
+        wrong_labels: fraction of the valid pixels.
+        depth_median, depth_q99: relative error against the traced ray of each pixel.
+        seam: rms error of lit within two face pixels of the cube's edges, divided by that elsewhere.
     """
 
     model: str
@@ -72,12 +72,12 @@ class Row:
 
     @property
     def way(self) -> str:
-        """The filter, and how much finer ground truth is."""
+        """The filter, and the scale of the ground truth."""
         return self.filter if self.truth_scale == 1 else f"{self.filter}, truth x {self.truth_scale}"
 
 
 def models(width: int) -> dict[str, Camera]:
-    """The cameras that are charted, at a width."""
+    """Return the cameras of the table, by name."""
     square = {"width": width, "height": width}
     return {
         "equirectangular": create("equirectangular", width=width, height=width // 2),
@@ -93,12 +93,12 @@ def measure(
     progress: Callable[[int, int], None] | None = None,
     smallest_face: int = densities.SMALLEST,
 ) -> list[Row]:
-    """Measures every way in the four-wall room.
+    """Measure every way in the four-wall room.
 
     Args:
         width: of the images, px.
-        progress: called with (images done, images in all).
-        smallest_face: px of the smallest face that ``auto`` takes.
+        progress: called with (images done, images in total).
+        smallest_face: px of the smallest face that ``auto`` selects.
     """
     scene, cameras = open_scene("scene://four-wall").scene, models(width)
     rows: list[Row] = []
@@ -119,9 +119,9 @@ def _measured(
     camera: Camera, renderer: Renderer, options: RenderOptions, hits: Hits, mean: Array
 ) -> dict[str, float]:
     times, edge = [], renderer.task(camera, _POSE, options).edge
-    asked = cost("auto", [[renderer.task(camera, _POSE, options)]], _MODES, 0.0)
+    plan_cost = cost("auto", [[renderer.task(camera, _POSE, options)]], _MODES, 0.0)
     for turn in range(1, _ROUNDS + 2):
-        pose = Pose.from_angles(_POSE.t_w_c, yaw_deg=27.0 + turn, pitch_deg=8.0, roll_deg=-5.0)
+        pose = Pose.from_angles(_POSE.position, yaw_deg=27.0 + turn, pitch_deg=8.0, roll_deg=-5.0)
         started = time.perf_counter()
         renderer.render(camera, pose, _MODES, options)
         times.append(time.perf_counter() - started)
@@ -133,7 +133,7 @@ def _measured(
     near = inside & _near_edges(camera, edge)
     return {
         "ms": 1e3 * min(times[1:]),
-        "megapixels": asked.pixels / 1e6,
+        "megapixels": plan_cost.pixels / 1e6,
         "psnr_db": float(-10 * np.log10(square[inside].mean())),
         "flip": _flip(np.where(inside[..., None], mean, 0), np.where(inside[..., None], lit, 0), inside),
         "wrong_labels": float((image["labels"] != hits.label)[inside].mean()),
@@ -144,18 +144,18 @@ def _measured(
 
 
 def _near_edges(camera: Camera, edge: int) -> NDArray[np.bool_]:
-    """Pixels whose rays are within two face pixels of an edge of the cube."""
-    axes = np.sort(np.abs(camera.unproject().directions @ _POSE.R_w_c.T), axis=-1)
+    """Return which pixels have rays within two face pixels of an edge of the cube."""
+    axes = np.sort(np.abs(camera.unproject().directions @ _POSE.rotation.T), axis=-1)
     with np.errstate(invalid="ignore"):
         return np.asarray((1 - axes[..., 1] / axes[..., 2]) * edge / 2 < _SEAM_PX)
 
 
 def _flip(reference: Array, test: Array, inside: NDArray[np.bool_]) -> float:
-    """Mean of FLIP, the difference that people see when they flip between two images (Andersson, 2020)."""
+    """Return the mean FLIP difference of two images (Andersson et al. 2020)."""
     import OpenImageIO
 
     first, second = (
-        OpenImageIO.ImageBuf(np.ascontiguousarray(each, np.float32)) for each in (reference, test)
+        OpenImageIO.ImageBuf(np.ascontiguousarray(image, np.float32)) for image in (reference, test)
     )
     difference = OpenImageIO.ImageBufAlgo.FLIP_diff(first, second, hdr=0)
     return float(np.asarray(difference.get_pixels(OpenImageIO.FLOAT))[..., 0][inside].mean())

@@ -1,4 +1,4 @@
-"""How time and memory grow: with the size of the image, with poses, cameras at a place, and viewpoints."""
+"""Growth of time and memory with image size, poses, cameras at one viewpoint, and viewpoints."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=20.0)
 
 @dataclass(frozen=True)
 class Row:
-    """One job, in a process of its own.
+    """One job in its own process.
 
     Attributes:
-        series: what grows.
-        count: how much of it: megapixels, or how many.
-        cpu_s: processor time of all cores for planning and composing; captures are there already.
-        peak_mb: the most memory that the process held.
-        idle_mb: what it had held before, with everything imported and compiled.
+        series: the quantity that grows.
+        count: its value: megapixels, or a number of things.
+        cpu_s: processor time of all cores for planning and composing; captures cost nothing.
+        peak_mb: peak memory of the process.
+        idle_mb: peak memory before the job, with everything imported and compiled.
     """
 
     series: str
@@ -49,26 +49,26 @@ class Row:
     idle_mb: float
 
 
-class _Still(SourceWrapper):
-    """Captures of any size that cost next to nothing: one small view by orientation, its pixels repeated."""
+class _RepeatedCaptures(SourceWrapper):
+    """Captures of any size that cost next to nothing: one small view per orientation, its pixels repeated."""
 
     def __init__(self, source: Source) -> None:
         super().__init__(source)
-        self._held: dict[Request, Capture] = {}
+        self._captures: dict[Request, Capture] = {}
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         for request in requests:
             view = request.view
-            here = Pose(_POSE.position, view.pose.rotation)
-            small = replace(request, view=replace(view, pose=here, width=_TRACED_PX, height=_TRACED_PX))
-            if small not in self._held:
-                (self._held[small],) = self._source.capture([small])
+            pose = Pose(_POSE.position, view.pose.rotation)
+            small = replace(request, view=replace(view, pose=pose, width=_TRACED_PX, height=_TRACED_PX))
+            if small not in self._captures:
+                (self._captures[small],) = self._source.capture([small])
             rows, columns = (np.arange(n) * _TRACED_PX // n for n in (view.height, view.width))
-            yield Capture(request, view, self._held[small].pixels[np.ix_(rows, columns)])
+            yield Capture(request, view, self._captures[small].pixels[np.ix_(rows, columns)])
 
 
 def _sizes(renderer: Renderer, width: int, count: int) -> float:
-    """One panorama from six faces of a quarter of its width; return its megapixels."""
+    """Compose one panorama from six faces of a quarter of its width; return its megapixels."""
     wide = 2 * round(width * (count / _MOST) ** 0.5 / 2)
     camera = create("equirectangular", width=wide, height=wide // 2)
     renderer.render(camera, _POSE, _MODES, RenderOptions("cube", face_size=max(wide // 4, 8)))
@@ -76,7 +76,7 @@ def _sizes(renderer: Renderer, width: int, count: int) -> float:
 
 
 def _poses(renderer: Renderer, width: int, count: int) -> float:
-    """A panorama from each of so many places, in an orientation of its own."""
+    """Compose panoramas at ``count`` positions, each in another orientation."""
     camera = create("equirectangular", width=width // 16, height=width // 32)
     for i in range(count):
         pose = Pose.from_angles((0.01 * i, 0, 1.5), yaw_deg=3.7 * i)
@@ -85,17 +85,19 @@ def _poses(renderer: Renderer, width: int, count: int) -> float:
 
 
 def _cameras(renderer: Renderer, width: int, count: int) -> float:
-    """So many fisheyes at one place and moment."""
+    """Compose ``count`` fisheye images of one viewpoint and instant."""
     size = {"width": width // 32, "height": width // 32}
-    shots = [(create("fisheye-equidistant", **size, fov_deg=170 + i / 4), _POSE) for i in range(count)]
-    for _ in renderer.render_together(shots, _MODES, RenderOptions("cube", face_size=max(width // 64, 8))):
+    images = [(create("fisheye-equidistant", **size, fov_deg=170 + i / 4), _POSE) for i in range(count)]
+    for _ in renderer.render_together(images, _MODES, RenderOptions("cube", face_size=max(width // 64, 8))):
         pass
     return count
 
 
 def _viewpoints(renderer: Renderer, width: int, count: int) -> float:
-    """One non-central panorama, captured from so many optical centres; of so small a circle that no rays are
-    marched, whose cost is that of pixels."""
+    """Compose one non-central panorama captured from ``count`` optical centres.
+
+    Its circle is so small that no rays are marched: their cost grows with pixels.
+    """
     camera = create("noncentral-panorama", width=width // 16, height=width // 32, radius=0.04)
     options = RenderOptions("cube", viewpoints=count, face_size=max(width // 64, 8))
     renderer.render(camera, _POSE, _MODES, options)
@@ -118,16 +120,16 @@ def measure(
     progress: Callable[[int, int], None] | None = None,
     series: Sequence[str] | None = None,
 ) -> list[Row]:
-    """Measure every job in a process of its own.
+    """Measure every job in its own process.
 
     Args:
-        width: of the largest panorama, px; the other jobs' images are in proportion.
-        most: how many times the smallest job the largest is: powers of two up to it are measured.
-        progress: called with (jobs done, jobs in all).
-        series: what grows, of :data:`SERIES`; all of them if not given.
+        width: of the largest panorama, px; images of other jobs are proportional.
+        most: ratio of the largest job to the smallest; powers of two up to it are measured.
+        progress: called with (jobs done, jobs in total).
+        series: some of :data:`SERIES`; all if not given.
     """
     counts = [1 << k for k in range(int(np.log2(most)) + 1)]
-    largest = _MOST // counts[-1]  # sizes are parts of the largest
+    largest = _MOST // counts[-1]  # sizes are fractions of the largest
     jobs = [
         (name, width, count * (largest if name == SIZE else 1))
         for name in series or SERIES
@@ -143,9 +145,9 @@ def measure(
 
 
 def _measured(series: str, width: int, count: int) -> Row:
-    """Do one job, after two that are as small as can be."""
+    """Run one job, after two of the smallest."""
     with open_scene("scene://four-wall") as scene:
-        source, job = _Still(scene), SERIES[series]
+        source, job = _RepeatedCaptures(scene), SERIES[series]
         for few in (1, 2):
             job(Renderer(source), min(width, 1024), few)
         idle_mb = _peak_mb()
@@ -155,7 +157,7 @@ def _measured(series: str, width: int, count: int) -> Row:
 
 
 def _peak_mb() -> float:
-    """The most memory that this process has held, without what its parent held before it was started."""
+    """Return the peak memory of this process, without that of its parent before the start."""
     status = Path("/proc/self/status")
     if status.exists():
         (line,) = [line for line in status.read_text().splitlines() if line.startswith("VmHWM")]
@@ -166,19 +168,19 @@ def _peak_mb() -> float:
 
 
 def cpu_s(row: Row) -> float:
-    """Return what the left panel shows."""
+    """Return the quantity of the left panel."""
     return row.cpu_s
 
 
 def peak_mb(row: Row) -> float:
-    """Return what the right panel shows."""
+    """Return the quantity of the right panel."""
     return row.peak_mb
 
 
 def slope(rows: Sequence[Row], of: Callable[[Row], float]) -> float:
-    """Return a series' slope on logarithmic axes, by least squares: 1 where twice as much takes twice.
+    """Return the slope of a series on logarithmic axes by least squares: 1 if twice as much costs twice.
 
-    It is that of the largest jobs, of the last two doublings: small ones pay for what does not grow.
+    Only the last two doublings count: constant costs dominate small jobs.
     """
     most = max(row.count for row in rows)
     rows = [row for row in rows if row.count > most / 5]
@@ -186,22 +188,17 @@ def slope(rows: Sequence[Row], of: Callable[[Row], float]) -> float:
     return float(np.polyfit(np.log(counts), np.log(values), 1)[0])
 
 
-def further(progress: object = None, **given: int) -> dict[str, Sequence[object]]:
-    """Return what the page has beside the picture's rows: nothing."""
-    return {}
-
-
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them: ``chart-growth`` as JSON, SVG and PNG."""
-    made, (seconds, memory) = drawing.figure(2, 4.4, finding(rows))
+    figure, (seconds, memory) = drawing.figure(2, 4.4, finding(rows))
     panels = (seconds, "CPU seconds", cpu_s), (memory, "peak memory, MB", peak_mb)
     for axes, unit, of in panels:
         axes.set(xscale="log", yscale="log")
         for series, color, marker in zip(SERIES, COLORS, MARKERS, strict=False):
-            mine = [row for row in rows if row.series == series]
-            text = f"{series}: slope {round(slope(mine, of), 2) + 0.0:.2f}"
-            axes.plot([row.count for row in mine], [of(row) for row in mine], marker + "-",
-                      color=color, lw=1.2, ms=5, label=text)  # fmt: skip
+            group = [row for row in rows if row.series == series]
+            text = f"{series}: slope {round(slope(group, of), 2) + 0.0:.2f}"
+            counts, values = [row.count for row in group], [of(row) for row in group]
+            axes.plot(counts, values, marker + "-", color=color, lw=1.2, ms=5, label=text)
         for axis in (axes.xaxis, axes.yaxis):
             drawing.plain(axis, (1,))
         axes.margins(y=0.12)
@@ -210,15 +207,14 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         axes.set_xlabel("how many, or megapixels", size=9)
         axes.set_ylabel(unit, size=9)
         axes.legend(fontsize=7.5, loc="upper left", framealpha=0.9)
-    low, high = memory.get_ylim()
-    memory.set_ylim(low, high * 4)
-    low, high = seconds.get_ylim()
-    seconds.set_ylim(low, high * 6)
-    return [drawing.write_rows(rows, out, "chart-growth"), *drawing.save(made, out, "chart-growth")]
+    for axes, room in ((memory, 4), (seconds, 6)):  # for the legend
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high * room)
+    return drawing.write(rows, figure, out, "chart-growth")
 
 
 def finding(rows: Sequence[Row]) -> str:
-    """The title: what the measurement shows."""
+    """Return the title, which states the result."""
     by = {series: [row for row in rows if row.series == series] for series in SERIES}
     slopes = [slope(mine, cpu_s) for mine in by.values()]
     largest = max(by[SIZE], key=lambda row: row.count)

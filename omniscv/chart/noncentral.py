@@ -1,4 +1,4 @@
-"""Work against accuracy of non-central cameras: strategies and numbers of centres, measured and drawn."""
+"""Requests against accuracy of non-central cameras, by strategy and number of optical centres."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from omniscv.chart.truth import traced, traced_mean
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import render
 from omniscv.geometry import Array, Pose
-from omniscv.planning import RenderKeywords
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
 from omniscv.sources.scene import SceneSource, open_scene
 
@@ -32,7 +31,7 @@ WAYS: tuple[tuple[str, int | None], ...] = (
     *(("reproject", count) for count in (2, 4, 8, 16)),
     *(("adaptive", count) for count in (2, 4, 8)),
 )
-"""Strategies and their optical centres; None: one per column or ring. The paper captures whole cube maps."""
+"""Strategies and numbers of optical centres; None: one per column or ring. The paper captures cube maps."""
 
 QUICK = {"width": 48}
 
@@ -51,13 +50,13 @@ class Row:
     """One way to make one camera's image.
 
     Attributes:
-        views: pictures captured; ``requests``: captures, over all modes.
+        views: number of captured views; ``requests``: of captures, over all modes.
         megapixels: captured, in one mode.
-        wrong: part of the valid pixels whose label differs or whose depth is off by more than 1 %.
-        unsure: part of the valid pixels that are marked.
+        wrong: fraction of the valid pixels whose label differs or whose depth is off by more than 1 %.
+        unsure: fraction of the valid pixels that are marked as unsure.
         psnr_db: lit against the mean colour of each pixel.
-        compose_s: planning and composing, without the captures.
-        seconds: with each request answered after so many milliseconds, one after another.
+        compose_s: time of planning and composing, without captures.
+        seconds: total time by latency in milliseconds of one request, without parallel requests.
     """
 
     camera: str
@@ -75,7 +74,7 @@ class Row:
 
 
 def cameras(width: int) -> dict[str, Camera]:
-    """The cameras that are charted, at a width."""
+    """Return the cameras of the chart, by name."""
     square = {"width": width // 2, "height": width // 2}
     return {
         "panorama": create("noncentral-panorama", width=width, height=width // 2, radius=1.0),
@@ -89,11 +88,11 @@ def measure(
     progress: Callable[[int, int], None] | None = None,
     face_size: int | Literal["auto"] = "auto",
 ) -> list[Row]:
-    """Measures every way in the four-wall room.
+    """Measure every strategy in the four-wall room.
 
     Args:
         width: of the panorama, px; mirrors are half as wide.
-        progress: called with (images done, images in all).
+        progress: called with (images done, images in total).
         face_size: px of a 90 degree face.
     """
     scene = open_scene("scene://four-wall").scene
@@ -103,10 +102,10 @@ def measure(
         for strategy, viewpoints in WAYS:
             source = _Counting(SceneSource(scene, cached_views=_KEPT))
             started = time.perf_counter()
-            given: RenderKeywords = {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
-            image = render(camera, _POSE, source, _MODES, **given)
+            image = render(
+                camera, _POSE, source, _MODES, strategy=strategy, viewpoints=viewpoints, face_size=face_size
+            )
             compose_s = time.perf_counter() - started - source.seconds
-            accuracy = _accuracy(image, hits, mean)
             row = Row(
                 name,
                 strategy,
@@ -117,7 +116,7 @@ def measure(
                 megapixels=sum(view.width * view.height for view in source.views) / 1e6,
                 compose_s=compose_s,
                 seconds={ms: compose_s + source.requests * ms / 1e3 for ms in LATENCIES_MS},
-                **accuracy,
+                **_accuracy(image, hits, mean),
             )
             rows.append(row)
             if progress:
@@ -126,7 +125,7 @@ def measure(
 
 
 class _Counting(SourceWrapper):
-    """Counts what is captured, and how long that takes."""
+    """Counts requests and views, and measures the time of the captures."""
 
     def __init__(self, source: Source) -> None:
         super().__init__(source)
@@ -156,69 +155,66 @@ def _accuracy(image: OmniImage, hits: Hits, mean: Array) -> dict[str, float]:
     }
 
 
-def further(
-    progress: Callable[[int, int], None] | None = None, width: int = 384
-) -> dict[str, Sequence[object]]:
-    """Return what the page has beside the picture's rows: nothing."""
-    return {}
-
-
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them, a panel a camera: ``chart-noncentral`` as JSON, SVG and PNG.
+    """Write the measurements and draw them, one panel per camera: ``chart-noncentral`` as JSON, SVG and PNG.
 
     ``reproject`` is not drawn: it is ``adaptive`` without its further rounds.
     """
     drawn = [row for row in rows if row.strategy != "reproject"]
-    names = list(dict.fromkeys(row.camera for row in drawn))
-    made, panels = drawing.figure(len(names), 4.4, finding(rows))
+    by_camera = _by_camera(drawn)
+    names = list(by_camera)
+    dots = {name: [_dot(row, group) for row in group] for name, group in by_camera.items()}
+    figure, panels = drawing.figure(len(names), 4.4, finding(rows))
     series = list(dict.fromkeys(row.strategy for row in drawn if row.strategy != PAPER))
     looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
     looks[PAPER] = Look(INK, "P", "")
     for name, axes in zip(names, panels, strict=True):
-        mine = [row for row in drawn if row.camera == name]
-        drawing.dots(axes, [_dot(row, mine) for row in mine], looks)
+        drawing.dots(axes, dots[name], looks)
         drawing.plain(axes.xaxis, (1, 3))
         axes.xaxis.set_major_formatter(_with_seconds)
         axes.set_title(name, size=10)
     panels[0].set_ylabel("pixels with a wrong label or depth, %", size=9)
-    made.supxlabel("requests; seconds at 5 ms a request; at 30 ms", size=9)
+    figure.supxlabel("requests; seconds at 5 ms a request; at 30 ms", size=9)
     for name, axes in zip(names, panels, strict=True):
-        mine = [row for row in drawn if row.camera == name]
-        drawing.label(axes, [_dot(row, mine) for row in mine], looks)
-    return [drawing.write_rows(rows, out, "chart-noncentral"), *drawing.save(made, out, "chart-noncentral")]
+        drawing.label(axes, dots[name], looks)
+    return drawing.write(rows, figure, out, "chart-noncentral")
 
 
 def _dot(row: Row, all_rows: Sequence[Row]) -> Dot:
-    """A dot; at the ends of a curve it has the optical centres, and the strategy's name at the last one."""
-    mine = [each for each in all_rows if each.strategy == row.strategy]
+    """Return a dot; the ends of a curve are labelled with viewpoints, the last also with the strategy."""
+    curve = [other for other in all_rows if other.strategy == row.strategy]
     count = "all" if row.viewpoints is None else str(row.viewpoints)
-    text = f"{row.strategy} {count}" if mine[-1] is row else count if mine[0] is row else ""
+    text = f"{row.strategy} {count}" if curve[-1] is row else count if curve[0] is row else ""
     text = "the paper" if row.strategy == PAPER else text
     return Dot(row.strategy, text, row.requests, 100 * max(row.wrong, _LEAST), row.default)
 
 
 def _with_seconds(requests: float, position: float = 0.0) -> str:
-    """A tick of the axis: requests, and the seconds they take."""
+    """Return the text of a tick: requests, and seconds at each latency."""
     return "\n".join([drawing.number(requests), *(f"{requests * ms / 1e3:.3g} s" for ms in LATENCIES_MS)])
 
 
 def finding(rows: Sequence[Row]) -> str:
-    """The title: what the measurement shows."""
+    """Return the title, which states the result."""
     as_true, nearly, worse = [], [], []
-    for camera in dict.fromkeys(row.camera for row in rows):
-        mine = [row for row in rows if row.camera == camera]
-        paper = next(row for row in mine if row.strategy == PAPER)
-        better = [row.requests for row in mine if row.wrong <= paper.wrong and row is not paper]
+    for group in _by_camera(rows).values():
+        paper = next(row for row in group if row.strategy == PAPER)
+        better = [row.requests for row in group if row.wrong <= paper.wrong and row is not paper]
         as_true.append(paper.requests / min(better, default=paper.requests))
-        few = min(
-            (row for row in mine if row.strategy == "adaptive"), key=lambda row: row.wrong, default=paper
-        )
+        adaptive = (row for row in group if row.strategy == "adaptive")
+        few = min(adaptive, key=lambda row: row.wrong, default=paper)
         nearly.append(paper.requests / few.requests)
         worse.append(100 * (few.wrong - paper.wrong))
     text = f"As true as the paper's full capture with {_span(as_true)} times fewer requests"
     if max(nearly) > 1:
         text += f"; with {_span(nearly)} times fewer, at most {max(worse):.2f} % more of the pixels are wrong"
     return text
+
+
+def _by_camera(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    return {
+        name: [row for row in rows if row.camera == name] for name in dict.fromkeys(r.camera for r in rows)
+    }
 
 
 def _span(values: Sequence[float]) -> str:

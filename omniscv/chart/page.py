@@ -1,4 +1,4 @@
-"""All measurements as one HTML page of tables, which needs nothing else."""
+"""All measurements as one self-contained HTML page of tables."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def write(title: str, tables: Mapping[str, Sequence[Any]], pictures: Sequence[Pa
 
     Args:
         title: of the page.
-        tables: by heading, dataclasses of one kind; those whose field ``default`` is true are marked.
-        pictures: SVG files, which become part of the page.
+        tables: by heading, dataclasses of one class; rows whose field ``default`` is true are marked.
+        pictures: SVG files, embedded in the page.
         path: of the page.
     """
-    drawn = [picture.read_text("utf-8") for picture in pictures]
-    parts = [f"<h1>{escape(title)}</h1>", *(text[text.index("<svg") :] for text in drawn)]
+    drawings = [picture.read_text("utf-8") for picture in pictures]
+    parts = [f"<h1>{escape(title)}</h1>", *(text[text.index("<svg") :] for text in drawings)]
     for heading, rows in tables.items():
         parts += [f"<h2>{escape(heading)}</h2>", _table(rows)]
     page = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
@@ -54,5 +54,5 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, Mapping):
-        return ", ".join(f"{key}: {_text(each)}" for key, each in value.items())
+        return ", ".join(f"{key}: {_text(item)}" for key, item in value.items())
     return "all" if value is None else str(value)

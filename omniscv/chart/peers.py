@@ -1,6 +1,6 @@
-"""What others make of six faces: libraries that are installed, and the paper's own algorithm.
+"""Other programs that compose a panorama from six faces: installed libraries, and the paper's algorithm.
 
-Each peer is a function that returns an equirectangular image of (H, W, 3) uint8. Faces are those of
+Each peer is a function that returns an equirectangular image, (H, W, 3) uint8. Faces are those of
 :func:`omniscv.geometry.cube_rotations`, upright, 90 degrees wide.
 """
 
@@ -25,18 +25,21 @@ PAPER = "the paper's algorithm"
 
 
 def peers(faces: Mapping[str, Image], camera: Camera) -> dict[str, Peer]:
-    """Return the peers that are installed, by name; the paper's algorithm always."""
+    """Return the installed peers by name; the paper's algorithm is always among them."""
     in_order = [faces[name] for name, _ in cube_rotations()]
-    found: dict[str, Peer] = {PAPER: lambda: paper(in_order, camera)}
-    for module, name, made in (("py360convert", "py360convert", _py360convert), ("av", "ffmpeg v360", _v360)):
-        if find_spec(module):
-            found[name] = made(in_order, camera)
-    return found
+    installed: dict[str, Peer] = {PAPER: lambda: paper(in_order, camera)}
+    if find_spec("py360convert"):
+        installed["py360convert"] = _py360convert(in_order, camera)
+    if find_spec("av"):
+        installed["ffmpeg v360"] = _v360(in_order, camera)
+    return installed
 
 
 def paper(faces: Sequence[Image], camera: Camera) -> Image:
-    """Compose as OmniSCV (2020) describes it: for each pixel its ray, the face in its direction, and the
-    colour of the face's pixel that the ray meets; nothing is kept from image to image."""
+    """Compose as OmniSCV (2020): the colour of each pixel is that of the face's pixel that its ray meets.
+
+    Nothing is kept from image to image.
+    """
     rays = camera.unproject().directions @ R_LEVEL.T
     R_w_f = np.array([rotation for _, rotation in cube_rotations()])
     face = (rays @ R_w_f[:, :, 2].T).argmax(axis=-1)
@@ -48,7 +51,7 @@ def paper(faces: Sequence[Image], camera: Camera) -> Image:
 
 
 def remap_limit(camera: Camera, faces: Sequence[Image]) -> Peer:
-    """The limit of all that samples on a CPU with OpenCV: one call with a map that is ready, nothing else."""
+    """Return the limit of sampling with OpenCV on a CPU: one remap with a map that is ready."""
     import cv2
 
     atlas = np.ascontiguousarray(np.concatenate(faces, axis=1))
@@ -68,7 +71,7 @@ def _py360convert(faces: Sequence[Image], camera: Camera) -> Peer:
 
 
 def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
-    """ffmpeg's filter, which keeps its map from frame to frame."""
+    """Return ffmpeg's filter, which keeps its map from frame to frame."""
     import av
 
     picture = np.concatenate([np.concatenate(faces[i : i + 3], axis=1) for i in (0, 3)])
@@ -79,17 +82,17 @@ def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
         format=av.VideoFormat("rgb24"),
         time_base=time_base,
     )
-    asked = f"input=c3x2:output=e:in_forder=frblud:w={camera.width}:h={camera.height}:interp=linear"
-    way, end = graph.add("v360", asked), graph.add("buffersink")
+    options = f"input=c3x2:output=e:in_forder=frblud:w={camera.width}:h={camera.height}:interp=linear"
+    way, end = graph.add("v360", options), graph.add("buffersink")
     start.link_to(way)
     way.link_to(end)
     graph.configure()
 
-    def frame() -> Image:
-        sent = av.VideoFrame.from_ndarray(picture, format="rgb24")
-        sent.time_base, sent.pts = time_base, next(frames)
-        graph.push(sent)
-        got: Any = graph.pull()
-        return np.asarray(got.to_ndarray(format="rgb24"), np.uint8)
+    def compose() -> Image:
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame.time_base, frame.pts = time_base, next(frames)
+        graph.push(frame)
+        composed: Any = graph.pull()
+        return np.asarray(composed.to_ndarray(format="rgb24"), np.uint8)
 
-    return frame
+    return compose

@@ -21,7 +21,7 @@ TITLE = f"Camera models at the limits of their domains: largest round-trip error
 QUICK = {"models": ("equirectangular", "division")}
 
 STEPS = 10.0 ** -np.arange(0.25, 16, 0.25)
-"""What is left to the limit, relative."""
+"""What is left to the limit, as a fraction."""
 BOUND_PX = 1e-6
 _FLOOR_PX = 1e-15  # where an error of 0 is drawn
 _COLUMNS, _WIDTH_IN, _HEIGHT_IN, _DPI = 3, 12.0, 2.9, 110
@@ -29,14 +29,14 @@ _COLUMNS, _WIDTH_IN, _HEIGHT_IN, _DPI = 3, 12.0, 2.9, 110
 
 @dataclass(frozen=True)
 class Row:
-    """A way into a limit of a model.
+    """An approach to a limit of a model.
 
     Attributes:
         model: its name.
-        limit: what is approached.
-        beyond: how the model answers a step past it: ``refused``, ``marked`` or ``in domain``.
-        error_px: the largest error at each of ``STEPS``; NaN where no pixel is valid.
-        known_px: what float64 keeps of the points themselves there, where that is more than 1e-6 px.
+        limit: the name of the limit.
+        beyond: how the model answers one step past it: ``refused``, ``marked`` or ``in domain``.
+        error_px: the largest error at each of ``STEPS``; NaN if no pixel is valid.
+        known_px: what float64 can tell of the points themselves there, if more than 1e-6 px.
     """
 
     model: str
@@ -49,15 +49,15 @@ class Row:
 def measure(
     progress: Callable[[int, int], None] | None = None, models: Sequence[str] | None = None
 ) -> list[Row]:
-    """Measure every way into a limit.
+    """Measure every approach to a limit.
 
     Args:
-        progress: called with (models done, models in all).
+        progress: called with (models done, models in total).
         models: their names; all that are registered if not given.
     """
-    wanted = cameras.names() if models is None else models
+    models = cameras.names() if models is None else models
     rows: list[Row] = []
-    for done, name in enumerate(wanted, start=1):
+    for done, name in enumerate(models, start=1):
         rows += [
             Row(
                 name,
@@ -69,13 +69,8 @@ def measure(
             for way in approaches(name)
         ]
         if progress:
-            progress(done, len(wanted))
+            progress(done, len(models))
     return rows
-
-
-def further(progress: object = None, **given: object) -> dict[str, Sequence[object]]:
-    """Return what the page has beside the picture's rows: nothing."""
-    return {}
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
@@ -85,9 +80,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
 
     names = list(dict.fromkeys(row.model for row in rows))
     lines = -(-len(names) // _COLUMNS)
-    made = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN * lines), layout="constrained")
-    FigureCanvasAgg(made)
-    panels = made.subplots(lines, _COLUMNS, sharex=True, sharey=True, squeeze=False)
+    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN * lines), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(lines, _COLUMNS, sharex=True, sharey=True, squeeze=False)
     for axes, name in zip(panels.flat, names, strict=False):
         _draw(axes, name, [row for row in rows if row.model == name])
     for axes in panels.flat[len(names) :]:
@@ -96,8 +91,8 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         axes.set_xlabel("what is left to the limit, relative")
     for axes in panels[:, 0]:
         axes.set_ylabel("round trip, px")
-    made.suptitle(TITLE, fontsize=14)
-    return [drawing.write_rows(rows, out, "stability"), *drawing.save(made, out, "stability", _DPI)]
+    figure.suptitle(TITLE, fontsize=14)
+    return drawing.write(rows, figure, out, "stability", _DPI)
 
 
 def _draw(axes: Axes, name: str, rows: Sequence[Row]) -> None:

@@ -31,7 +31,9 @@ def chart(
         given["width"] = width
     with display("rounds", progress) as shown:
         rows = module.measure(**given, progress=shown.steps)
-        tables = {module.TITLE: rows, **(module.further(shown.steps, **given) if page else {})}
+        tables = {module.TITLE: rows}
+        if page and hasattr(module, "further"):
+            tables |= module.further(shown.steps, **given)
     written = module.write(rows, out)
     if page:
         from omniscv.chart.page import write

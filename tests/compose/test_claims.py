@@ -8,11 +8,11 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 from support.exact import by_rays, distance_to_surfaces
+from support.judged import Errors
 
 import mock_server
 import omniscv
 from omniscv.cameras import create, model, names
-from omniscv.chart.judged import Errors
 from omniscv.geometry import Pose
 
 MODES = ("object_mask", "depth")
