@@ -49,31 +49,34 @@ class Pinhole(FocalLens):
     ) -> None:
         super().__init__(width, height, center)
         refuse_focal_and_fov(focal, fov_deg)
-        if center is not None and (cx is not None or cy is not None):
-            raise ArgumentError(f"center: expected center or cx and cy, got both ({shown(center)} and more)")
-        if fx is None and fy is None:
-            fx = fy = self._one_focal(focal, fov_deg)
-            fov_deg = None
-        elif fx is None or fy is None or focal is not None:
-            got = ", ".join(
-                f"{k} = {shown(v)}" for k, v in (("focal", focal), ("fx", fx), ("fy", fy)) if v is not None
-            )
-            raise ArgumentError(f"focal: expected focal, or fx and fy, got {got}")
         if center is not None:
+            if cx is not None or cy is not None:
+                raise ArgumentError(
+                    f"center: expected center or cx and cy, got both ({shown(center)} and more)"
+                )
             cx, cy = self.center.tolist()
-        self.distortion = _all_twelve(distortion)
+        self.distortion = _twelve_terms(distortion)
         if self.distortion.any():
             self._distortion = Distortion(self.distortion)
-        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+        fx, fy, limit_deg = self._focal_lengths(focal, fov_deg, fx, fy)
+        self._see_through_focal(fx, fy, cx, cy, skew, limit_deg)
         self.focal = self.fx if self.fx == self.fy else None
 
-    def _one_focal(self, focal: float | None, fov_deg: float | None) -> float:
-        if focal is not None:
-            return number("focal", focal, above=0)
-        across, along = sin_cos_of_half(
-            number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
-        )
-        return self.width / 2 * float(along / across)
+    def _focal_lengths(
+        self, focal: float | None, fov_deg: float | None, fx: float | None, fy: float | None
+    ) -> tuple[float, float, float | None]:
+        """Return fx, fy, and the limit of the field of view, from one of the two forms."""
+        if fx is None and fy is None:
+            if focal is None:
+                fov_deg = number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
+                across, along = sin_cos_of_half(fov_deg)
+                focal = self.width / 2 * float(along / across)
+            return focal, focal, None
+        if fx is None or fy is None or focal is not None:
+            lengths = {"focal": focal, "fx": fx, "fy": fy}
+            got = ", ".join(f"{key} = {shown(value)}" for key, value in lengths.items() if value is not None)
+            raise ArgumentError(f"focal: expected focal, or fx and fy, got {got}")
+        return fx, fy, fov_deg
 
     def _arguments(self) -> dict[str, Any]:
         simple = self.focal is not None and not self.skew and self._distortion is None and not self.fov_deg
@@ -88,11 +91,11 @@ class Pinhole(FocalLens):
         return np.where(along > 0, across / along, np.nan)
 
 
-def _all_twelve(distortion: ArrayLike) -> Array:
-    given = numbers("distortion", distortion, (None,))
-    if len(given) not in _COUNTS:
+def _twelve_terms(distortion: ArrayLike) -> Array:
+    terms = numbers("distortion", distortion, (None,))
+    if len(terms) not in _COUNTS:
         raise ArgumentError(
             "distortion: expected 4, 5, 8 or 12 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4), "
-            f"got {len(given)}: {shown(distortion)}"
+            f"got {len(terms)}: {shown(distortion)}"
         )
-    return np.append(given, np.zeros(12 - len(given)))
+    return np.append(terms, np.zeros(12 - len(terms)))

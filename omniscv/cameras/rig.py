@@ -3,47 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import Reader, fields, number, numbers, one_of, shown, text, within
+from omniscv.arguments import Reader, number, numbers, one_of, shown, within
 from omniscv.cameras.base import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.errors import ArgumentError
-from omniscv.geometry import R_LEVEL, Pose
+from omniscv.geometry import R_LEVEL, Array, Pose
+from omniscv.geometry.pose import rotation_reader
 from omniscv.geometry.trajectory import Trajectory
+from omniscv.records import checked, mapping, named, optional, read, record
 
-_HERE = Pose((0.0, 0.0, 0.0), np.eye(3))  # type: ignore[arg-type]
+_ORIGIN = Pose(np.zeros(3), np.eye(3))
 
 
-@dataclass(frozen=True, eq=False)
+def _instance(cls: type[Any]) -> Reader:
+    """Return a reader that accepts objects of a class."""
+
+    def check(name: str, value: object) -> object:
+        if not isinstance(value, cls):
+            raise ArgumentError(f"{name}: expected a {cls.__name__}, got {shown(value)}")
+        return value
+
+    return check
+
+
+@record(eq=False)
 class RigCamera:
     """A camera of a rig.
 
     Args:
         camera: the model.
         pose: ``T_rig_cam``, the camera in the rig's frame, which is a camera frame: x right, y down,
-            z forward, metres. At the rig's origin, looking as the rig does, if not given.
+            z forward, metres. The rig's origin and direction if not given.
         time_offset: seconds by which the camera takes its image later than the rig's time.
 
     Raises:
-        ArgumentError: no camera, no pose, or no finite offset.
+        ArgumentError: no camera, no pose, or an offset that is not finite.
     """
 
-    camera: Camera
-    pose: Pose = _HERE
-    time_offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, kind in (("camera", Camera), ("pose", Pose)):
-            if not isinstance(getattr(self, name), kind):
-                got = shown(getattr(self, name))
-                raise ArgumentError(f"{name}: expected a {kind.__name__}, got {got}")
-        object.__setattr__(self, "time_offset", number("time_offset", self.time_offset))
+    camera: Camera = checked(_instance(Camera))
+    pose: Pose = checked(_instance(Pose), default=_ORIGIN)
+    time_offset: float = checked(number, default=0.0)
 
     @classmethod
     def turned(
@@ -64,7 +69,18 @@ class RigCamera:
         return cls(camera, Pose(position, R_rig_cam), time_offset)
 
 
-@dataclass(frozen=True, eq=False)
+def _cameras(name: str, value: object) -> dict[str, RigCamera]:
+    """Return cameras by name, each a :class:`RigCamera` or its description."""
+    if not isinstance(value, Mapping) or not value:
+        raise ArgumentError(f"{name}: expected cameras by name, got {shown(value)}")
+    for key in value:
+        if not isinstance(key, str) or key != PurePath(key).name or key.startswith((".", "\0")) or not key:
+            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(key)}")
+    cameras: dict[str, RigCamera] = named(_mounted)(name, value)
+    return cameras
+
+
+@record(eq=False)
 class Rig:
     """Cameras that move together.
 
@@ -75,37 +91,27 @@ class Rig:
         ArgumentError: no camera, or a name that cannot be a file name.
     """
 
-    cameras: Mapping[str, RigCamera]
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.cameras, Mapping) or not self.cameras:
-            raise ArgumentError(f"rig: expected cameras by name, got {shown(self.cameras)}")
-        for name, mounted in self.cameras.items():
-            if name != PurePath(text("rig: name", name)).name or name.startswith("."):
-                raise ArgumentError(f"rig: expected names that can be file names, got {shown(name)}")
-            if not isinstance(mounted, RigCamera):
-                raise ArgumentError(f"rig.{name}: expected a RigCamera, got {shown(mounted)}")
-        object.__setattr__(self, "cameras", dict(self.cameras))
+    cameras: Mapping[str, RigCamera] = checked(_cameras)
 
     def poses(self, pose: Pose | Trajectory, time: float | None = None) -> dict[str, Pose]:
         """Return the poses of the cameras, world frame.
 
         Args:
-            pose: of the rig: where it stands still; or its timed poses, along which each camera is moved by
-                its time offset: positions linearly, rotations along the shortest turn.
+            pose: of the rig at rest; or its timed poses, interpolated at the time of each camera: see
+                :meth:`Trajectory.at`.
             time: the rig's, seconds; for timed poses only.
 
         Raises:
-            ArgumentError: poses without times, no time, or one more than a pose's step beyond the poses.
+            ArgumentError: poses without times, no time, or a time more than one step outside the poses.
         """
         if isinstance(pose, Pose):
             return {name: pose @ mounted.pose for name, mounted in self.cameras.items()}
-        found = {}
+        poses = {}
         for name, mounted in self.cameras.items():
             with within(name):
-                at = number("time", time) + mounted.time_offset
-                found[name] = pose.at(at, steps_beyond=1) @ mounted.pose
-        return found
+                camera_time = number("time", time) + mounted.time_offset
+                poses[name] = pose.at(camera_time, steps_beyond=1) @ mounted.pose
+        return poses
 
     def seen_from(self, name: str) -> Rig:
         """Return the same rig in the frame of one of its cameras.
@@ -116,8 +122,8 @@ class Rig:
         T_cam_rig = self.cameras[one_of("camera", name, self.cameras)].pose.inverse()
         return Rig(
             {
-                each: replace(mounted, pose=_HERE if each == name else T_cam_rig @ mounted.pose)
-                for each, mounted in self.cameras.items()
+                other: replace(mounted, pose=_ORIGIN if other == name else T_cam_rig @ mounted.pose)
+                for other, mounted in self.cameras.items()
             }
         )
 
@@ -138,43 +144,42 @@ class Rig:
     def from_dict(cls, data: Mapping[str, Any]) -> Rig:
         """Return the rig that :meth:`to_dict` described.
 
-        In place of ``rotation``, (3, 3) camera to rig, a camera may have ``yaw_deg``, ``pitch_deg`` and
-        ``roll_deg`` as :meth:`RigCamera.turned` takes them. All but ``camera`` may be missing.
+        Instead of ``rotation``, (3, 3) camera to rig, a camera may have ``yaw_deg``, ``pitch_deg`` and
+        ``roll_deg`` as :meth:`RigCamera.turned` takes them. All but ``camera`` are optional.
 
         Raises:
             ArgumentError: a field is missing, unknown or wrong.
         """
-        cameras = fields("", data, {"cameras": _by_name}, needed=("cameras",))["cameras"]
-        return cls({name: _mounted(f"cameras.{name}", each) for name, each in cameras.items()})
-
-
-def _by_name(name: str, value: object) -> Mapping[str, object]:
-    if not isinstance(value, Mapping) or not value:
-        raise ArgumentError(f"{name}: expected cameras by name, got {shown(value)}")
-    return value
+        return read(cls, data)
 
 
 def _camera(name: str, value: Any) -> Camera:
     with within(name):
-        return from_dict(value)
+        return value if isinstance(value, Camera) else from_dict(value)
 
 
-_ANGLES: dict[str, Reader] = dict.fromkeys(("yaw_deg", "pitch_deg", "roll_deg"), number)
-_FIELDS: dict[str, Reader] = {
-    "camera": _camera,
-    "position": partial(numbers, shape=(3,)),
-    "rotation": partial(numbers, shape=(3, 3)),
-    "time_offset": number,
-    **_ANGLES,
-}
+@record(eq=False)
+class _Mount:
+    """A camera of a rig in a file: by its rotation, or by angles."""
+
+    camera: Camera = checked(_camera)
+    position: Array = checked(numbers, shape=(3,), default_factory=lambda: np.zeros(3))
+    rotation: Array | None = checked(optional(rotation_reader), default=None)
+    time_offset: float = checked(number, default=0.0)
+    yaw_deg: float = checked(number, default=0.0)
+    pitch_deg: float = checked(number, default=0.0)
+    roll_deg: float = checked(number, default=0.0)
 
 
-def _mounted(where: str, value: object) -> RigCamera:
-    given = fields(where, value, _FIELDS, needed=("camera",))
-    with within(where):
-        if "rotation" not in given:
-            return RigCamera.turned(**given)
-        if angles := sorted(_ANGLES.keys() & given.keys()):
+def _mounted(name: str, value: object) -> RigCamera:
+    if isinstance(value, RigCamera):
+        return value
+    data = mapping(name, value)
+    mount = read(_Mount, data, name)
+    with within(name):
+        if mount.rotation is None:
+            angles_deg = mount.yaw_deg, mount.pitch_deg, mount.roll_deg
+            return RigCamera.turned(mount.camera, mount.position, *angles_deg, mount.time_offset)
+        if angles := sorted({"yaw_deg", "pitch_deg", "roll_deg"} & data.keys()):
             raise ArgumentError(f"rotation: expected it or angles, got both ({', '.join(angles)})")
-        pose = Pose(given.get("position", np.zeros(3)), given["rotation"])
-        return RigCamera(given["camera"], pose, given.get("time_offset", 0.0))
+        return RigCamera(mount.camera, Pose(mount.position, mount.rotation), mount.time_offset)

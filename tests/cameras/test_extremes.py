@@ -1,6 +1,6 @@
 """The contract at extreme parameters, sizes and points.
 
-Whatever the numbers: a model refuses them with an ``ArgumentError``, or its cameras answer a point with a pixel
+A model refuses numbers with an ``ArgumentError``, or its cameras answer a point with a pixel
 whose ray points to it, or mark the point as not seen.
 """
 

@@ -213,7 +213,7 @@ def check_immutable(camera):
         assert one == camera
         assert hash(one) == hash(camera)
         for key in (*described, "center", "anything"):
-            with pytest.raises(AttributeError, match="cameras are immutable; make another one"):
+            with pytest.raises(AttributeError, match="cameras are immutable; create another one"):
                 setattr(one, "name" if key == "model" else key, 1)
         with pytest.raises(AttributeError, match="immutable"):
             del one.width
