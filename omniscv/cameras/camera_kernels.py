@@ -138,8 +138,8 @@ Coefficients = tuple[float, ...]  # twelve, in OpenCV's order
 Moved = tuple[float, float, float, float, float, float]  # x'', y'', and their slopes by x and y, row by row
 
 Solver = tuple[Coefficients, float, float, float, float, Array]
-"""Coefficients; the disc's radius; its distorted radius by the radial terms alone; the largest distorted radius
-of its rim; rounding error; radii whose distorted radii by the radial terms are equally spaced."""
+"""Coefficients; the disc's radius; its distorted radius by the radial terms alone; the largest distorted
+radius of its rim; rounding error; radii whose distorted radii by the radial terms are equally spaced."""
 
 _STEPS = 3  # of Newton's: mostly enough
 _RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
