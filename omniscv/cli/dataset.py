@@ -52,10 +52,10 @@ def make(given: MakeOptions) -> None:
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
     with display("frames", given.progress) as shown:
         if given.cluster is not None:
-            from omniscv.cluster import make, workers_of
+            from omniscv.cluster import make, place
 
             made = make(
-                wanted, workers_of(given.cluster), progress=shown.steps, warn=console.error, note=console.line
+                wanted, place(given.cluster), progress=shown.steps, warn=console.error, note=console.line
             )
             console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
             return
@@ -109,7 +109,7 @@ def check(
 @app.command(epilog="Example: omniscv dataset info dataset")
 def info(folder: Dataset, as_json: options.AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
-    from omniscv.dataset.checking import info
+    from omniscv.dataset.summary import info
 
     found = info(folder)
     if as_json:

@@ -74,9 +74,8 @@ def check_cameras(wanted: Export, cameras: Mapping[str, Camera]) -> None:
         if reason := format.refuses(camera):
             advice = "" if wanted.cameras else "; or name others in 'cameras'"
             raise ArgumentError(f"export: {wanted.format}: cannot carry camera {name!r}: {reason}{advice}")
-    if check := getattr(format, "check_options", None):
-        with within(f"export: {wanted.format}"):
-            check(wanted.options, cameras)
+    with within(f"export: {wanted.format}"):
+        format.check_options(format.read_options(wanted.options), cameras)
 
 
 def check_kinds(format: str, kinds: Iterable[str]) -> None:
@@ -86,7 +85,7 @@ def check_kinds(format: str, kinds: Iterable[str]) -> None:
         ArgumentError: what is missing.
     """
     have = set(kinds)
-    if missing := [kind for kind in getattr(registry.get(format), "needs", ()) if kind not in have]:
+    if missing := [kind for kind in registry.get(format).needs if kind not in have]:
         wanted = f"expected frames with {', '.join(missing)}"
         raise ArgumentError(
             f"export: {format}: {wanted}, they have {', '.join(sorted(have))}; make them with it"
@@ -195,9 +194,10 @@ def _written(
 
 def write_into(wanted: Export, frames: Sequence[Frame], folder: Path) -> list[Path]:
     """Write an export as its format does, file by file."""
+    format = registry.get(wanted.format)
     shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
     with within(wanted.format):
-        return registry.get(wanted.format).write(shown, folder, wanted.options)
+        return format.export(shown, folder, wanted.options)
 
 
 def _merge(part: Path, target: Path) -> None:

@@ -32,6 +32,11 @@ def _size(name: str, value: Any) -> Array:
     return size
 
 
+def _rotation(name: str, value: Any) -> Array:
+    rotation = rotation_reader(name, value)
+    return value if isinstance(value, np.ndarray) else rotation  # with its -0.0, which files hold
+
+
 @record(eq=False)
 class ObjectBox:
     """An oriented box around an object.
@@ -45,7 +50,7 @@ class ObjectBox:
     """
 
     center_w: Array = checked(numbers, shape=(3,), key="center")
-    R_w_b: Array = checked(rotation_reader, key="rotation")
+    R_w_b: Array = checked(_rotation, key="rotation")
     size: Array = checked(_size)
     source: BoxSource = checked(one_of, words=get_args(BoxSource))
 

@@ -1,42 +1,35 @@
 """From a camera and a pose to the views that its image needs."""
 
-from omniscv.planning.ray_marching import KnownDepth
-from omniscv.planning.rays import ImageRays, RayGroup
-from omniscv.planning.recorded_views import RecordedViews
-from omniscv.planning.reproject import Adaptive, Reproject
-from omniscv.planning.rounds import (
+from omniscv.planning.base import (
+    FILTERS,
+    Filter,
+    FoundDepth,
     Kept,
+    RenderKeywords,
+    RenderOptions,
     Round,
     Rounds,
+    Strategy,
+    Task,
     Viewpoint,
     captured,
     captured_progress,
     drive,
+    sampled,
 )
-from omniscv.planning.sharing import Plan, share_captures
-from omniscv.planning.stillness import verify_still
-from omniscv.planning.strategies import (
-    Auto,
-    Cube,
-    Faces,
-    Strips,
-    cheapest_viewpoints,
-    face_viewpoints,
-    strip_viewpoints,
-)
-from omniscv.planning.strategy import Strategy, Task, get, names, register, rounds
-from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
-
-for _strategy in (Auto, Cube, Faces, Strips, Reproject, Adaptive):
-    register(_strategy)
+from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints, strip_viewpoints
+from omniscv.planning.recorded_faces import RecordedViews
+from omniscv.planning.registry import get, names, register, rounds
+from omniscv.planning.sharing import together
+from omniscv.planning.stillness import proven
+from omniscv.planning.viewpoints import CameraRays, RayGroup
 
 __all__ = [
     "FILTERS",
+    "CameraRays",
     "Filter",
-    "ImageRays",
+    "FoundDepth",
     "Kept",
-    "KnownDepth",
-    "Plan",
     "RayGroup",
     "RecordedViews",
     "RenderKeywords",
@@ -53,9 +46,10 @@ __all__ = [
     "face_viewpoints",
     "get",
     "names",
+    "proven",
     "register",
     "rounds",
-    "share_captures",
+    "sampled",
     "strip_viewpoints",
-    "verify_still",
+    "together",
 ]

@@ -1,6 +1,6 @@
 """Cube maps: faces aligned with the world at an optical centre.
 
-They are world-aligned, so that one set of captures serves every orientation of a camera at that centre.
+World-aligned, so that one set of captures serves every orientation of a camera at that place.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from omniscv.compiled import njit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.parallel import blocks
-from omniscv.planning.strategy import Task
+from omniscv.planning.base import Task
 from omniscv.sources.base import View
 
 ROTATIONS = tuple(R_w_c for _, R_w_c in cube_rotations())
@@ -22,16 +22,16 @@ FACE_BORDER_PX = 4
 """The filter support beyond a ray's pixel, and two for good measure."""
 
 _EVERY = 101
-"""One of so many rays is tested first: an image that looks everywhere hits all faces already with these."""
+"""Of how many rays one is enough to find that an image that looks everywhere hits all faces."""
 
 
 class CubeFaces:
-    """Cube faces in the size and field of view that a task's source can capture.
+    """The faces that a task's source captures, as near as it can to those that are wanted.
 
     Args:
-        task: the image.
-        edge: wanted px of a 90 degree face.
-        border_px: how much wider than 90 degrees faces should be on every side.
+        task: what is planned for.
+        edge: px of a 90 degree face.
+        border_px: how much wider than 90 degrees they are wanted on every side.
 
     Raises:
         ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them.
@@ -58,26 +58,25 @@ class CubeFaces:
                     f"faces: expected pictures of at least 90 degrees both ways, got {width} x {height} of "
                     f"{fov_deg:g} degrees across; set the server to a square size and a field of view of 90"
                 )
-        self._shape = fov_deg, width, height
+        self._kind = fov_deg, width, height
 
     def views(self, center_w: Array, hit: NDArray[np.bool_]) -> tuple[View, ...]:
         """Return the views at a centre that show the faces that are hit, in the order of :func:`faces_hit`.
 
-        Of a recording, faces of another size are taken where it lacks these.
+        Of a recording, faces of other sizes than the wanted ones are taken where it has no such.
         """
-        six = tuple(View(Pose(center_w, R_w_c), *self._shape) for R_w_c in ROTATIONS)
+        six = tuple(View(Pose(center_w, R_w_c), *self._kind) for R_w_c in ROTATIONS)
         if self._task.recorded is not None:
             six = self._task.recorded.faces(center_w, six, self._task.options.truth_scale)
-        covers = [self._task.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
+        covers = [self._task.cover(view) for view, wanted in zip(six, hit, strict=True) if wanted]
         return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
 
 
 def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
-    """Return (6,) bool, the faces that rays hit, in the order of ``ROTATIONS``; on an edge both faces are
-    hit.
+    """Return (6,) bool, the faces that rays hit, in the order of ``ROTATIONS``; on an edge both sides are.
 
     Args:
-        directions: (N, 3) in a frame d; NaN for no ray.
+        directions: (N, 3) in a frame d.
         R_w_d: (3, 3) from that frame to the world.
     """
     axes_w = np.array([R_w_c[:, 2] for R_w_c in ROTATIONS])

@@ -131,6 +131,13 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise StorageError(refusal(cause, path)) from cause
 
 
+def write_text(path: Path, text: str) -> Path:
+    """Write a text as UTF-8, whole or not at all, and return the path."""
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return path
+
+
 def remove_parts(path: Path) -> None:
     """Remove the temporary files that killed processes left of :func:`whole_file`.
 

@@ -52,7 +52,7 @@ def frames(tmp_path_factory):
 
 
 def written(frames, out, **options):
-    files = dataset.get("coco").write(frames, out, options)
+    files = dataset.get("coco").export(frames, out, options)
     with contextlib.redirect_stdout(io.StringIO()):
         return files, COCO(files[0])
 
@@ -189,9 +189,9 @@ def test_panoptic_pictures_hold_the_ids_of_their_segments(frames, tmp_path):
 def test_wrong_options_are_refused(frames, tmp_path):
     for options, says in (
         ({"seam": "cut"}, "seam: expected one of whole, split"),
-        ({"size": 3}, "got 'size'"),
+        ({"size": 3}, "unknown key 'size'"),
     ):
         with pytest.raises(ArgumentError, match=says):
-            dataset.get("coco").write(frames, tmp_path, options)
+            dataset.get("coco").export(frames, tmp_path, options)
         with pytest.raises(ArgumentError, match=says):
-            dataset.get("coco").check_options(options, {})
+            dataset.get("coco").read_options(options)

@@ -9,7 +9,7 @@ from support.traced_frames import frame_of, traced_frame
 import mock_server
 from omniscv import Pose, cameras
 from omniscv.dataset import get
-from omniscv.dataset.sequences import rigs
+from omniscv.dataset.rigs import rigs
 from omniscv.errors import ArgumentError
 
 SCENE = mock_server.load_scene("four-wall")
@@ -48,7 +48,7 @@ def model(tmp_path_factory):
     """The frames of a rig of five cameras at three moments, and what pycolmap reads of their export."""
     folder = tmp_path_factory.mktemp("colmap")
     frames = rig_frames(folder)
-    get("colmap").write(frames, folder / "out", {"points": 0.15})
+    get("colmap").export(frames, folder / "out", {"points": 0.15})
     return frames, folder / "out", pycolmap.Reconstruction(folder / "out/sparse/0")
 
 
@@ -131,7 +131,7 @@ def test_colours_of_another_kind_go_out_as_png(tmp_path):
     lit = draw.uniform(0, 1, (32, 64, 3)).astype(np.float32)
     frame = frame_of(tmp_path, {"lit": lit}, PANORAMA, MOVES[0])
     assert frame.files["lit"].suffix == ".exr"
-    get("colmap").write([frame], tmp_path, {})
+    get("colmap").export([frame], tmp_path, {})
     found = cv2.imread(str(tmp_path / "images/cam/cam.png"))[..., ::-1]
     np.testing.assert_allclose(found, 255 * lit, atol=0.501)
 
@@ -153,7 +153,7 @@ def test_the_example_of_the_reference(tmp_path):
         )
         for i, (camera, pose) in enumerate(zip((PANORAMA, brandt), poses, strict=True))
     ]
-    get("colmap").write(pair, tmp_path, {})
+    get("colmap").export(pair, tmp_path, {})
     lines = {
         name: [
             [float(each) if each[-1].isdigit() and "/" not in each else each for each in line.split()]
@@ -188,7 +188,7 @@ def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
     found = rigs([*frames, *turning])
     assert [list(each.rig.cameras) for each in found] == [["panorama", "pinhole"], ["turning"]]
     assert [len(each.moments) for each in found] == [3, 2]
-    get("colmap").write([*frames, *turning], tmp_path, {})
+    get("colmap").export([*frames, *turning], tmp_path, {})
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     assert (len(read.rigs), len(read.frames), len(read.images)) == (2, 5, 8)
     for frame in turning:
@@ -200,7 +200,7 @@ def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
 def test_a_moment_may_lack_an_image(tmp_path):
     """Of the reference camera, even: the rig's pose follows from another one."""
     frames = [f for f in rig_frames(tmp_path, ("panorama", "pinhole"), small) if f.key != "panorama-1"]
-    get("colmap").write(frames, tmp_path, {})
+    get("colmap").export(frames, tmp_path, {})
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     for frame in frames:
         np.testing.assert_allclose(
@@ -228,9 +228,9 @@ def test_what_colmap_cannot_carry_is_refused(tmp_path):
     for camera in CAMERAS.values():
         assert format.refuses(camera) is None
     with pytest.raises(ArgumentError, match="points: expected a finite number > 0"):
-        format.check_options({"points": -1}, {})
+        format.read_options({"points": -1})
     with pytest.raises(ArgumentError, match="cam: expected a frame with lit"):
-        format.write(
+        format.export(
             [frame_of(tmp_path, {"depth": np.ones((32, 64), np.float32)}, PANORAMA, MOVES[0])], tmp_path, {}
         )
 
@@ -239,7 +239,7 @@ def test_a_panorama_as_a_cubemap(tmp_path):
     """For older versions: six pinholes of one rig, whose pixels show what the scene has there."""
     panorama = cameras.create("equirectangular", width=256, height=128)
     frame = traced_frame(tmp_path, SCENE, panorama, MOVES[1], "pano", "pano-1")
-    get("colmap").write([frame], tmp_path, {"equirectangular": "cubemap", "points": 0.2})
+    get("colmap").export([frame], tmp_path, {"equirectangular": "cubemap", "points": 0.2})
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     assert {camera.model.name for camera in read.cameras.values()} == {"PINHOLE"}
     (rig,) = read.rigs.values()

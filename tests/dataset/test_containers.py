@@ -74,7 +74,7 @@ def test_a_damaged_shard_is_named(copied):
 def test_a_key_with_a_dot_is_refused(whole, tmp_path):
     frame = replace(dataset.open(whole / "dataset")[0], key="a.b")
     with pytest.raises(ArgumentError, match="expected one without a dot"):
-        dataset.get("webdataset").write([frame], tmp_path, {})
+        dataset.get("webdataset").export([frame], tmp_path, {})
 
 
 @pytest.fixture

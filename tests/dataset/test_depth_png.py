@@ -10,7 +10,7 @@ from support.traced_frames import frame_of
 
 from omniscv import Pose, cameras
 from omniscv.dataset import get
-from omniscv.dataset.formats.depth_png import PRESETS
+from omniscv.dataset.depth_codes import PRESETS
 from omniscv.errors import ArgumentError
 
 POSE = Pose.from_angles((0, 0, 1))
@@ -21,7 +21,7 @@ PANORAMA = cameras.create("equirectangular", width=32, height=16)
 
 def export(tmp_path, depth, camera, **options):
     frame = frame_of(tmp_path, {"depth": np.asarray(depth, np.float32)}, camera, POSE)
-    path, meaning = get("depth_png").write([frame], tmp_path, options)
+    path, meaning = get("depth_png").export([frame], tmp_path, options)
     return path, json.loads(meaning.read_text())
 
 
@@ -86,8 +86,9 @@ def test_half_a_step_is_rounded_to_even(tmp_path):
 
 @pytest.mark.parametrize("scale", ["matterport", "kitti", "tum", "shift"])
 def test_planar_presets_are_refused_for_other_cameras(scale, tmp_path):
+    format = get("depth_png")
     with pytest.raises(ArgumentError, match="cam: scale: expected a preset of depth along the ray"):
-        get("depth_png").check_options({"scale": scale}, {"cam": PANORAMA})
+        format.check_options(format.read_options({"scale": scale}), {"cam": PANORAMA})
     with pytest.raises(ArgumentError, match="scale: expected a preset"):
         export(tmp_path, np.ones((16, 32)), PANORAMA, scale=scale)
     with pytest.raises(ArgumentError, match="scale: expected one of"):
@@ -103,7 +104,7 @@ def test_normals(scale, half, off, tmp_path):
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     normals[0, 0], normals[0, 1], normals[0, 2] = 0, (1, 0, 0), (0, 0, -1)
     frame = frame_of(tmp_path, {"normals": normals.astype(np.float32)}, PANORAMA, POSE)
-    path, meaning = get("normals_png").write([frame], tmp_path, {"scale": scale})
+    path, meaning = get("normals_png").export([frame], tmp_path, {"scale": scale})
     read = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1]
     assert read.dtype == np.uint16
     assert read[0, 0].tolist() == [0, 0, 0]

@@ -55,7 +55,7 @@ def kalibr_pixel(entry, points):
 
 
 def test_the_chain_leads_to_the_poses_and_pixels_of_every_camera(frames, tmp_path):
-    (path,) = get("kalibr").write(frames, tmp_path, {})
+    (path,) = get("kalibr").export(frames, tmp_path, {})
     assert path.name == "camchain.yaml"
     chain = yaml.safe_load(path.read_text())
     names = [entry["rostopic"].removeprefix("/") for entry in chain.values()]
@@ -85,7 +85,7 @@ def test_cameras_that_move_apart_get_a_file_each(frames, tmp_path):
             tmp_path, {"lit": np.zeros((40, 40, 3), np.uint8)}, CAMERAS["rear"], PLACES[1], "rear", "rear-0"
         )
     ]
-    written = get("kalibr").write(moved, tmp_path, {})
+    written = get("kalibr").export(moved, tmp_path, {})
     assert [path.name for path in written] == ["camchain-left.yaml", "camchain-rear.yaml"]
 
 

@@ -109,7 +109,7 @@ def test_without_poses_of_what_moves_there_is_no_flow(made, tmp_path):
         replace(frame, files={kind: path for kind, path in frame.files.items() if kind != "truth"})
         for frame in dataset.open(made / "moving")
     ]
-    (only,) = dataset.get("flow").write(frames, tmp_path, {})
+    (only,) = dataset.get("flow").export(frames, tmp_path, {})
     assert json.loads(only.read_text(encoding="utf-8"))["to"] == {}
 
 

@@ -33,7 +33,7 @@ def frames(tmp_path_factory):
 
 
 def written(frames, out):
-    (file,) = dataset.get("omni3d").write(frames, out, {})
+    (file,) = dataset.get("omni3d").export(frames, out, {})
     return json.loads(file.read_text())
 
 
@@ -130,6 +130,6 @@ def test_frames_without_boxes_are_refused(frames, tmp_path):
     bare = replace(frames["pinhole"], files={**frames["pinhole"].files, "truth": tmp_path / "t.json"})
     (tmp_path / "t.json").write_text("{}")
     with pytest.raises(ArgumentError, match="pinhole: expected the truth boxes3d, got none"):
-        dataset.get("omni3d").write([bare], tmp_path, {})
-    with pytest.raises(ArgumentError, match="got 'seam'"):
-        dataset.get("omni3d").write([bare], tmp_path, {"seam": "split"})
+        dataset.get("omni3d").export([bare], tmp_path, {})
+    with pytest.raises(ArgumentError, match="unknown key 'seam'"):
+        dataset.get("omni3d").export([bare], tmp_path, {"seam": "split"})

@@ -23,7 +23,7 @@ def columns(table, names):
 
 def test_plyfile_reads_a_frame_to_the_bit(tmp_path):
     frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[0])
-    path, cloud = get("ply").write([frame], tmp_path, {})
+    path, cloud = get("ply").export([frame], tmp_path, {})
     assert (path.name, cloud.name) == ("cam.ply", "cloud.ply")
     layers, pose = traced(SCENE, CAMERA, POSES[0]), POSES[0]
     seen, rays = layers["depth"] > 0, CAMERA.unproject()
@@ -45,7 +45,7 @@ def test_trimesh_reads_the_merged_cloud(tmp_path):
     import trimesh  # here: each worker of pytest imports all test files
 
     frames = [traced_frame(tmp_path, SCENE, CAMERA, pose, key=f"cam-{i}") for i, pose in enumerate(POSES)]
-    one, other, cloud = get("ply").write(frames, tmp_path, {"voxel": 0.1})
+    one, other, cloud = get("ply").export(frames, tmp_path, {"voxel": 0.1})
     merged = trimesh.load(cloud)
     apart = [columns(PlyData.read(path)["vertex"].data, "xyz") for path in (one, other)]
     away = [np.linalg.norm(each - pose.position, axis=1) for each, pose in zip(apart, POSES, strict=True)]
@@ -70,17 +70,17 @@ def cube(points):
 def test_frames_say_what_the_files_hold(tmp_path):
     layers = traced(SCENE, CAMERA, POSES[0])
     depth_only = frame_of(tmp_path, {"depth": layers["depth"]}, CAMERA, POSES[0])
-    (path,) = get("ply").write([depth_only], tmp_path, {"cloud": False})
+    (path,) = get("ply").export([depth_only], tmp_path, {"cloud": False})
     assert [each.name for each in PlyData.read(path)["vertex"].properties] == ["x", "y", "z"]
-    (path,) = get("ply").write([depth_only], tmp_path, {"frames": False})
+    (path,) = get("ply").export([depth_only], tmp_path, {"frames": False})
     assert path.name == "cloud.ply"
     unsure = {"depth": layers["depth"], "unsure": np.ones((40, 40), bool)}
-    (path,) = get("ply").write([frame_of(tmp_path, unsure, CAMERA, POSES[0])], tmp_path, {"cloud": False})
+    (path,) = get("ply").export([frame_of(tmp_path, unsure, CAMERA, POSES[0])], tmp_path, {"cloud": False})
     assert len(PlyData.read(path)["vertex"].data) == 0
     with pytest.raises(ArgumentError, match="expected a frame with depth"):
-        get("ply").write([frame_of(tmp_path, {"lit": layers["lit"]}, CAMERA, POSES[0])], tmp_path, {})
+        get("ply").export([frame_of(tmp_path, {"lit": layers["lit"]}, CAMERA, POSES[0])], tmp_path, {})
     with pytest.raises(ArgumentError, match="voxel: expected a finite number > 0"):
-        get("ply").write([depth_only], tmp_path, {"voxel": 0})
+        get("ply").export([depth_only], tmp_path, {"voxel": 0})
 
 
 @pytest.mark.parametrize(("name", "width"), [("equirectangular", 64), ("noncentral-spherical-mirror", 32)])
@@ -90,7 +90,7 @@ def test_points_of_rendered_frames_are_as_near_to_the_surfaces_as_asked(name, wi
     frame = frame_of(tmp_path, dict(image.layers), camera, POSES[0])
     sizes = []
     for limit in ({}, {"max_error": 0.001}):
-        (path,) = get("ply").write([frame], tmp_path, {"cloud": False, **limit})
+        (path,) = get("ply").export([frame], tmp_path, {"cloud": False, **limit})
         xyz = columns(PlyData.read(path)["vertex"].data, "xyz").astype(float)
         sizes.append(len(xyz))
         assert distance_to_surfaces(SCENE, xyz).max() < 0.001 or not limit

@@ -27,7 +27,7 @@ def matrices(poses):
 
 def test_each_camera_has_a_trajectory_in_every_format(tmp_path):
     times = [0.5, 1.0, 1.25, 3.0]
-    written = get("poses").write(frames(tmp_path, times=times), tmp_path, {})
+    written = get("poses").export(frames(tmp_path, times=times), tmp_path, {})
     assert len(written) == 2 * 5
     for name in ("left", "right"):
         tum = file_interface.read_tum_trajectory_file(tmp_path / f"{name}.tum")
@@ -43,14 +43,14 @@ def test_each_camera_has_a_trajectory_in_every_format(tmp_path):
 
 
 def test_frames_are_in_the_order_of_their_times(tmp_path):
-    get("poses").write(frames(tmp_path, ("cam",), [3.0, 1.0, 2.0, 0.0]), tmp_path, {"as": ["tum"]})
+    get("poses").export(frames(tmp_path, ("cam",), [3.0, 1.0, 2.0, 0.0]), tmp_path, {"as": ["tum"]})
     assert (tmp_path / "cam.keys").read_text().split() == ["cam-3", "cam-1", "cam-2", "cam-0"]
     assert np.loadtxt(tmp_path / "cam.tum")[:, 0].tolist() == [0, 1, 2, 3]
     assert not (tmp_path / "cam.kitti").exists()
 
 
 def test_frames_without_times_are_numbered(tmp_path):
-    get("poses").write(frames(tmp_path, ("cam",)), tmp_path, {})
+    get("poses").export(frames(tmp_path, ("cam",)), tmp_path, {})
     assert np.loadtxt(tmp_path / "cam.tum")[:, 0].tolist() == [0, 1, 2, 3]
 
 
@@ -59,6 +59,6 @@ def test_what_poses_do_not_describe_is_refused(tmp_path):
     assert format.refuses(CAMERA) is None
     assert "noncentral-panorama" in format.refuses(cameras.create("noncentral-panorama", 8, 4, radius=1))
     with pytest.raises(ArgumentError, match=r"cam: times: expected increasing"):
-        format.write(frames(tmp_path, ("cam",), [1.0, 1.0, 2.0, 3.0]), tmp_path, {})
+        format.export(frames(tmp_path, ("cam",), [1.0, 1.0, 2.0, 3.0]), tmp_path, {})
     with pytest.raises(ArgumentError, match="as: expected one of tum, kitti, euroc"):
-        format.check_options({"as": ["ros"]}, {})
+        format.read_options({"as": ["ros"]})

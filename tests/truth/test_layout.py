@@ -227,7 +227,7 @@ def test_a_camera_outside_the_room_sees_only_what_its_walls_leave():
     ("corners", "words"),
     [
         (PLAIN[::-1], "counterclockwise"),
-        (PLAIN[:2], "at least 3 different"),
+        (PLAIN[:2], "at least 3 corners"),
         ([PLAIN[0], *PLAIN], "different corners"),
     ],
 )

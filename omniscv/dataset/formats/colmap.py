@@ -1,175 +1,194 @@
 """COLMAP's text model: ``sparse/0/*.txt``, ``images/CAMERA/KEY.png``, and ``masks/CAMERA.png``.
 
-``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them;
-COLMAP before 3.12 knows no rigs and does not open their two files. Cameras that keep their places to each
-other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres, of
-our
-world: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view, is written
-for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
-
-Options: ``points``, metres, writes points from depth: one in each cube of that edge, the one seen from
-nearest, observed where it was seen; without it ``points3D.txt`` is empty. ``equirectangular: cubemap`` writes
-panoramas as six ``PINHOLE`` views of a rig, for COLMAP before 4.1; the default is ``whole``.
+``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them.
+COLMAP before 3.12 has no rigs and does not open their two files. Cameras with a constant pose relative to
+each other are a rig; see :mod:`omniscv.dataset.rigs`. Poses are from the world to the camera, in metres, in
+our world frame: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view, is
+written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omniscv import truth
-from omniscv.arguments import Reader, fields, number, one_of
+from omniscv.arguments import number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.dataset.pictures import copy_lit, faces, without_limit, write_mask
-from omniscv.dataset.sequences import RigFrames, rigs
+from omniscv.dataset.cubemaps import faces
+from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
+from omniscv.dataset.registry import Format, register
+from omniscv.dataset.rigs import RigFrames, rigs
 from omniscv.frame import Frame
-from omniscv.planning.densities import unproject
-from omniscv.storage.local import whole_file
-from omniscv.truth import Points
-from omniscv.truth.point_cloud import points_of
+from omniscv.planning.viewpoints import unproject
+from omniscv.records import checked, record
+from omniscv.storage.local import write_text
+from omniscv.truth.point_cloud import Points, merged, points_of
 
-name = "colmap"
-needs = ("lit",)
-
-_OPTIONS: dict[str, Reader] = {
-    "points": partial(number, above=0),
-    "equirectangular": partial(one_of, words=("whole", "cubemap")),
-}
 _FORWARD = 0.01
-"""Least cosine off the axis of points: only in equirectangular images COLMAP projects what is behind."""
+"""Least cosine off the axis of points: only in equirectangular images COLMAP projects points behind it."""
 
 
-def refuses(camera: Camera) -> str | None:
-    """Return why COLMAP cannot carry a camera; None where it can."""
-    return colmap.refuses(without_limit(camera))
+@record
+class ColmapOptions:
+    """Options of the format."""
+
+    points: float | None = checked(
+        partial(number, above=0),
+        default=None,
+        help="metres: write points from depth, in each cube of that edge the nearest; default: no points",
+    )
+    equirectangular: str = checked(
+        partial(one_of, words=("whole", "cubemap")),
+        default="whole",
+        help="cubemap: panoramas as six PINHOLE views of a rig, for COLMAP before 4.1",
+    )
 
 
-def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
-    """Raise ArgumentError for a wrong option."""
-    fields("", options, _OPTIONS)
+class Colmap(Format):
+    """See the module."""
+
+    name = "colmap"
+    needs = ("lit",)
+    options = ColmapOptions
+
+    def refuses(self, camera: Camera) -> str | None:
+        return colmap.refuses(without_limit(camera))
+
+    def write(self, frames: Sequence[Frame], out: Path, options: ColmapOptions) -> list[Path]:
+        images = out / "images"
+        views = {frame.key: _views(frame, images, options.equirectangular == "cubemap") for frame in frames}
+        model = _Model(rigs([view for of_frame in views.values() for view in of_frame]))
+        texts = {"cameras": model.cameras_text(), "rigs": _lines(model.rig_lines())}
+        texts["frames"] = _lines(model.frame_lines())
+        paths = [view.files["lit"] for view in model.images]
+        names = [path.relative_to(images).as_posix() for path in paths]
+        masks = [write_mask(camera, out / "masks" / f"{name}.png") for name, camera in model.cameras.items()]
+        points = None
+        if options.points is not None:
+            clouds = (_observed(frame, views[frame.key], model.image_ids) for frame in frames)
+            points = _Observations(merged(clouds, options.points))
+        texts["images"] = _lines(model.image_lines(names, points))
+        texts["points3D"] = _lines(points.lines() if points else ())
+        paths += [mask for mask in masks if mask is not None]
+        return paths + [
+            write_text(out / "sparse" / "0" / f"{name}.txt", text) for name, text in texts.items()
+        ]
 
 
-def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-    """Write the model and its images.
-
-    Raises:
-        ArgumentError: a camera that COLMAP cannot carry, a frame without colours, or without depth where
-            points are wanted, or a wrong option.
-    """
-    given = fields("", options, _OPTIONS)
-    views = _views(frames, out / "images", given.get("equirectangular") == "cubemap")
-    found = rigs([view for mine in views.values() for view in mine])
-    cameras = {each: mounted.camera for one in found for each, mounted in one.rig.cameras.items()}
-    camera_ids = {camera_name: i for i, camera_name in enumerate(cameras, start=1)}
-    ordered = [frame for one in found for moment, _ in one.moments for frame in moment.values()]
-    image_ids = {frame.key: i for i, frame in enumerate(ordered, start=1)}
-    model = colmap.write_colmap({str(i): without_limit(cameras[each]) for each, i in camera_ids.items()})
-
-    written = [frame.files["lit"] for frame in ordered]
-    names = [path.relative_to(out / "images").as_posix() for path in written]
-    masks = (write_mask(camera, out / "masks" / f"{each}.png") for each, camera in cameras.items())
-    written += [mask for mask in masks if mask is not None]
-    points = None
-    if "points" in given:
-        sources = [(frame, [(image_ids[view.key], view) for view in views[frame.key]]) for frame in frames]
-        points = _points(sources, given["points"])
-    texts = {
-        "cameras": model,
-        "rigs": _lines(_rig_lines(found, camera_ids)),
-        "frames": _lines(_frame_lines(found, camera_ids, image_ids)),
-        "images": _lines(_image_lines(ordered, names, camera_ids, points)),
-        "points3D": _lines(_point_lines(points)),
-    }
-    folder = out / "sparse" / "0"
-    folder.mkdir(parents=True, exist_ok=True)
-    for each, text in texts.items():
-        with whole_file(path := folder / f"{each}.txt") as part:
-            part.write_text(text, encoding="utf-8")
-        written.append(path)
-    return written
-
-
-def _views(frames: Sequence[Frame], folder: Path, cubemap: bool) -> dict[str, list[Frame]]:
-    """What COLMAP gets of each frame, by its key: the frame or its cube's faces; pictures in a folder."""
-    views = {}
-    for frame in frames:
-        if cubemap and isinstance(frame.camera, Equirectangular):
-            views[frame.key] = list(faces(frame, folder))
-        else:
-            copied = copy_lit(frame, folder / frame.camera_name)
-            views[frame.key] = [replace(frame, files={"lit": copied})]
-    return views
+def _views(frame: Frame, folder: Path, cubemap: bool) -> list[Frame]:
+    """The views of a frame in COLMAP, itself or the faces of its cube, with pictures in a folder."""
+    if cubemap and isinstance(frame.camera, Equirectangular):
+        return list(faces(frame, folder))
+    return [replace(frame, files={"lit": copy_lit(frame, folder / frame.camera_name)})]
 
 
 def _lines(lines: Iterable[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _rig_lines(found: Sequence[RigFrames], camera_ids: Mapping[str, int]) -> Iterator[str]:
-    for rig_id, one in enumerate(found, start=1):
-        yield colmap.rig_line(rig_id, {camera_ids[each]: m.pose for each, m in one.rig.cameras.items()})
-
-
-def _frame_lines(
-    found: Sequence[RigFrames], camera_ids: Mapping[str, int], image_ids: Mapping[str, int]
-) -> Iterator[str]:
-    frame_id = 0
-    for rig_id, one in enumerate(found, start=1):
-        for moment, pose in one.moments:
-            frame_id += 1
-            images = {camera_ids[each]: image_ids[frame.key] for each, frame in moment.items()}
-            yield colmap.frame_line(frame_id, rig_id, pose, images)
-
-
-def _image_lines(
-    ordered: Sequence[Frame], names: Sequence[str], camera_ids: Mapping[str, int], points: Points | None
-) -> Iterator[str]:
-    for image_id, (frame, image_name) in enumerate(zip(ordered, names, strict=True), start=1):
-        pose = colmap.pose_words(frame.pose)
-        yield f"{image_id} {pose} {camera_ids[frame.camera_name]} {image_name}"
-        mine = () if points is None else np.flatnonzero(points.values["image"] == image_id)
-        seen = () if points is None else points.values["pixel"][mine].tolist()
-        yield " ".join(f"{u} {v} {1 + index}" for (u, v), index in zip(seen, mine, strict=True))
-
-
-def _points(sources: Sequence[tuple[Frame, list[tuple[int, Frame]]]], voxel_m: float) -> Points:
-    """The points of frames, with ``image``, the id of the view that sees each, and ``pixel``, where.
+class _Observations:
+    """Points of the model, by the image that observes each.
 
     Args:
-        sources: frames, and the views of each with their ids.
-        voxel_m: edge of the cubes.
+        points: with the values ``image``, an id, and ``pixel``.
     """
 
-    def clouds() -> Iterator[Points]:
-        for frame, views in sources:
-            cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()))
-            image, pixel = np.zeros(len(cloud), np.int64), np.zeros((len(cloud), 2))
-            for image_id, view in views:
-                points_c = view.pose.to_camera(cloud.positions_w)
-                pixels, seen = view.camera.project(points_c)
-                if not isinstance(view.camera, Equirectangular):
-                    seen &= points_c[:, 2] >= _FORWARD * cloud.distances
-                image[seen], pixel[seen] = image_id, pixels[seen]
-            observed = {**cloud.values, "image": image, "pixel": pixel}
-            yield Points(cloud.positions_w, cloud.distances, observed).select(image > 0)
+    def __init__(self, points: Points) -> None:
+        self.points = points
+        image = points.values["image"]
+        self._order = np.argsort(image, kind="stable")
+        self._starts = np.searchsorted(image[self._order], np.arange(image.max(initial=0) + 2))
 
-    return truth.merged(clouds(), voxel_m)
+    def of_image(self, image_id: int) -> NDArray[np.intp]:
+        """Return the indices of the points that an image observes."""
+        if image_id + 1 >= len(self._starts):
+            return self._order[:0]
+        return self._order[self._starts[image_id] : self._starts[image_id + 1]]
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of ``points3D.txt``."""
+        points, image = self.points, self.points.values["image"]
+        index_in_image = np.empty(len(points), np.int64)
+        index_in_image[self._order] = np.arange(len(points)) - self._starts[image[self._order]]
+        columns = points.positions_w, points.values["lit"], image, index_in_image
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for point_id, ((x, y, z), (r, g, b), image_id, index) in enumerate(rows, start=1):
+            yield f"{point_id} {x} {y} {z} {r} {g} {b} 0 {image_id} {index}"
 
 
-def _point_lines(points: Points | None) -> Iterator[str]:
-    if points is None:
-        return
-    places = np.zeros(len(points), np.int64)  # of each point in its image's list
-    for image_id in np.unique(points.values["image"]):
-        mine = points.values["image"] == image_id
-        places[mine] = np.arange(np.count_nonzero(mine))
-    rows = zip(
-        points.positions_w.tolist(), points.values["lit"].tolist(), points.values["image"].tolist(),
-        places.tolist(), strict=True,
-    )  # fmt: skip
-    for point_id, ((x, y, z), (r, g, b), image_id, place) in enumerate(rows, start=1):
-        yield f"{point_id} {x} {y} {z} {r} {g} {b} 0 {image_id} {place}"
+def _observed(frame: Frame, views: Sequence[Frame], image_ids: dict[str, int]) -> Points:
+    """The points of a frame; ``image`` is the id of a view that observes a point, ``pixel`` where."""
+    cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()))
+    image, pixel = np.zeros(len(cloud), np.int64), np.zeros((len(cloud), 2))
+    for view in views:
+        points_c = view.pose.to_camera(cloud.positions_w)
+        pixels, visible = view.camera.project(points_c)
+        if not isinstance(view.camera, Equirectangular):
+            visible &= points_c[:, 2] >= _FORWARD * cloud.distances
+        image[visible], pixel[visible] = image_ids[view.key], pixels[visible]
+    values = {**cloud.values, "image": image, "pixel": pixel}
+    return Points(cloud.positions_w, cloud.distances, values).select(image > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Rigs with their frames, as COLMAP numbers them."""
+
+    rigs: Sequence[RigFrames]
+
+    @cached_property
+    def cameras(self) -> dict[str, Camera]:
+        """By name, in the order of their ids."""
+        return {name: mounted.camera for rig in self.rigs for name, mounted in rig.rig.cameras.items()}
+
+    @cached_property
+    def camera_ids(self) -> dict[str, int]:
+        """By name."""
+        return {name: i for i, name in enumerate(self.cameras, start=1)}
+
+    @cached_property
+    def images(self) -> list[Frame]:
+        """The views in the order of their ids."""
+        return [view for rig in self.rigs for moment, _ in rig.moments for view in moment.values()]
+
+    @cached_property
+    def image_ids(self) -> dict[str, int]:
+        """By key."""
+        return {view.key: i for i, view in enumerate(self.images, start=1)}
+
+    def cameras_text(self) -> str:
+        """Return ``cameras.txt``."""
+        ids = self.camera_ids
+        return colmap.write_colmap(
+            {str(ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
+        )
+
+    def rig_lines(self) -> Iterator[str]:
+        """Yield the lines of ``rigs.txt``."""
+        for rig_id, rig in enumerate(self.rigs, start=1):
+            poses = {self.camera_ids[name]: mounted.pose for name, mounted in rig.rig.cameras.items()}
+            yield colmap.rig_line(rig_id, poses)
+
+    def frame_lines(self) -> Iterator[str]:
+        """Yield the lines of ``frames.txt``."""
+        moments = [
+            (rig_id, *moment) for rig_id, rig in enumerate(self.rigs, start=1) for moment in rig.moments
+        ]
+        for frame_id, (rig_id, views, pose) in enumerate(moments, start=1):
+            images = {self.camera_ids[name]: self.image_ids[view.key] for name, view in views.items()}
+            yield colmap.frame_line(frame_id, rig_id, pose, images)
+
+    def image_lines(self, names: Sequence[str], points: _Observations | None) -> Iterator[str]:
+        """Yield the lines of ``images.txt``: two for each image, the second one with its points."""
+        for image_id, (view, name) in enumerate(zip(self.images, names, strict=True), start=1):
+            yield f"{image_id} {colmap.pose_words(view.pose)} {self.camera_ids[view.camera_name]} {name}"
+            indices = points.of_image(image_id).tolist() if points else []
+            pixels = points.points.values["pixel"][indices].tolist() if points else []
+            yield " ".join(f"{u} {v} {1 + index}" for (u, v), index in zip(pixels, indices, strict=True))
+
+
+register(Colmap())

@@ -2,15 +2,15 @@
 
 One file holds one camera model: a dataset of several cameras gets a folder for each, as ``CAMERA/images``.
 Poses are from the camera to the world, which stays ours (metres, Z up), in OpenGL's axes: x right, y up,
-z back. nerfstudio turns, centres and scales them unless it is run with ``--center-method none
---auto-scale-poses False``; ``orientation_override`` already says none. Frames are in the order of their file
+z back. nerfstudio rotates, centres and scales them unless it runs with ``--center-method none
+--auto-scale-poses False``; ``orientation_override`` is already none. Frames are in the order of their file
 names, as nerfstudio sorts them; splits become ``train_filenames``, ``val_filenames``, ``test_filenames``.
 
-Depth, where all frames have it, is 16-bit PNG in millimetres, 0 where there is none: planar for ``pinhole``
-cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The mask, where
-pixels lie outside the field of view, is black there.
+Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none: planar for ``pinhole`` cameras, else
+along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The mask, if pixels lie outside
+the field of view, is black there.
 
-Carried: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` and ``fisheye-equidistant`` as
+Cameras: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` and ``fisheye-equidistant`` as
 OPENCV_FISHEYE; ``equirectangular``.
 """
 
@@ -20,20 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import fields
 from omniscv.calibration.intrinsics import FormatModel, fit_format
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json, write_picture
-from omniscv.dataset.formats import depth_png
+from omniscv.dataset.depth_codes import PRESETS, encode
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
+from omniscv.dataset.registry import Format, register
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
-
-name = "nerfstudio"
-needs = ("lit",)
+from omniscv.records import NoOptions
 
 _FOCAL = ("fx", "fy", "cx", "cy")
 _MODELS = (
@@ -47,33 +45,26 @@ _SPLITS = ("train", "val", "test")
 _DEPTH = Modality("depth", ("uint16",))
 
 
-def refuses(camera: Camera) -> str | None:
-    """Return why nerfstudio cannot carry a camera; None where it can."""
-    try:
-        intrinsics(camera)
-    except ArgumentError as cause:
-        return str(cause)
-    return None
+class Nerfstudio(Format):
+    """See the module."""
 
+    name = "nerfstudio"
+    needs = ("lit",)
 
-def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
-    """Raise ArgumentError for an option: there are none."""
-    fields("", options, {})
+    def refuses(self, camera: Camera) -> str | None:
+        try:
+            intrinsics(camera)
+        except ArgumentError as cause:
+            return str(cause)
+        return None
 
-
-def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-    """Write the transforms, images, depth and masks.
-
-    Raises:
-        ArgumentError: a camera that nerfstudio cannot carry, a frame without colours, or an option.
-    """
-    fields("", options, {})
-    cameras = by_camera(frames)
-    written = []
-    for camera_name, mine in cameras.items():
-        folder = out if len(cameras) == 1 else out / camera_name
-        written += _write_camera(sorted(mine, key=lambda frame: frame.key), folder, camera_name)
-    return written
+    def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
+        cameras = by_camera(frames)
+        written = []
+        for camera_name, mine in cameras.items():
+            folder = out if len(cameras) == 1 else out / camera_name
+            written += _write_camera(sorted(mine, key=lambda frame: frame.key), folder, camera_name)
+        return written
 
 
 def intrinsics(camera: Camera) -> dict[str, Any]:
@@ -85,17 +76,16 @@ def intrinsics(camera: Camera) -> dict[str, Any]:
     width, height = camera.width, camera.height
     size = {"w": width, "h": height}
     if isinstance(camera, Equirectangular):
-        place = {"fl_x": width / 2, "fl_y": height, "cx": width / 2, "cy": height / 2}
-        return {"camera_model": "EQUIRECTANGULAR", **place, **size}
-    found = fit_format(without_limit(camera), _MODELS, 0.0) if camera.central else None
-    if found is None:
+        numbers = {"fl_x": width / 2, "fl_y": height, "cx": width / 2, "cy": height / 2}
+        return {"camera_model": "EQUIRECTANGULAR", **numbers, **size}
+    fit = fit_format(without_limit(camera), _MODELS, 0.0) if camera.central else None
+    if fit is None:
         raise ArgumentError(
-            f"nerfstudio: expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular, got "
-            f"{camera.name}"
+            f"expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular, got {camera.name}"
         )
-    model, values = found
-    named = zip(model.numbers, values, strict=True)
-    return {"camera_model": model.name, **{_NAMES.get(key, key): value for key, value in named}, **size}
+    model, values = fit
+    numbers = {_NAMES.get(key, key): value for key, value in zip(model.numbers, values, strict=True)}
+    return {"camera_model": model.name, **numbers, **size}
 
 
 def opengl(pose: Pose) -> list[list[float]]:
@@ -111,30 +101,33 @@ def _write_camera(frames: Sequence[Frame], folder: Path, camera_name: str) -> li
     with_depth = all("depth" in frame.files for frame in frames)
     mask = write_mask(camera, folder / "masks" / f"{camera_name}.png")
     written = [] if mask is None else [mask]
-    listed = []
+    entries = []
     for frame in frames:
-        entry: dict[str, Any] = {"file_path": copy_lit(frame, folder / "images")}
+        paths = {"file_path": copy_lit(frame, folder / "images")}
         if with_depth:
             (folder / "depth").mkdir(exist_ok=True)
-            depth, _ = depth_png.encoded(frame.layer("depth"), camera, depth_png.PRESETS["mm"])
-            entry["depth_file_path"] = write_picture(folder / "depth" / f"{frame.key}.png", depth, _DEPTH)
-        written += entry.values()
+            depth, _ = encode(frame.layer("depth"), camera, PRESETS["mm"])
+            paths["depth_file_path"] = write_picture(folder / "depth" / f"{frame.key}.png", depth, _DEPTH)
+        written += paths.values()
         if mask is not None:
-            entry["mask_path"] = mask
-        paths = {key: path.relative_to(folder).as_posix() for key, path in entry.items()}
-        listed.append({**paths, "transform_matrix": opengl(frame.pose)})
-    meaning = {
+            paths["mask_path"] = mask
+        names = {key: path.relative_to(folder).as_posix() for key, path in paths.items()}
+        entries.append({**names, "transform_matrix": opengl(frame.pose)})
+    content = {
         **intrinsics(camera),
         "orientation_override": "none",
-        **_splits(frames, listed),
-        "frames": listed,
+        **_splits(frames, entries),
+        "frames": entries,
     }
-    return [*written, write_json(folder / "transforms.json", meaning)]
+    return [*written, write_json(folder / "transforms.json", content)]
 
 
-def _splits(frames: Sequence[Frame], listed: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """The files of each split; where one is listed, nerfstudio wants all of them."""
+def _splits(frames: Sequence[Frame], entries: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """The files of each split; nerfstudio needs all three lists if there is one."""
     if not any(frame.split in _SPLITS for frame in frames):
         return {}
-    files = [(frame.split, str(entry["file_path"])) for frame, entry in zip(frames, listed, strict=True)]
+    files = [(frame.split, str(entry["file_path"])) for frame, entry in zip(frames, entries, strict=True)]
     return {f"{split}_filenames": [file for mine, file in files if mine == split] for split in _SPLITS}
+
+
+register(Nerfstudio())

@@ -1,25 +1,24 @@
 """Omni3D: ``omni3d.json``, boxes in space in the frame of the camera, in the form of COCO.
 
 Coordinates are those of the camera: x right, y down, z forward, metres. ``dimensions`` are width, height and
-length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``. Of
+length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``. In
 an upright box, y is down.
 The corners of ``bbox3D_cam`` are in the order of Omni3D: (-, -, -), (+, -, -), (+, +, -), (-, +, -), then the
-same with z positive. What is not known is -1.
+same with z positive. Unknown values are -1.
 
-Cameras that bend lines have no matrix ``K``; every image has its ``camera``, as omniscv writes it. A file
-that readers of Omni3D load as it is comes of pinhole cameras without distortion alone.
+Cameras with distortion have no matrix ``K``; every image has its ``camera``, as omniscv writes it. Readers of
+Omni3D load files of pinhole cameras without distortion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import fields
 from omniscv.cameras import Camera
 from omniscv.dataset.coco_entries import (
     category_entries,
@@ -28,59 +27,49 @@ from omniscv.dataset.coco_entries import (
     object_entries,
     write_compact,
 )
+from omniscv.dataset.registry import Format, register
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
-
-name = "omni3d"
-needs = ("labels", "truth")
+from omniscv.records import NoOptions
 
 _UNKNOWN = -1
-_CHECKED = 7  # pixels each way in which a camera must be linear to have a matrix
-_LINEAR = 1e-9
+_CHECKED = 7  # rows and columns of pixels in which a camera with a matrix must be linear
+_LINEAR = 1e-9  # largest deviation, on the plane z = 1
 _R_B_O = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From Omni3D's frame of a box, whose y is down, to ours, whose z is up."""
 _NO_BOX = [-1.0, -1.0, -1.0, -1.0]
 
 
-def refuses(camera: Camera) -> str | None:
-    """Return None: every camera has a frame that boxes are in."""
-    return None
+class Omni3d(Format):
+    """See the module."""
+
+    name = "omni3d"
+    needs = ("labels", "truth")
+
+    def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
+        """Write the boxes of frames; ArgumentError for a frame without the truth ``boxes3d``."""
+        ordered = sorted(frames, key=lambda frame: frame.key)
+        out.mkdir(parents=True, exist_ok=True)
+        images: list[dict[str, Any]] = []
+        annotations: list[dict[str, Any]] = []
+        for image_id, frame in enumerate(ordered, start=1):
+            images.append(_image(frame, image_id, out))
+            for entry in _annotations(frame):
+                ids = {"id": len(annotations) + 1, "image_id": image_id, "dataset_id": 0}
+                annotations.append({**ids, **entry})
+        info = {"id": 0, "source": "omniscv", "name": "omniscv", "split": "", "version": "1", "url": ""}
+        content = {"info": info, "images": images, "categories": category_entries(ordered, stuff=False)}
+        return [write_compact(out / "omni3d.json", {**content, "annotations": annotations})]
 
 
-def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
-    """Raise ArgumentError: there are no options."""
-    fields("", options, {})
-
-
-def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-    """Write the boxes of frames.
-
-    Raises:
-        ArgumentError: a frame without the truth ``boxes3d``, or an option.
-    """
-    fields("", options, {})
-    ordered = sorted(frames, key=lambda frame: frame.key)
-    out.mkdir(parents=True, exist_ok=True)
-    images: list[dict[str, Any]] = []
-    found: list[dict[str, Any]] = []
-    for number, frame in enumerate(ordered, start=1):
-        images.append(_image(frame, number, out))
-        for each in _annotations(frame):
-            found.append({"id": len(found) + 1, "image_id": number, "dataset_id": 0, **each})
-    info = {"id": 0, "source": "omniscv", "name": "omniscv", "split": "", "version": "1", "url": ""}
-    content = {"info": info, "images": images, "categories": category_entries(ordered, stuff=False)}
-    content["annotations"] = found
-    return [write_compact(out / "omni3d.json", content)]
-
-
-def _image(frame: Frame, number: int, out: Path) -> dict[str, Any]:
-    found = image_entry(frame, number, out)
-    found["file_path"] = found.pop("file_name")
+def _image(frame: Frame, image_id: int, out: Path) -> dict[str, Any]:
+    entry = image_entry(frame, image_id, out)
+    entry["file_path"] = entry.pop("file_name")
     if (K := matrix_of(frame.camera)) is not None:
-        found["K"] = K.tolist()
-    return found | {"dataset_id": 0, "src_90_rotate": 0, "src_flagged": False}
+        entry["K"] = K.tolist()
+    return entry | {"dataset_id": 0, "src_90_rotate": 0, "src_flagged": False}
 
 
 @lru_cache(maxsize=16)
@@ -104,33 +93,32 @@ def matrix_of(camera: Camera) -> Array | None:
 def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
     if "boxes3d" not in frame.truth:
         raise ArgumentError(f"{frame.key}: expected the truth boxes3d, got none; make the dataset with it")
-    tight = {each["instance_id"]: each for each in object_entries(frame, split=False)}
-    seen = {each["instance_id"]: each.get("visib_fract", _UNKNOWN) for each in frame.truth.get("amodal", ())}
-    for record in frame.truth["boxes3d"]:
-        found = tight.get(record["instance_id"])
-        of = class_of(frame, record["name"])
-        if found is None or of is None:
+    in_image = {entry["instance_id"]: entry for entry in object_entries(frame, split=False)}
+    shares = {share["instance_id"]: share["visib_fract"] for share in frame.truth.get("amodal", ())}
+    for box in frame.truth["boxes3d"]:
+        entry, category = in_image.get(box["instance_id"]), class_of(frame, box["name"])
+        if entry is None or category is None:
             continue
-        size, center, R_c_b = (np.array(record[key]) for key in ("size", "center_camera", "R_camera_box"))
+        size, center, R_c_b = (np.array(box[key]) for key in ("size", "center_camera", "R_camera_box"))
         size, R_c_o = size[[0, 2, 1]], R_c_b @ _R_B_O
-        corners = ObjectBox(center, R_c_o, size, record["source"]).corners_w()  # here in the camera's frame
+        corners = ObjectBox(center, R_c_o, size, box["source"]).corners_w()  # in the camera's frame
         projected = _projected(frame.camera, corners)
         yield {
-            "category_id": found["category_id"],
-            "category_name": of.name,
-            "instance_id": record["instance_id"],
-            "name": record["name"],
-            "valid3D": not record.get("partial", False),
-            "bbox2D_tight": _corners(found["bbox"]),
+            "category_id": entry["category_id"],
+            "category_name": category.name,
+            "instance_id": box["instance_id"],
+            "name": box["name"],
+            "valid3D": not box.get("partial", False),
+            "bbox2D_tight": _corners(entry["bbox"]),
             "bbox2D_proj": projected,
             "bbox2D_trunc": _NO_BOX if projected == _NO_BOX else _within(projected, frame.camera),
             "bbox3D_cam": corners.tolist(),
-            "center_cam": record["center_camera"],
-            "dimensions": [float(each) for each in size[[2, 1, 0]]],
+            "center_cam": box["center_camera"],
+            "dimensions": size[[2, 1, 0]].tolist(),
             "R_cam": R_c_o.tolist(),
             "behind_camera": bool((corners[:, 2] <= 0).all()),
-            "visibility": seen.get(record["instance_id"], _UNKNOWN),
-            "truncation": record["truncated"],
+            "visibility": shares.get(box["instance_id"], _UNKNOWN),
+            "truncation": box["truncated"],
             "segmentation_pts": _UNKNOWN,
             "lidar_pts": _UNKNOWN,
             "depth_error": _UNKNOWN,
@@ -143,8 +131,10 @@ def _corners(box: Sequence[float]) -> list[float]:
 
 
 def _projected(camera: Camera, corners_c: Array) -> list[float]:
-    """Around the projected corners, which may lie beyond the image where the camera has a matrix; unknown
-    where one has no pixel, or where they lie around a seam."""
+    """The box around the projected corners, which may exceed the image if the camera has a matrix.
+
+    It is unknown if a corner has no pixel, or if the box crosses the seam of a panorama.
+    """
     if (K := matrix_of(camera)) is not None:
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = (corners_c @ K.T)[:, :2] / corners_c[:, 2:]
@@ -158,4 +148,7 @@ def _projected(camera: Camera, corners_c: Array) -> list[float]:
 
 def _within(box: Sequence[float], camera: Camera) -> list[float]:
     most = (camera.width, camera.height, camera.width, camera.height)
-    return [min(max(0.0, each), float(edge)) for each, edge in zip(box, most, strict=True)]
+    return [min(max(0.0, value), float(edge)) for value, edge in zip(box, most, strict=True)]
+
+
+register(Omni3d())

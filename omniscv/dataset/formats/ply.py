@@ -1,17 +1,12 @@
 """PLY point clouds: ``STEM.ply`` of each frame, and ``cloud.ply`` of all.
 
-Binary, little-endian; one element ``vertex`` with ``float x y z`` (metres, world frame: Z up) and, where the
+Binary, little-endian; one element ``vertex`` with ``float x y z`` (metres, world frame: Z up) and, if the
 frames have them, ``float nx ny nz``, ``uchar red green blue``, ``ushort label`` (the instance id) and
 ``ushort class``. Comments name the numbers: ``comment label 3 Chair``. Pixels without a surface, outside the
 field of view, or unsure have no point. A point lies on its pixel's own ray.
-
-Options: ``voxel``, the edge in metres (default 0.02) of the cubes of which ``cloud.ply`` keeps one point, the
-one seen from nearest; ``max_error``, metres, leaves out the points whose depth may be off by more, by the
-frames' layer ``depth_error``; ``frames`` and ``cloud``, whether to write the files of each frame (default)
-and of all (default).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,72 +14,72 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import truth
-from omniscv.arguments import Reader, fields, flag, number
+from omniscv.arguments import flag, number
 from omniscv.cameras import Camera, Rays
+from omniscv.dataset.registry import Format, register
 from omniscv.errors import printable
 from omniscv.frame import Frame
-from omniscv.planning.densities import unproject
+from omniscv.planning.viewpoints import unproject
+from omniscv.records import checked, record
 from omniscv.storage.local import whole_file
-from omniscv.truth import Points
-from omniscv.truth.point_cloud import points_of
+from omniscv.truth.point_cloud import Points, merged, points_of
 
-name = "ply"
-needs = ("depth",)
+_positive = partial(number, above=0)
 
-_OPTIONS: dict[str, Reader] = {
-    **dict.fromkeys(("voxel", "max_error"), partial(number, above=0)),
-    **dict.fromkeys(("frames", "cloud"), flag),
-}
-_VOXEL_M = 0.02
 _COLUMNS = {
     "normals": (("nx", "ny", "nz"), "<f4", "float"),
     "lit": (("red", "green", "blue"), "u1", "uchar"),
     "labels": (("label",), "<u2", "ushort"),
     "classes": (("class",), "<u2", "ushort"),
 }
+"""By layer: the names of its properties, their type in memory and in the header."""
 
 
-def refuses(camera: Camera) -> str | None:
-    """Return None: every camera that has depth sees points."""
-    return None
+@record
+class PlyOptions:
+    """Options of the format."""
+
+    voxel: float = checked(
+        _positive,
+        default=0.02,
+        help="edge in metres of the cubes of which cloud.ply has one point, the nearest",
+    )
+    max_error: float | None = checked(
+        _positive, default=None, help="metres; leave out points whose depth_error is larger"
+    )
+    frames: bool = checked(flag, default=True, help="write a file for each frame")
+    cloud: bool = checked(flag, default=True, help="write cloud.ply")
 
 
-def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
-    """Raise ArgumentError for a wrong option."""
-    fields("", options, _OPTIONS)
+class Ply(Format):
+    """See the module."""
 
+    name = "ply"
+    needs = ("depth",)
+    options = PlyOptions
 
-def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-    """Write the clouds of frames with depth.
+    def write(self, frames: Sequence[Frame], out: Path, options: PlyOptions) -> list[Path]:
+        out.mkdir(parents=True, exist_ok=True)
+        written: list[Path] = []
+        comments = _comments(frames)
 
-    Raises:
-        ArgumentError: a frame without depth, or a wrong option.
-    """
-    given = {"voxel": _VOXEL_M, "frames": True, "cloud": True} | fields("", options, _OPTIONS)
-    out.mkdir(parents=True, exist_ok=True)
-    written: list[Path] = []
-    comments = _comments(frames)
+        def clouds() -> Iterator[Points]:
+            rays: dict[Camera, Rays] = {}
+            for frame in frames:
+                if frame.camera not in rays:  # rays are large: only those of one camera are in memory
+                    rays = {frame.camera: unproject(frame.camera, frame.camera.pixels())}
+                cloud = points_of(frame, rays[frame.camera], options.max_error)
+                if options.frames:
+                    written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
+                yield cloud
 
-    def clouds() -> Iterator[Points]:
-        rays: dict[Camera, Rays] = {}
-        for frame in frames:
-            if frame.camera not in rays:
-                rays = {
-                    frame.camera: unproject(frame.camera, frame.camera.pixels())
-                }  # one at a time: rays are large
-            cloud = points_of(frame, rays[frame.camera], given.get("max_error"))
-            if given["frames"]:
-                written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
-            yield cloud
-
-    if given["cloud"] and frames:
-        whole = truth.merged(clouds(), given["voxel"])
-        written.append(write_ply(out / "cloud.ply", whole, comments))
-    else:
-        for _ in clouds():
-            pass
-    return written
+        if options.cloud and frames:
+            whole = merged(clouds(), options.voxel)
+            written.append(write_ply(out / "cloud.ply", whole, comments))
+        else:
+            for _ in clouds():
+                pass
+        return written
 
 
 def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
@@ -92,20 +87,24 @@ def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
     columns: list[tuple[str, str, str, NDArray[Any]]] = [
         (axis, "<f4", "float", values) for axis, values in zip("xyz", cloud.positions_w.T, strict=True)
     ]
-    for layer, (names, kind, written) in _COLUMNS.items():
+    for layer, (names, dtype, written_type) in _COLUMNS.items():
         if layer in cloud.values:
             values = cloud.values[layer].reshape(len(cloud), len(names)).T
-            columns += [(each, kind, written, column) for each, column in zip(names, values, strict=True)]
-    rows = np.empty(len(cloud), [(each, kind) for each, kind, _, _ in columns])
-    for each, _, _, values in columns:
-        rows[each] = values
+            columns += [
+                (name, dtype, written_type, column) for name, column in zip(names, values, strict=True)
+            ]
+    rows = np.empty(len(cloud), [(name, dtype) for name, dtype, _, _ in columns])
+    for name, _, _, column in columns:
+        rows[name] = column
     header = [
-        "ply", "format binary_little_endian 1.0", "comment metres; world frame: X forward, Y left, Z up",
-        *(f"comment {each}" for each in comments),
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment metres; world frame: X forward, Y left, Z up",
+        *(f"comment {comment}" for comment in comments),
         f"element vertex {len(cloud)}",
-        *(f"property {written} {each}" for each, _, written, _ in columns),
+        *(f"property {written_type} {name}" for name, _, written_type, _ in columns),
         "end_header",
-    ]  # fmt: skip
+    ]
     with whole_file(path) as part, part.open("wb") as file:
         file.write(("\n".join(header) + "\n").encode())
         file.write(rows.tobytes())
@@ -113,9 +112,14 @@ def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
 
 
 def _comments(frames: Sequence[Frame]) -> list[str]:
-    """What the numbers of labels and classes stand for."""
-    labels = {instance: each for frame in frames for each, instance in frame.instances.items()}
+    """The names of labels and classes."""
+    labels = {instance: name for frame in frames for name, instance in frame.instances.items()}
     tables = [frame.classes for frame in frames if frame.classes is not None]
-    classes = {each.id: each.name for table in tables for each in table.classes.values()}
+    classes = {of_object.id: of_object.name for table in tables for of_object in table.classes.values()}
     named = [("label", labels), ("class", classes)]
-    return [f"{what} {number} {printable(ids[number])}" for what, ids in named for number in sorted(ids)]
+    return [
+        f"{word} {number} {printable(names[number])}" for word, names in named for number in sorted(names)
+    ]
+
+
+register(Ply())

@@ -1,66 +1,67 @@
 """Trajectories of each camera: ``CAMERA.tum``, ``CAMERA.euroc``, ``CAMERA.kitti`` with ``CAMERA.times``.
 
 The formats are those of :mod:`omniscv.geometry.trajectory`. Poses are in the order of their times, or of the
-frames' keys where a frame has no time; they are numbered from 0 in place of times then. The option ``as``
-lists some of ``tum``, ``kitti`` and ``euroc`` (default: all). TUM and EuRoC hold poses in the world frame;
-KITTI's are relative to the first one. ``CAMERA.keys`` names the frame of every line.
+frames' keys if a frame has no time; then they are numbered from 0. TUM and EuRoC hold poses in the world
+frame; KITTI's are relative to the first one. ``CAMERA.keys`` names the frame of every line.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from omniscv.arguments import Reader, fields, one_of, texts
+from omniscv.arguments import one_of, texts
 from omniscv.cameras import Camera
+from omniscv.dataset.registry import Format, register
 from omniscv.dataset.sequences import by_camera, trajectory
 from omniscv.frame import Frame
 from omniscv.geometry.trajectory import Trajectory, write_euroc, write_kitti, write_kitti_times, write_tum
-from omniscv.storage.local import whole_file
-
-name = "poses"
+from omniscv.records import checked, record
+from omniscv.storage.local import write_text
 
 _WRITERS: dict[str, dict[str, Callable[[Trajectory], str]]] = {
     "tum": {"tum": write_tum},
     "kitti": {"kitti": write_kitti, "times": write_kitti_times},
     "euroc": {"euroc": write_euroc},
 }
-"""By format: the suffixes of its files, and what writes them."""
+"""By format: the suffixes of its files, and the function that returns their text."""
 
 
-def _chosen(name: str, value: object) -> list[str]:
-    return [one_of(name, each, _WRITERS) for each in texts(name, value)]
+def _formats(name: str, value: object) -> tuple[str, ...]:
+    return tuple(one_of(name, word, _WRITERS) for word in texts(name, value))
 
 
-_OPTIONS: dict[str, Reader] = {"as": _chosen}
+@record
+class PosesOptions:
+    """Options of the format."""
+
+    formats: tuple[str, ...] = checked(
+        _formats, default=tuple(_WRITERS), key="as", help="some of tum, kitti, euroc; default: all"
+    )
 
 
-def refuses(camera: Camera) -> str | None:
-    """Return why the poses do not describe a camera; None where they do."""
-    if camera.central:
-        return None
-    return f"poses: expected a central camera, got {camera.name}, whose rays start at places of their own"
+class Poses(Format):
+    """See the module."""
+
+    name = "poses"
+    options = PosesOptions
+
+    def refuses(self, camera: Camera) -> str | None:
+        if camera.central:
+            return None
+        return f"expected a central camera, got {camera.name}, whose rays have several origins"
+
+    def write(self, frames: Sequence[Frame], out: Path, options: PosesOptions) -> list[Path]:
+        """Write the trajectories; ArgumentError for two frames of a camera at one time."""
+        written = []
+        for camera_name, mine in by_camera(frames).items():
+            poses = trajectory(mine)
+            writers = [
+                (suffix, to_text) for name in options.formats for suffix, to_text in _WRITERS[name].items()
+            ]
+            contents = {suffix: to_text(poses) for suffix, to_text in writers}
+            contents["keys"] = "".join(f"{frame.key}\n" for frame in mine)
+            for suffix, content in contents.items():
+                written.append(write_text(out / f"{camera_name}.{suffix}", content))
+        return written
 
 
-def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
-    """Raise ArgumentError for a wrong option."""
-    fields("", options, _OPTIONS)
-
-
-def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-    """Write the trajectories.
-
-    Raises:
-        ArgumentError: two frames of a camera at one time, or a wrong option.
-    """
-    chosen = fields("", options, _OPTIONS).get("as", _WRITERS)
-    out.mkdir(parents=True, exist_ok=True)
-    written = []
-    for camera_name, mine in by_camera(frames).items():
-        poses = trajectory(mine)
-        found = {suffix: make(poses) for each in chosen for suffix, make in _WRITERS[each].items()}
-        found["keys"] = "".join(f"{frame.key}\n" for frame in mine)
-        for suffix, text in found.items():
-            with whole_file(path := out / f"{camera_name}.{suffix}") as part:
-                part.write_text(text, encoding="utf-8")
-            written.append(path)
-    return written
+register(Poses())

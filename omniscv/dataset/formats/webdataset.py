@@ -1,96 +1,90 @@
-"""WebDataset shards: ``SPLIT-000000.tar`` and ``shards.json``, what is in them with checksums.
+"""WebDataset shards: ``SPLIT-000000.tar`` and ``shards.json``, their contents with checksums.
 
-A member is named as the file in the dataset, ``KEY.KIND.SUFFIX``; those of one key follow each other. Equal
+A member is named as the file in the dataset, ``KEY.KIND.SUFFIX``; members of one key follow each other. Equal
 frames make equal shards: USTAR, sorted members, no times, no owners. Frames without a split are in
-``frames-000000.tar``. Options: ``max_count`` frames and ``max_bytes`` of members in a shard (1000, 10^9); a
-frame that is larger has a shard of its own.
+``frames-000000.tar``.
 """
 
 from __future__ import annotations
 
 import json
 import tarfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from omniscv.arguments import fields, whole_number
-from omniscv.cameras import Camera
+from omniscv.arguments import whole_number
 from omniscv.compose.files import write_json
+from omniscv.dataset.registry import Format, register
 from omniscv.errors import ArgumentError
 from omniscv.frame import FileEntry, Frame
+from omniscv.records import checked, record
 from omniscv.storage.local import whole_file
 
-name = "webdataset"
-
 SHARDS = "shards.json"
-_COUNT, _BYTES = 1000, 10**9
 
 
-def refuses(camera: Camera) -> None:
-    """Return None: shards hold files as they are."""
+@record
+class WebDatasetOptions:
+    """Options of the format."""
+
+    max_count: int = checked(partial(whole_number, least=1), default=1000, help="frames in a shard")
+    max_bytes: int = checked(
+        partial(whole_number, least=1),
+        default=10**9,
+        help="bytes of members in a shard; a larger frame has a shard of its own",
+    )
 
 
-def check_options(options: Mapping[str, Any], cameras: Mapping[str, Camera]) -> None:
-    """Raise ArgumentError for a wrong option."""
-    _bounds(options)
+class WebDataset(Format):
+    """See the module."""
+
+    name = "webdataset"
+    options = WebDatasetOptions
+
+    def write(self, frames: Sequence[Frame], out: Path, options: WebDatasetOptions) -> list[Path]:
+        """Write the shards; ArgumentError for a key with a dot, where WebDataset would end it."""
+        out.mkdir(parents=True, exist_ok=True)
+        by_split: dict[str, list[Frame]] = {}
+        for frame in sorted(frames, key=lambda frame: frame.key):
+            if "." in frame.key:
+                raise ArgumentError(f"key: expected one without a dot, which ends it, got {frame.key!r}")
+            by_split.setdefault(frame.split or "frames", []).append(frame)
+        written, shards = [], []
+        for split, of_split in sorted(by_split.items()):
+            for number, shard in enumerate(_shards(of_split, options)):
+                path = out / f"{split}-{number:06d}.tar"
+                _write_tar(path, shard)
+                entry = FileEntry.of(path)
+                keys = [frame.key for frame in shard]
+                shards.append({"path": path.name, "bytes": entry.bytes, "sha256": entry.sha256, "keys": keys})
+                written.append(path)
+        return [*written, write_json(out / SHARDS, {"shards": shards, **_common(frames)})]
+
+    def check(self, frames: Sequence[Frame], out: Path) -> list[str]:
+        """Return a line for each shard that is missing or damaged, and each frame in none."""
+        try:
+            shards = json.loads((out / SHARDS).read_bytes())["shards"]
+            entries = [FileEntry(shard["path"], shard["bytes"], shard["sha256"]) for shard in shards]
+            keys = {key for shard in shards for key in shard["keys"]}
+        except (OSError, ValueError, TypeError, KeyError) as cause:
+            return [f"{SHARDS}: expected a list of shards, got: {cause}"]
+        faults = [f"{entry.path}: {fault}" for entry in entries if (fault := entry.fault(out))]
+        missing = [frame.key for frame in frames if frame.key not in keys]
+        return faults + [f"{SHARDS}: expected a shard with {key}, got none" for key in missing]
 
 
-def write(frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-    """Write the shards.
-
-    Raises:
-        ArgumentError: a wrong option, or a key with a dot, where WebDataset would end it.
-    """
-    max_count, max_bytes = _bounds(options)
-    out.mkdir(parents=True, exist_ok=True)
-    by_split: dict[str, list[Frame]] = {}
-    for frame in sorted(frames, key=lambda frame: frame.key):
-        if "." in frame.key:
-            raise ArgumentError(f"key: expected one without a dot, which ends it, got {frame.key!r}")
-        by_split.setdefault(frame.split or "frames", []).append(frame)
-    written, listed = [], []
-    for split, mine in sorted(by_split.items()):
-        for number, part in enumerate(_shards(mine, max_count, max_bytes)):
-            path = out / f"{split}-{number:06d}.tar"
-            _write_tar(path, part)
-            entry = FileEntry.of(path)
-            keys = [frame.key for frame in part]
-            listed.append({"path": path.name, "bytes": entry.bytes, "sha256": entry.sha256, "keys": keys})
-            written.append(path)
-    return [*written, write_json(out / SHARDS, {"shards": listed, **_shared(frames)})]
-
-
-def check(frames: Sequence[Frame], out: Path) -> list[str]:
-    """Return a line for each shard that is missing or not as it was written, and each frame in none."""
-    try:
-        listed = json.loads((out / SHARDS).read_bytes())["shards"]
-        entries = [FileEntry(each["path"], each["bytes"], each["sha256"]) for each in listed]
-        held = {key for each in listed for key in each["keys"]}
-    except (OSError, ValueError, TypeError, KeyError) as cause:
-        return [f"{SHARDS}: expected a list of shards, got: {cause}"]
-    faults = [f"{entry.path}: {fault}" for entry in entries if (fault := entry.fault(out))]
-    missing = [frame.key for frame in frames if frame.key not in held]
-    return faults + [f"{SHARDS}: expected a shard with {key}, got none" for key in missing]
-
-
-def _bounds(options: Mapping[str, Any]) -> tuple[int, int]:
-    count = partial(whole_number, least=1)
-    given = fields(name, options, {"max_count": count, "max_bytes": count})
-    return given.get("max_count", _COUNT), given.get("max_bytes", _BYTES)
-
-
-def _shards(frames: Sequence[Frame], max_count: int, max_bytes: int) -> Iterator[list[Frame]]:
+def _shards(frames: Sequence[Frame], limits: WebDatasetOptions) -> Iterator[list[Frame]]:
     shard: list[Frame] = []
     size = 0
     for frame in frames:
-        own = sum(path.stat().st_size for path in frame.files.values())
-        if shard and (len(shard) == max_count or size + own > max_bytes):
+        added = sum(path.stat().st_size for path in frame.files.values())
+        if shard and (len(shard) == limits.max_count or size + added > limits.max_bytes):
             yield shard
             shard, size = [], 0
         shard.append(frame)
-        size += own
+        size += added
     if shard:
         yield shard
 
@@ -105,13 +99,16 @@ def _write_tar(path: Path, frames: Sequence[Frame]) -> None:
                     tar.addfile(member, content)
 
 
-def _shared(frames: Sequence[Frame]) -> dict[str, Any]:
-    """What all frames share: their cameras, the ids of objects and of classes."""
+def _common(frames: Sequence[Frame]) -> dict[str, Any]:
+    """The cameras of the frames, and the ids of objects and of classes."""
     if not frames:
         return {"cameras": {}, "names": {}, "classes": {}}
     classes = frames[0].classes
     return {
         "cameras": {frame.camera_name: frame.camera.to_dict() for frame in frames},
         "names": dict(frames[0].instances),
-        "classes": {} if classes is None else {each.name: each.id for each in classes.classes.values()},
+        "classes": {} if classes is None else {row.name: row.id for row in classes.classes.values()},
     }
+
+
+register(WebDataset())

@@ -1,4 +1,4 @@
-"""Captures that are held in memory, and delivered again in place of new ones."""
+"""Captures that several images need, held from one to the next."""
 
 from abc import abstractmethod
 from collections import Counter
@@ -9,7 +9,7 @@ from omniscv.sources.ordered import Held, in_order
 
 
 class HeldCaptures(SourceWrapper):
-    """A source of which some captures are held. The source is not closed with it."""
+    """A source of which some captures are held, and given again in place of new ones."""
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         return in_order(requests, self._held_capture, self._capture_and_hold)
@@ -33,11 +33,13 @@ class HeldCaptures(SourceWrapper):
 
 
 class SharedCaptures(HeldCaptures):
-    """A source whose captures are held as long as images of one moment need them. For one thread.
+    """A source that captures once what is requested several times, and holds it as long as that is needed.
+
+    It belongs to the images of one moment, and to one thread; the source is not closed with it.
 
     Args:
         source: where captures come from.
-        needed: how often each request comes; requests that are missing here are not held.
+        needed: how many times each request is made that is made several times.
     """
 
     def __init__(self, source: Source, needed: Mapping[Request, int]) -> None:
@@ -57,14 +59,14 @@ class SharedCaptures(HeldCaptures):
             self._held[capture.request] = capture
 
 
-class CapturesOfCenter(HeldCaptures):
-    """A recording whose captures at the optical centre that was used last are held: they are decoded once.
+class PlaceCaptures(HeldCaptures):
+    """A recording that is read and decoded once for all images at an optical centre.
 
-    Safe to use from several threads.
+    The captures of the centre that was used last are held. Safe to use from several threads.
 
     Args:
-        recording: where captures come from.
-        most_bytes: that are held; captures beyond it are read again.
+        recording: where captures come from; not closed with it.
+        most_bytes: that are held; what does not fit is read again.
     """
 
     def __init__(self, recording: Source, most_bytes: int) -> None:
@@ -73,7 +75,7 @@ class CapturesOfCenter(HeldCaptures):
 
     @property
     def nbytes(self) -> int:
-        """Bytes held in memory."""
+        """What is held in memory."""
         return sum(map(_nbytes, list(self._held.values())))
 
     def close(self) -> None:
