@@ -21,8 +21,10 @@ from omniscv.errors import ArgumentError, DeadlineError, OmniscvError, SourceErr
 from omniscv.sources.blender.settings import INSIDE, blender_command
 
 SIZE = 8
-REQUESTS = face_requests(SIZE, ("lit", "object_mask", "depth", "normals"))
-RENDERS = 12  # six views, each once for its colours and once for its data
+FACES = 3
+ALL = face_requests(SIZE, ("lit", "object_mask", "depth", "normals"))
+REQUESTS = [request for number, request in enumerate(ALL) if number % 6 < FACES]
+RENDERS = 2 * FACES  # each view once for its colours and once for its data
 
 
 @pytest.fixture(autouse=True)
@@ -129,9 +131,9 @@ def test_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
     assert caplog.messages == ["room.blend: the scene has no world: pixels without an object are black"]
 
 
-def test_killed_at_twenty_moments_it_completes_with_equal_bytes(whole, tmp_path):
-    """In every render at least once, in the first and last and several times in a row."""
-    numbers = [0, 1, 2, 4, 5, 7, 9, 10, 11, 13, 14, 15, 17, 19, 20, 22, 24, 25, 27, 29]
+def test_killed_in_every_render_it_completes_with_equal_bytes(whole, tmp_path):
+    """In some of them twice in a row."""
+    numbers = [0, 2, 3, 5, 7, 9, 10, 12]
     recorded(blender.fake(tmp_path, kill=numbers), tmp_path / "room.sqlite")
     assert len(blender.renders(tmp_path)) == RENDERS + len(numbers)
     assert contents(tmp_path / "room.sqlite") == whole
@@ -139,7 +141,7 @@ def test_killed_at_twenty_moments_it_completes_with_equal_bytes(whole, tmp_path)
 
 @pytest.mark.parametrize("fault", ["garbage", "small", "no_picture"])
 def test_a_reply_that_is_wrong_once_is_made_again(fault, whole, tmp_path):
-    recorded(blender.fake(tmp_path, **{fault: [3]}), tmp_path / "room.sqlite")
+    recorded(blender.fake(tmp_path, **{fault: [2]}), tmp_path / "room.sqlite")
     assert len(blender.renders(tmp_path)) == RENDERS + 1
     assert contents(tmp_path / "room.sqlite") == whole
 
@@ -159,9 +161,9 @@ def test_it_gives_up_after_some_faults_in_a_row_and_what_was_captured_stays(whol
 
 
 def test_what_hangs_is_ended_at_its_deadline(tmp_path):
-    says = "expected Blender to render 8 x 8 px within 2 s, got nothing; raise timeout_s.*after 1 attempts"
+    says = "expected Blender to render 8 x 8 px within 1 s, got nothing; raise timeout_s.*after 1 attempts"
     with (
-        omniscv.open_source(blender.fake(tmp_path, hang=[0]), timeout_s=2, retries=0) as source,
+        omniscv.open_source(blender.fake(tmp_path, hang=[0]), timeout_s=1, retries=0) as source,
         pytest.raises(DeadlineError, match=says),
     ):
         list(source.capture(REQUESTS))
@@ -208,9 +210,9 @@ def test_several_processes_share_the_work(whole, tmp_path):
 def test_a_view_is_rendered_once_for_all_its_data_and_again_without_objects(tmp_path):
     with omniscv.open_source(blender.fake(tmp_path)) as source:
         shown = [capture.pixels for capture in source.capture(REQUESTS)]
-        assert sorted(blender.renders(tmp_path)) == ["data"] * 6 + ["lit"] * 6
+        assert sorted(blender.renders(tmp_path)) == ["data"] * FACES + ["lit"] * FACES
         with source.without(["Floor"]) as hidden:
-            empty = list(hidden.capture(REQUESTS[6:12]))
+            empty = list(hidden.capture(REQUESTS[FACES : 2 * FACES]))
         assert all((capture.pixels == 0).all() for capture in empty)
         again = [capture.pixels for capture in source.capture(REQUESTS)]
         assert all(np.array_equal(a, b) for a, b in zip(shown, again, strict=True))

@@ -88,8 +88,8 @@ def test_views_are_as_requested_as_far_as_the_dialect_can(server, captures):
 
 def test_any_pose_comes_out_right(source):
     rng = np.random.default_rng(3)
-    angles = rng.uniform((-180, -95, -80), (180, 95, 80), (6, 3))
-    places = rng.uniform((-1, -1, 0.5), (1, 1, 2.0), (6, 3))
+    angles = rng.uniform((-180, -95, -80), (180, 95, 80), (4, 3))
+    places = rng.uniform((-1, -1, 0.5), (1, 1, 2.0), (4, 3))
     views = [View(Pose.from_angles(p, *a), 75.0, SIZE, SIZE) for p, a in zip(places, angles, strict=True)]
     for capture in source.capture(Request(view, mode) for view in views for mode in MODES):
         assert agrees(capture, source, ROOM), (capture.mode, capture.view)
@@ -162,9 +162,7 @@ def test_mask_colours_are_ones_that_vertex_colours_show():
         assert agrees(capture, source, scene)
 
 
-@pytest.mark.parametrize(
-    "fault", ["clicked@0.3", "reset@0.02", "cut=0.5@0.02", "missing@0.01", "stale=1", "stale=2"]
-)
+@pytest.mark.parametrize("fault", ["clicked@0.3", "reset@0.02", "cut=0.5@0.02", "stale=2"])
 def test_faults_lose_and_spoil_nothing(fault):
     with serve(seed=5) as server:
         with omniscv.open_source(server.uri) as source:
@@ -249,7 +247,7 @@ def test_a_view_higher_than_wide_is_refused(source):
         list(source.capture([request]))
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", ["0.3.10", "N2"])
 def test_a_closed_source_stays_closed(dialect):
     with serve(dialect) as server:
         with omniscv.open_source(server.uri) as source:
@@ -263,8 +261,9 @@ def test_a_closed_source_stays_closed(dialect):
 
 
 def test_threads_take_turns(server, source):
-    wanted = {capture.request: capture.payload for capture in source.capture(FACES)}
-    orders = [FACES, FACES[::-1], FACES[5::3] + FACES[:9]]
+    faces = FACES[::2]
+    wanted = {capture.request: capture.payload for capture in source.capture(faces)}
+    orders = [faces, faces[::-1], faces[5::3] + faces[:5]]
     with ThreadPoolExecutor(3) as threads:
         for captures in threads.map(lambda order: list(source.capture(order)), orders):
             assert [wanted[capture.request] for capture in captures] == [c.payload for c in captures]

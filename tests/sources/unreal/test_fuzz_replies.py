@@ -42,7 +42,7 @@ def received(data, piece):
     return lambda most: stream.read(min(most, piece))
 
 
-@cases(200)
+@cases(80)
 @given(STREAMS, st.integers(1, 50))
 def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     receive, payloads = received(data, piece), []
@@ -52,7 +52,7 @@ def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     assert data.startswith(b"".join(map(frame, payloads)))
 
 
-@cases(100)
+@cases(50)
 @given(st.lists(st.binary(min_size=1, max_size=200), max_size=8), st.integers(1, 50))
 def test_frames_come_out_as_they_went_in(payloads, piece):
     receive = received(b"".join(map(frame, payloads)), piece)
@@ -132,7 +132,7 @@ STARTS = st.builds(
 )
 
 
-@cases(300)
+@cases(120)
 @given(
     spoiled() | ARRAYS | STARTS | st.binary(max_size=60), st.sampled_from(encodings()), st.sampled_from(MODES)
 )
@@ -198,7 +198,7 @@ def nonsense():
     server.listener.close()
 
 
-@cases(100)
+@cases(50)
 @given(STREAMS)
 def test_any_replies_are_text_bytes_or_an_error_of_omniscv(nonsense, data):
     nonsense.data = data
@@ -210,7 +210,7 @@ def test_any_replies_are_text_bytes_or_an_error_of_omniscv(nonsense, data):
     assert client.broken
 
 
-@cases(30)
+@cases(20)
 @given(STREAMS)
 def test_any_greeting_is_one_or_is_refused(data):
     server = Nonsense()
@@ -244,7 +244,7 @@ def test_a_colour_that_is_none_is_refused(text):
         parse_color(text)
 
 
-@cases(100)
+@cases(50)
 @given(
     st.text(max_size=40)
     | st.builds("mock://four-wall?{}={}".format, st.text(max_size=8), st.text(max_size=8))

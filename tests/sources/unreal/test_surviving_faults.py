@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from support.unreal import MODES, face_requests, many_balls
+from support.unreal import MODES, face_requests
 
 import mock_server
 import omniscv
@@ -89,15 +89,12 @@ def live(server, **options):
 # Every fault of the line, now and then: nothing is lost, nothing is wrong.
 
 LINE = [
-    "delay=0.05@0.2",
     "delay=0.5@0.03",
-    "drip=0.05@0.2",
     "drip=0.5@0.03",
     "missing@0.03",
     "wrong-id@0.05",
     "no-id@0.05",
     "clicked@0.3",
-    "cut=0.5@0.05",
     "cut=0.99@0.05",
     "bad-magic@0.05",
     "zero-size@0.05",
@@ -176,12 +173,12 @@ def test_a_fault_at_every_reply_is_one_clear_error_when_opening(server, fault, e
     assert str(came).endswith("; gave up after 2 attempts")
 
 
-@pytest.mark.parametrize(("fault", "error"), ALWAYS.items())
-def test_a_fault_at_every_reply_is_one_clear_error_when_capturing(server, truth, fault, error):
+@pytest.mark.parametrize("fault", ["drip=60", "missing", "no-id", "reset"])
+def test_a_fault_at_every_reply_is_one_clear_error_when_capturing(server, truth, fault):
     with live(server, retries=1) as source:
         server.faults.start(fault)
         came = within(2 * TIMEOUT_S + SLACK_S, lambda: payloads(source, REQUESTS))
-        assert isinstance(came, error)
+        assert isinstance(came, ALWAYS[fault])
         assert f"127.0.0.1:{server.port}: " in str(came)
         server.faults.stop(fault.partition("=")[0])
         if "60" not in fault:  # the source is fit to go on, if the caller likes to
@@ -243,9 +240,19 @@ def test_captures_from_before_a_fault_are_delivered_before_its_error(server, tru
 # Pictures from before a move.
 
 
-@pytest.mark.parametrize("fault", ["stale", "stale=3", "stale=2@0.5"])
-@pytest.mark.parametrize("order", ["by viewpoint", "in sizes", "by mode", "lit only", "depth only"])
-def test_stale_pictures_never_count(server, truth, fault, order):
+@pytest.mark.parametrize(
+    ("order", "fault"),
+    [
+        ("by viewpoint", "stale=2@0.5"),
+        ("by viewpoint", "stale"),
+        ("in sizes", "stale=3"),
+        ("by mode", "stale=3"),
+        ("by mode", "stale=2@0.5"),
+        ("lit only", "stale=2@0.5"),
+        ("depth only", "stale"),
+    ],
+)
+def test_stale_pictures_never_count(server, truth, order, fault):
     wanted = dict(zip(REQUESTS, truth, strict=True))
     requests = {
         "by viewpoint": REQUESTS,
@@ -308,28 +315,3 @@ def test_a_sky_dome_is_an_object_far_away():
         assert np.abs(distance - 300).max() < 0.16 * np.sqrt(3)  # half floats: 32 cm steps, planar
     for capture in captures[6:]:
         assert (capture.pixels == color).all()
-
-
-def test_half_depth_is_within_half_a_step():
-    requests = [request for request in REQUESTS if request.mode == "depth"]
-    pixels = {}
-    for name, faults in (("exact", []), ("half", ["half-depth"])):
-        with mock_server.serve("four-wall", depth="float32", faults=faults) as server, live(server) as source:
-            pixels[name] = np.array([capture.pixels for capture in source.capture(requests)])
-    step = np.spacing((100 * pixels["exact"]).astype(np.float16)).astype(float) / 100
-    assert (np.abs(pixels["half"] - pixels["exact"]) <= step / 2 + 1e-6).all()
-
-
-def test_masks_through_vertex_colours_keep_every_object_apart():
-    """With more objects than the 26 first colours, whose channels are 0, 127 and 255, some change."""
-    scene = mock_server.Scene("balls", {"objects": many_balls()})
-    view = View(Pose.from_angles((-1.5, 0, 1.4)), 60.0, 96, 96)
-    shown = {}
-    for name, faults in (("set", []), ("changed", ["mask-gamma"])):
-        with mock_server.serve(scene, faults=faults) as server, live(server) as source:
-            (capture,) = source.capture([Request(view, "object_mask")])
-            shown[name] = capture.pixels.reshape(-1, 3)
-    pairs = np.unique(np.concatenate(list(shown.values()), axis=1), axis=0)
-    assert len(pairs) == 49  # one changed colour for each colour set, and the background
-    assert len(np.unique(pairs[:, 3:], axis=0)) == 49
-    assert (pairs[:, :3] != pairs[:, 3:]).any()

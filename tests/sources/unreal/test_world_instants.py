@@ -107,7 +107,7 @@ def test_nothing_is_paused_where_nothing_is_to_be_kept():
         assert server.statistics.total("vset /action/game") == 0
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
 def test_images_of_a_world_that_moves_are_refused_unless_it_is_kept_still(dialect):
     """The clock advances before every picture, but for a game that is paused."""
     camera = omniscv.cameras.create("fisheye-equidistant", width=24, height=24, fov_deg=100)
@@ -143,8 +143,7 @@ def test_a_picture_that_proves_is_another_picture():
         assert server.statistics.counts["vget /camera/0/depth npy"] >= before + 2
 
 
-@pytest.mark.parametrize("late", [1, 3])
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize(("dialect", "late"), [("0.3.10", 1), ("0.3.10", 3), ("N1", 3), ("N2", 1)])
 def test_captures_right_after_a_move_show_it_also_where_frames_lag(dialect, late):
     with (
         serve(dialect, time_step_s=0.0, faults=[f"late-objects={late}"]) as server,
