@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from typer import Argument, Option, Typer
+from typer import Argument, Typer
 
 from omniscv.cli import console, options
 
@@ -15,8 +15,8 @@ app = Typer(add_completion=False)
 def ask(
     uri: Annotated[str, Argument(help="unreal://host:port or mock://scene.")],
     commands: Annotated[list[str], Argument(metavar="COMMAND...", help="Of UnrealCV: 'vget /objects'.")],
-    timeout: Annotated[float | None, Option(help="As for record.")] = None,
-    patience: Annotated[float | None, Option(help="As for record.")] = None,
+    timeout: options.Timeout = None,
+    patience: options.Patience = None,
 ) -> None:
     """Send commands to a server, and print its replies; of a binary one, what it is and its size.
 

@@ -2,17 +2,13 @@
 
 import inspect
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from typer import Argument, Option, Typer
 from typer.core import TyperGroup
 
 from omniscv.cli import console, options
-
-if TYPE_CHECKING:
-    from omniscv.calibration import Fit
-    from omniscv.cameras import Camera
 
 
 class _Models(TyperGroup):
@@ -32,9 +28,9 @@ def cameras(context: typer.Context, as_json: options.AsJson = False) -> None:
 
     if context.invoked_subcommand is not None:
         return
-    models = {each: model(each) for each in names()}
-    summaries = [(inspect.getdoc(each) or "").partition("\n")[0] for each in models.values()]
-    kinds = ["central" if each.central else "non-central" for each in models.values()]
+    models = {name: model(name) for name in names()}
+    summaries = [(inspect.getdoc(cls) or "").partition("\n")[0] for cls in models.values()]
+    kinds = ["central" if cls.central else "non-central" for cls in models.values()]
     columns, rows = ("model", "kind", "summary"), list(zip(models, kinds, summaries, strict=True))
     if as_json:
         console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
@@ -50,61 +46,50 @@ def show(name: Annotated[str, Argument(help="A model.")]) -> None:
     console.document(f"{name}\n\n{inspect.getdoc(model(name))}")
 
 
-class FitOptions(options.Options):
-    """What to fit, and where to write it."""
-
-    source: str = Argument(help="A calibration file, or a model, with --size and --param.")
-    model: str = Argument(help="The model that is wanted.")
-    name: str | None = Option(None, help="The camera of a file that holds several.")
-    size: str = Option("1024x1024", help="Width x height of the image of a model, px.")
-    fov: float | None = Option(None, help="Full field of view of a model, degrees.")
-    param: list[str] = Option([], help="A parameter of a model such as alpha=0.6; repeatable.")
-    out: Path | None = Option(None, help="A file for the camera that is found.")
-    format: Any = Option("json", help="Of --out: opencv, kalibr, colmap, ...; see docs/calibration.md.")
-    as_json: options.AsJson = False
-
-
 @app.command(
     epilog="Example: omniscv cameras fit double-sphere kannala-brandt --size 640x480 "
-    "--param fx=180 --param fy=180 --param xi=-0.2 --param alpha=0.6 --out cameras.txt --format colmap"
+    "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap"
 )
-@FitOptions.command
-def fit(given: FitOptions) -> None:
-    """Find the camera of a model that is nearest to another camera, and print how far off it is.
+def fit(
+    source: Annotated[str, Argument(help="A calibration file, or a model, with --size and --set.")],
+    model: Annotated[str, Argument(help="The model to fit.")],
+    name: Annotated[str | None, Option(help="The camera of a file that holds several.")] = None,
+    size: Annotated[str, Option(help="Width x height of the image of a model, px.")] = "1024x1024",
+    settings: Annotated[
+        list[str] | None, Option("--set", help="KEY=VALUE: a parameter of a model, as alpha=0.6; repeatable.")
+    ] = None,
+    fov: Annotated[float | None, Option(hidden=True)] = None,
+    param: Annotated[list[str] | None, Option(hidden=True)] = None,
+    out: Annotated[Path | None, Option(help="A file for the fitted camera.")] = None,
+    format: Annotated[str, Option(help="Of --out: opencv, kalibr, ...; see docs/calibration.md.")] = "json",
+    as_json: options.AsJson = False,
+) -> None:
+    """Find the camera of a model that is nearest to another camera, and print the error.
 
-    For programs that lack a model. The errors are the distances, in px, between where both see the same ray.
+    For programs that lack a model. The errors are the distances, in px, between the two images of a ray.
     """
-    from omniscv.calibration import fit, save
-
-    found = fit(_source(given), given.model)
-    if given.out is not None:
-        name = "1" if given.format == "colmap" else given.name or "cam0"
-        save(given.out, {name: found.camera}, given.format)
-    if given.as_json:
-        console.as_json(_as_json(found))
-        return
-    console.line(found.camera)
-    console.line(
-        f"largest error {found.max_px:.3g} px, rms {found.rms_px:.3g} px, over {100 * found.coverage:.4g} % "
-        "of the pixels"
-    )
-
-
-def _as_json(found: "Fit") -> dict[str, Any]:
-    errors = {"max_px": found.max_px, "rms_px": found.rms_px, "coverage": found.coverage}
-    return {"camera": found.camera.to_dict(), **errors}
-
-
-def _source(given: FitOptions) -> "Camera":
-    """The camera that ``SOURCE`` and the options beside it describe."""
     from omniscv.arguments import one_of
-    from omniscv.calibration import load
+    from omniscv.calibration import fit, load, save
     from omniscv.cameras import create, names
 
-    if given.source in names():
-        width, height = options.size(given.size)
-        fov = {} if given.fov is None else {"fov_deg": given.fov}
-        return create(given.source, width, height, **fov, **dict(map(options.parameter, given.param)))
-    found = load(given.source)
-    only = next(iter(found)) if len(found) == 1 and given.name is None else given.name
-    return found[one_of("--name", only, found)]
+    if source in names():
+        parameters: dict[str, Any] = {} if fov is None else {"fov_deg": fov}
+        parameters |= map(options.parameter, param or [])
+        parameters |= (options.setting(text, "alpha=0.6") for text in settings or [])
+        camera = create(source, *options.size(size), **parameters)
+    else:
+        cameras = load(source)
+        only = next(iter(cameras)) if len(cameras) == 1 and name is None else name
+        camera = cameras[one_of("--name", only, cameras)]
+    result = fit(camera, model)
+    if out is not None:
+        save(out, {"1" if format == "colmap" else name or "cam0": result.camera}, cast(Any, format))
+    if as_json:
+        errors = {"max_px": result.max_px, "rms_px": result.rms_px, "coverage": result.coverage}
+        console.as_json({"camera": result.camera.to_dict(), **errors})
+        return
+    console.line(result.camera)
+    console.line(
+        f"largest error {result.max_px:.3g} px, rms {result.rms_px:.3g} px, "
+        f"over {100 * result.coverage:.4g} % of the pixels"
+    )

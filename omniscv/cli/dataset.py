@@ -1,14 +1,16 @@
 """``omniscv dataset``: make, export, check, pack and describe datasets."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Exit, Option, Typer
 
-from omniscv.cli import console, options
-from omniscv.cli.job_options import ImageOptions
-from omniscv.cli.progress import STYLE, Style, StyleOption, display
+from omniscv.cli import console
+from omniscv.cli.job_options import IMAGES, JobArguments, with_job
+from omniscv.cli.options import AsJson, setting
+from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."
@@ -17,27 +19,25 @@ app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=Fal
 # Texts: as a path, a URL would lose a slash.
 Dataset = Annotated[str, Argument(metavar="DIR", help="A dataset, by path or URL.")]
 Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
-Given = Annotated[list[str] | None, Option("--option", help="NAME=VALUE of the format; repeatable.")]
-
-
-class MakeOptions(ImageOptions):
-    """What to make, in which parts."""
-
-    job: Path = Argument(metavar="JOB.yaml", help="A job; its dataset is made below its 'out'.")
-    resume: bool = Option(False, "--resume", help="Go on with a dataset that is there.")
-    shard: str | None = Option(
-        None, help="I/N: only this part of the frames, I from 0; finish with --resume."
-    )
-    cluster: str | None = Option(
-        None, help="By workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
-    )
-    workers: int = Option(1, min=1, max=256, help="Images composed at a time.")
-    progress: Style | None = STYLE
+Settings = Annotated[
+    list[str] | None,
+    Option("--set", help="KEY=VALUE: an option of the format, such as max_count=100."),
+]
+OldSettings = Annotated[list[str] | None, Option("--option", hidden=True)]
+Shard = Annotated[str | None, Option(help="I/N: these frames only, I from 0; finish with --resume.")]
+_CLUSTER_HELP = "Workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
 
 
 @app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
-@MakeOptions.command
-def make(given: MakeOptions) -> None:
+@with_job(IMAGES, needs_file=True)
+def make(
+    job: JobArguments,
+    resume: Annotated[bool, Option("--resume", help="Complete an existing dataset.")] = False,
+    shard: Shard = None,
+    cluster: Annotated[str | None, Option(help=_CLUSTER_HELP)] = None,
+    workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
+    progress: StyleOption = None,
+) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
     The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
@@ -45,33 +45,31 @@ def make(given: MakeOptions) -> None:
     """
     from omniscv.make import make as make_dataset
 
-    if given.cluster is not None:  # workers may be in another folder
-        given.job = given.job.absolute()
-    wanted = given.to_job()
-    if given.cluster is not None and (given.shard is not None or given.workers != 1):
+    if cluster is not None and job.file is not None:  # workers may be in another folder
+        job = replace(job, file=job.file.absolute())
+    wanted = job.load()
+    if cluster is not None and (shard is not None or workers != 1):
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
-    with display("frames", given.progress) as shown:
-        if given.cluster is not None:
+    with display("frames", progress) as show:
+        if cluster is not None:
             from omniscv.cluster import make, place
 
-            made = make(
-                wanted, place(given.cluster), progress=shown.steps, warn=console.error, note=console.line
-            )
+            made = make(wanted, place(cluster), progress=show.steps, warn=console.error, note=console.line)
             console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
             return
         made = make_dataset(
             wanted,
-            resume=given.resume,
-            shard=None if given.shard is None else _shard(given.shard),
-            workers=given.workers,
-            progress=shown,
+            resume=resume,
+            shard=None if shard is None else _shard(shard),
+            workers=workers,
+            progress=show,
             warn=console.error,
         )
     state = f"{made.missing} frames are missing: finish with --resume" if made.missing else "complete"
     console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; {state}")
 
 
-@app.command(epilog="Example: omniscv dataset export dataset --to webdataset --option max_count=100")
+@app.command(epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100")
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
@@ -79,12 +77,14 @@ def export(
         str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
     ] = None,
     camera: Cameras = None,
-    given: Given = None,
+    settings: Settings = None,
+    option: OldSettings = None,
 ) -> None:
     """Write a dataset in the form of another program, without its source."""
     from omniscv.dataset import export
 
-    for path in export(folder, to, out, camera or (), **_options(given or [])):
+    values = dict(setting(text, "max_count=100") for text in [*(settings or []), *(option or [])])
+    for path in export(folder, to, out, camera or (), **values):
         console.line(path)
 
 
@@ -107,15 +107,15 @@ def check(
 
 
 @app.command(epilog="Example: omniscv dataset info dataset")
-def info(folder: Dataset, as_json: options.AsJson = False) -> None:
+def info(folder: Dataset, as_json: AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
     from omniscv.dataset.summary import info
 
-    found = info(folder)
+    summary = info(folder)
     if as_json:
-        console.as_json(found)
+        console.as_json(summary)
         return
-    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in found.items()}
+    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
     console.table(("", ""), list(texts.items()))
 
 
@@ -130,11 +130,13 @@ def classes(
     from omniscv.dataset.classes import class_rules, object_names
 
     rules = class_rules(file)
-    found = {name: rules.class_of(name) for name in object_names(scene)}
-    ids = {name: each.id for name, each in rules.classes.items()}
-    rows = [(name, each or f"({rules.unmatched})", ids.get(each or "", "")) for name, each in found.items()]
+    class_of = {name: rules.class_of(name) for name in object_names(scene)}
+    ids = {name: label.id for name, label in rules.classes.items()}
+    rows = [
+        (name, label or f"({rules.unmatched})", ids.get(label or "", "")) for name, label in class_of.items()
+    ]
     console.table(("object", "class", "id"), rows)
-    rules.table(found)
+    rules.table(class_of)
 
 
 @app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")
@@ -145,19 +147,20 @@ def pack(
         str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
     ] = None,
     camera: Cameras = None,
-    given: Given = None,
+    settings: Settings = None,
+    option: OldSettings = None,
 ) -> None:
-    """Write a dataset as what people train from: WebDataset shards, or a Hugging Face ImageFolder."""
+    """Write a dataset for training: WebDataset shards, or a Hugging Face ImageFolder."""
     from omniscv.arguments import one_of
 
-    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, given)
+    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, settings, option)
 
 
 @app.command(epilog="Example: omniscv dataset video dataset --camera panorama --out panorama.mp4 --rate 10")
 def video(
     folder: Dataset,
     out: Annotated[str, Option(help="The MP4 file, by path or URL.")],
-    camera: Annotated[str | None, Option(help="Whose frames, where there are several cameras.")] = None,
+    camera: Annotated[str | None, Option(help="The camera, of several.")] = None,
     rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
     quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
     progress: StyleOption = None,
@@ -172,27 +175,14 @@ def video(
     if camera is not None:
         one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
     frames = [frame for frame in every if camera in (None, frame.camera_name)]
-    with display("frames", progress) as shown:
-        written = write_video(frames, out, rate=rate, quality=quality, progress=shown.steps)
+    with display("frames", progress) as show:
+        written = write_video(frames, out, rate=rate, quality=quality, progress=show.steps)
     console.line(without_secrets(written))
 
 
 def _shard(text: str) -> tuple[int, int]:
-    """``0/4`` as (0, 4)."""
+    """Return ``0/4`` as (0, 4)."""
     index, _, count = text.partition("/")
     if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
         raise ArgumentError(f"--shard: expected I/N with I from 0 to N - 1, such as 0/4, got {text!r}")
     return int(index), int(count)
-
-
-def _options(given: list[str]) -> dict[str, Any]:
-    """``NAME=VALUE`` as options; values are YAML."""
-    from omniscv.storage import bounded
-
-    found = {}
-    for each in given:
-        name, equals, value = each.partition("=")
-        if not (name.isidentifier() and equals):
-            raise ArgumentError(f"--option: expected NAME=VALUE, got {each!r}")
-        found[name] = bounded.parse_yaml(value)
-    return found

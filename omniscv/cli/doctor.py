@@ -21,8 +21,8 @@ def doctor(
     self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     as_json: options.AsJson = False,
-    timeout: Annotated[float | None, Option(help="As for record.")] = None,
-    patience: Annotated[float | None, Option(help="As for record.")] = None,
+    timeout: options.Timeout = None,
+    patience: options.Patience = None,
 ) -> None:
     """Measure what a server is, and what would spoil captures there; or check this installation.
 

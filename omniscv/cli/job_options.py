@@ -1,162 +1,251 @@
-"""The options that describe a job: beside its file they override the file's keys, without one they are it."""
+"""Options that describe a job: beside its file they override its keys, without a file they are the job."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from omniscv.cli import console
-from omniscv.cli.options import ConnectionOptions, edge, freeze, modes, numbers, one_number, parameter, size
+from omniscv.cli.options import edge, modes, numbers, one_number, parameter, setting, size
 
 if TYPE_CHECKING:
     from omniscv.job import Job
 
 Keys = dict[str, Any]
-"""Values by the keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
+"""Values by dotted keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
 
 _PATHS = ("source", "out", "record")
+_CAMERA, _POSE, _OUTPUT, _ANY = "Camera", "Pose", "Captures and output", "Every other key"
 
 
-def models() -> Iterator[str]:
-    """Yield the names of the camera models, for the shell's completion."""
+class JobOption(NamedTuple):
+    """An option that stands for keys of a job.
+
+    Attributes:
+        keys: function from the option's value to the keys that it sets.
+        type: of the value.
+        default: where there is no file; None and empty lists set nothing.
+        help: in the command's help. Without it the option is an old spelling of ``--set`` and is not listed.
+        panel: group of options in the help.
+        complete: yields words for the shell's completion.
+    """
+
+    keys: Callable[[Any], Keys]
+    type: Any
+    default: Any = None
+    help: str = ""
+    panel: str = ""
+    complete: Callable[[], Iterable[str]] | None = None
+
+    def parameter(self, name: str) -> Parameter:
+        """Return the parameter of a command for typer."""
+        option = Option(
+            self.default,
+            f"--{name.replace('_', '-')}",
+            help=self.help,
+            hidden=not self.help,
+            rich_help_panel=self.panel or None,
+            autocompletion=self.complete,
+        )
+        return Parameter(name, Parameter.KEYWORD_ONLY, default=option, annotation=self.type)
+
+
+def key(name: str, value_of: Callable[[Any], Any] = lambda value: value) -> Callable[[Any], Keys]:
+    """Return the ``keys`` of an option that stands for one key."""
+    return lambda value: {name: value_of(value)}
+
+
+def _models() -> Iterator[str]:
     from omniscv.cameras import names
 
     yield from names()
 
 
-def strategies() -> Iterator[str]:
-    """Yield the names of the strategies, for the shell's completion."""
-    from omniscv.planning import names
+def _key_names() -> Iterator[str]:
+    from omniscv.job import keys
 
-    yield from names()
-
-
-def _as(key: str, value_of: Callable[[Any], Any] = lambda value: value) -> Callable[[Any], Keys]:
-    """An option that stands for one key."""
-    return lambda value: {key: value_of(value)}
+    yield from (f"{each.name}=" for each in keys())
 
 
-class CaptureOptions(ConnectionOptions):
-    """How to capture and compose; each option stands for keys of a job.
+def _settings(texts: list[str]) -> Keys:
+    return dict(map(setting, texts))
+
+
+def _parameters(texts: list[str]) -> Keys:
+    return {f"cameras.*.{name}": value for name, value in map(parameter, texts)}
+
+
+MODES = JobOption(
+    key("modes", modes), str, "lit", "Some of lit,object_mask (or mask),depth,normals.", _OUTPUT
+)
+SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
+_POSITION_HELP = "X,Y,Z in metres: X forward, Y left, Z up."
+_SET_HELP = (
+    "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as face_size=512, camera.fov_deg=185, "
+    "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
+)
+
+OLD: Mapping[str, JobOption] = {
+    "strategy": JobOption(key("strategy"), str | None),
+    "viewpoints": JobOption(key("viewpoints"), int | None),
+    "face_size": JobOption(key("face_size", edge), str | None),
+    "filter": JobOption(key("filter"), str | None),
+    "max_error": JobOption(
+        key("max_error_px", lambda text: one_number("--max-error", text.removesuffix("px"))), str | None
+    ),
+    "normals": JobOption(key("normals"), str | None),
+    "truth_scale": JobOption(key("truth_scale"), int | None),
+    "timeout": JobOption(
+        key("source_options.timeout_s", lambda value: one_number("--timeout", value)), float | None
+    ),
+    "patience": JobOption(
+        key("source_options.patience_s", lambda value: one_number("--patience", value)), float | None
+    ),
+    "freeze": JobOption(key("freeze"), str | None),
+}
+"""Spellings of ``--set`` from before it, which keep working."""
+
+SET: Mapping[str, JobOption] = {"set": JobOption(_settings, list[str], [], _SET_HELP, _ANY, _key_names)}
+
+VIEW: Mapping[str, JobOption] = {
+    "source": JobOption(key("source"), str, "mock://four-wall", SOURCE_HELP, _OUTPUT),
+    "camera": JobOption(
+        lambda model: {"cameras": {model: {"model": model}}, "rig": None},
+        str,
+        "equirectangular",
+        "A camera model; see 'omniscv cameras'.",
+        _CAMERA,
+        _models,
+    ),
+    "size": JobOption(
+        lambda text: dict(zip(("cameras.*.width", "cameras.*.height"), size(text), strict=True)),
+        str,
+        "1024x512",
+        "Width x height of the image, px.",
+        _CAMERA,
+    ),
+    "fov": JobOption(key("cameras.*.fov_deg"), float | None),
+    "param": JobOption(_parameters, list[str], []),
+    "position": JobOption(
+        lambda text: {"poses": [{"position": numbers("--position", text)}]},
+        str,
+        "0,0,1.5",
+        _POSITION_HELP,
+        _POSE,
+    ),
+    "yaw": JobOption(key("poses.*.yaw_deg"), float, 0.0, "Degrees, to the left +.", _POSE),
+    "pitch": JobOption(key("poses.*.pitch_deg"), float, 0.0, "Degrees, nose up +.", _POSE),
+    "roll": JobOption(key("poses.*.roll_deg"), float, 0.0, "Degrees, right side down +.", _POSE),
+    "modes": MODES,
+    **OLD,
+    **SET,
+}
+"""One camera at one pose."""
+
+IMAGES: Mapping[str, JobOption] = {
+    **VIEW,
+    # A text: as a path, a URL would lose a slash.
+    "out": JobOption(key("out"), str, "out", "Folder for the images.", _OUTPUT),
+    "record": JobOption(key("record"), str | None),
+    "image_format": JobOption(key("image_format"), str | None),
+    **SET,
+}
+"""One camera at one pose, and where its images are written."""
+
+
+@dataclass(frozen=True)
+class JobArguments:
+    """The job of a command line.
 
     Attributes:
-        keys_of: the keys that an option stands for, as a function of its value.
+        file: of the job; None without one.
+        options: by name.
+        values: of the options, by name.
+        given: names of the options on the command line.
+        described: the keys of a job without a file, before its options.
     """
 
-    keys_of: ClassVar[Mapping[str, Callable[[Any], Keys]]] = {
-        "modes": _as("modes", modes),
-        "strategy": _as("strategy"),
-        "viewpoints": _as("viewpoints"),
-        "face_size": _as("face_size", edge),
-        "filter": _as("filter"),
-        "max_error": _as("max_error_px", lambda text: one_number("--max-error", text.removesuffix("px"))),
-        "normals": _as("normals"),
-        "truth_scale": _as("truth_scale"),
-        "timeout": _as("source_options.timeout_s", lambda value: one_number("--timeout", value)),
-        "patience": _as("source_options.patience_s", lambda value: one_number("--patience", value)),
-        "freeze": _as("freeze", freeze),
-    }
+    file: Path | None
+    options: Mapping[str, JobOption]
+    values: Mapping[str, Any]
+    given: frozenset[str]
+    described: Keys
 
-    job: Path | None = Argument(None, metavar="JOB.yaml", help="A job; options beside it override its keys.")
-    modes: str = Option("lit", help="Some of lit,object_mask (or mask),depth,normals.")
-    strategy: str = Option(
-        "auto",
-        help="auto, cube, faces, strips, reproject, adaptive; see 'omniscv plan'.",
-        autocompletion=strategies,
-    )
-    viewpoints: int | None = Option(None, help="Optical centres of a non-central camera.")
-    face_size: str = Option("auto", help="px of a 90 degree face, or auto.")
-    filter: str = Option("auto", help="auto, nearest, bilinear, bicubic or area.")
-    max_error: str | None = Option(None, help="Error that reproject and adaptive may make, such as 0.5px.")
-    normals: str = Option("captured", help="captured, or from-depth: of planes fitted to depth.")
-    truth_scale: int = Option(1, help="How many times finer masks, depth and normals are captured, 1 to 8.")
+    def load(self) -> Job:
+        """Return the job of the file, changed by the given options; without a file, the job of all options.
 
-    def to_job(self) -> Job:
-        """Return the job of the file, changed by the options that are given beside it; without, that of all.
-
-        Options that override keys of a file are named in a line on standard error.
+        A line on standard error says which options override keys of a file.
         """
         from omniscv.job import address, load, overridden, read
 
-        if self.job is None:
-            return read(overridden(self.described(), self.keys(list(self.values))), Path())
-        keys = self.keys([name for name in self.values if name in self.given])
-        if self.job.resolve().parent != Path.cwd():
-            for key in keys.keys() & set(_PATHS):
-                keys[key] = address(keys[key], Path.cwd())
-        job = load(self.job, keys)
-        if said := "; ".join(self._said()):
-            console.error(f"{self.job}: {said}")
+        if self.file is None:
+            return read(overridden(self.described, self._keys(self.options)), Path())
+        # A camera without a size gets the default one.
+        keys = self._keys({"size"} | self.given if "camera" in self.given else self.given)
+        if self.file.resolve().parent != Path.cwd():
+            keys |= {name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None}
+        job = load(self.file, keys)
+        if self.given:
+            console.error(f"{self.file}: {'; '.join(map(self._overriding, self._ordered(self.given)))}")
         return job
 
-    def keys(self, names: list[str]) -> Keys:
-        """Return the keys of a job that some options stand for."""
+    def _keys(self, names: Iterable[str]) -> Keys:
         keys: Keys = {}
-        for name in names:
-            if name in self.keys_of and self.values[name] not in (None, []):
-                keys |= self.keys_of[name](self.values[name])
+        for name in self._ordered(names):
+            if self.values[name] not in (None, []):
+                keys |= self.options[name].keys(self.values[name])
         return keys
 
-    def described(self) -> Keys:
-        """Return the keys of a job that has no file, and for which there are no options."""
-        return {}
+    def _ordered(self, names: Iterable[str]) -> list[str]:
+        """Return names in the order of the options: a camera before its size, ``--set`` last."""
+        return sorted(names, key=[*(name for name in self.options if name != "set"), "set"].index)
 
-    def _said(self) -> Iterator[str]:
-        """What each option overrides."""
-        for name in self.values:
-            if name in self.given and name in self.keys_of:
-                found = self.keys_of[name](self.values[name])
-                keys = " and ".join(key for key, value in found.items() if value is not None)
-                yield f"--{name.replace('_', '-')} overrides {keys}"
+    def _overriding(self, name: str) -> str:
+        keys = self.options[name].keys(self.values[name])
+        listed = " and ".join(key for key, value in keys.items() if value is not None or name == "set")
+        return f"--{name.replace('_', '-')} overrides {listed}"
 
 
-class JobOptions(CaptureOptions):
-    """A job: from its file, or with one camera and one pose."""
+def with_job(
+    options: Mapping[str, JobOption], *, needs_file: bool = False, **described: Any
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the options of a job; ``job`` is its :class:`JobArguments`.
 
-    keys_of: ClassVar = {
-        **CaptureOptions.keys_of,
-        "source": _as("source"),
-        "camera": lambda model: {"cameras": {model: {"model": model}}, "rig": None},
-        "size": lambda text: dict(zip(("cameras.*.width", "cameras.*.height"), size(text), strict=True)),
-        "fov": _as("cameras.*.fov_deg"),
-        "param": lambda texts: {f"cameras.*.{name}": value for name, value in map(parameter, texts)},
-        "position": lambda text: {"poses": [{"position": numbers("--position", text)}]},
-        "yaw": _as("poses.*.yaw_deg"),
-        "pitch": _as("poses.*.pitch_deg"),
-        "roll": _as("poses.*.roll_deg"),
-    }
-
-    source: str = Option("mock://four-wall", help="unreal://host:port, mock://NAME, scene://NAME, recording.")
-    camera: str = Option(
-        "equirectangular", help="A camera model; see 'omniscv cameras'.", autocompletion=models
+    Args:
+        options: by name.
+        needs_file: the job's file must be given.
+        described: the keys of a job without a file, before its options.
+    """
+    file = Argument(
+        ... if needs_file else None, metavar="JOB.yaml", help="A job; options beside it override its keys."
     )
-    size: str = Option("1024x512", help="Width x height of the image, px.")
-    fov: float | None = Option(None, help="Full field of view, degrees.")
-    param: list[str] = Option([], help="A camera parameter such as radius=1 or k=0.1,0.2,0,0; repeatable.")
-    position: str = Option("0,0,1.5", help="X,Y,Z in metres: X forward, Y left, Z up.")
-    yaw: float = Option(0.0, help="Degrees, to the left +.")
-    pitch: float = Option(0.0, help="Degrees, nose up +.")
-    roll: float = Option(0.0, help="Degrees, right side down +.")
 
-    def keys(self, names: list[str]) -> Keys:
-        if "camera" in names and "size" not in names:
-            names = ["size", *names]
-        return super().keys(sorted(names, key=lambda name: name != "camera"))  # others change what it is
+    def decorate(body: Callable[..., None]) -> Callable[..., None]:
+        @wraps(body)
+        def command(context: Context, job: Path | None, **values: Any) -> None:
+            origins = {name: context.get_parameter_source(name) for name in options}
+            given = frozenset(
+                name for name, origin in origins.items() if origin and origin.name == "COMMANDLINE"
+            )
+            of_job = {name: values.pop(name) for name in options}
+            body(job=JobArguments(job, options, of_job, given, described), **values)
 
+        own = [each for each in signature(body, eval_str=True).parameters.values() if each.name != "job"]
+        command.__signature__ = Signature(  # type: ignore[attr-defined]
+            [
+                Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),
+                Parameter("job", Parameter.KEYWORD_ONLY, default=file, annotation=Path | None),
+                *(option.parameter(name) for name, option in options.items()),
+                *(each.replace(kind=Parameter.KEYWORD_ONLY) for each in own),
+            ]
+        )
+        command.__annotations__ = {}
+        return command
 
-class ImageOptions(JobOptions):
-    """A job, and where its images are written."""
-
-    keys_of: ClassVar = {
-        **JobOptions.keys_of,
-        "out": _as("out"),
-        "record": _as("record", str),
-        "image_format": _as("image_format"),
-    }
-
-    out: str = Option("out", help="Folder for the images.")  # a text: as a path, a URL would lose a slash
-    record: Path | None = Option(None, help="A recording to take captures from, and to add new ones to.")
-    image_format: str = Option("png", help="png, jxl or jpg, for lit.")
+    return decorate

@@ -1,40 +1,40 @@
-"""``omniscv plan``: what each strategy would capture."""
+"""``omniscv plan``: the captures of each strategy."""
 
 from dataclasses import asdict
+from typing import Annotated
 
 from typer import Option, Typer
 
 from omniscv.cli import console, options
-from omniscv.cli.job_options import JobOptions
+from omniscv.cli.job_options import VIEW, JobArguments, with_job
 
 app = Typer(add_completion=False)
 
 _COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds", "shift m")
 
 
-class PlanOptions(JobOptions):
-    """What to plan."""
-
-    as_json: options.AsJson = False
-    measure: bool = Option(False, "--measure", help="Open the source, and measure how long a request takes.")
-
-
-@app.command(epilog="Example: omniscv plan --camera noncentral-panorama --param radius=1 --modes lit,depth")
-@PlanOptions.command
-def plan(given: PlanOptions) -> None:
+@app.command(
+    epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth"
+)
+@with_job(VIEW)
+def plan(
+    job: JobArguments,
+    measure: Annotated[bool, Option("--measure", help="Open the source, and time a request.")] = False,
+    as_json: options.AsJson = False,
+) -> None:
     """List what each strategy would capture for a job, and how long that takes, without capturing it.
 
-    The last column is the largest distance from a pixel's own optical centre to that of its captures: what
-    fewer --viewpoints give up.
+    The last column is the largest distance from a pixel's own optical centre to that of its captures: the
+    price of fewer viewpoints.
     """
     from omniscv.make import costs
 
-    found = costs(given.to_job(), measure=given.measure)
-    if given.as_json:
-        console.as_json([asdict(cost) for cost in found])
+    strategies = costs(job.load(), measure=measure)
+    if as_json:
+        console.as_json([asdict(cost) for cost in strategies])
         return
     rows = []
-    for cost in found:
+    for cost in strategies:
         counts = (cost.views, cost.requests, cost.most_requests)
         sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
         rows.append((cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}"))

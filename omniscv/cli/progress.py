@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 Style = Literal["bar", "plain", "none"]
 _HELP = "bar, plain (lines for a log) or none; else bar on a terminal."
-STYLE = Option(None, "--progress", help=_HELP)
 StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
-"""The option of every command that works long: as a default of its attribute, and as a type."""
+"""The option of every command that runs long."""
 
 _LINES_EVERY_S = 5.0
 

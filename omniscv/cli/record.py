@@ -1,66 +1,80 @@
 """``omniscv record``: capture into a recording."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, Any
 
 from typer import Option, Typer
 
 from omniscv.cli import console, options
-from omniscv.cli.job_options import CaptureOptions, Keys
-from omniscv.cli.progress import STYLE, Style, display
+from omniscv.cli.job_options import MODES, OLD, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
+from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
+_OVERSCAN_HELP = "px that captures have beyond each side."
 
-class RecordOptions(CaptureOptions):
-    """What to capture, from where, into which file: without a job, cube maps at positions."""
 
-    keys_of: ClassVar = {
-        **CaptureOptions.keys_of,
-        "source": lambda addresses: {"source": addresses},
-        "launch": lambda paths: {"source": [f"launch:{path}" for path in paths]},
-        "position": lambda texts: {"poses": [{"position": options.numbers("--position", t)} for t in texts]},
-        "fix_exposure": lambda fix: {"source_options.fix_exposure": True} if fix else {},
-        "out": lambda path: {"record": str(path)},
-    }
+def _positions(texts: list[str]) -> Keys:
+    return {"poses": [{"position": options.numbers("--position", text)} for text in texts]}
 
-    source: list[str] = Option([], help="As for render; repeatable: replicas of a game share the captures.")
-    launch: list[Path] = Option([], help="A packaged game to start, and to stop at the end; repeatable.")
-    position: list[str] = Option(["0,0,1.5"], help="X,Y,Z in metres; repeatable.")
-    fix_exposure: bool = Option(False, "--fix-exposure", help="Switch off vignette and auto exposure.")
-    overscan: int | None = Option(None, min=0, max=8192, help="px beyond each side, cropped later.")
-    out: Path | None = Option(None, help="The recording; else the job's, or capture.sqlite.")
-    face_size: str = Option("1024", help="px of a 90 degree face, or auto.")
-    modes: str = Option("lit,object_mask,depth", help="As for render.")
-    strategy: str = Option("cube", help="As for render.")
-    progress: Style | None = STYLE
 
-    def keys(self, names: list[str]) -> Keys:
-        edge = options.edge(self.face_size)
-        size = f"?size={edge}x{edge}" if isinstance(edge, int) else ""  # of a game that cannot set another
-        addresses = [*self.source, *(f"launch:{path}{size}" for path in self.launch)]
-        return {**super().keys(names), **({"source": addresses} if addresses else {})}  # of both options
-
-    def described(self) -> Keys:
-        edge = options.edge(self.face_size)
-        width = 2048 if edge == "auto" else 2 * edge
-        cube = {"model": "equirectangular", "width": width, "height": width // 2}
-        return {"source": "mock://four-wall", "cameras": {"cube": cube}}
+OPTIONS = {
+    "source": JobOption(
+        key("source"), list[str], [], f"{SOURCE_HELP} Repeatable: replicas of a game share the captures."
+    ),
+    "position": JobOption(
+        _positions, list[str], ["0,0,1.5"], "X,Y,Z in metres: X forward, Y left, Z up; repeatable."
+    ),
+    "modes": MODES._replace(default="lit,object_mask,depth", panel=""),
+    "fix_exposure": JobOption(
+        lambda fix: {"source_options.fix_exposure": True} if fix else {},
+        bool,
+        False,
+        "Switch off vignette and auto exposure.",
+    ),
+    "out": JobOption(key("record"), str | None, None, "The recording; else the job's, or capture.sqlite."),
+    **OLD,
+    "strategy": OLD["strategy"]._replace(default="cube"),
+    "face_size": OLD["face_size"]._replace(default="1024"),
+    **SET,
+}
 
 
 @app.command(
     epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
-    "--face-size 256 --modes lit,mask,depth --out room.sqlite"
+    "--set face_size=256 --modes lit,mask,depth --out room.sqlite"
 )
-@RecordOptions.command
-def record(given: RecordOptions) -> None:
+@with_job(OPTIONS)
+def record(
+    job: JobArguments,
+    launch: Annotated[
+        list[Path] | None, Option(help="A packaged game to start, and to stop at the end; repeatable.")
+    ] = None,
+    overscan: Annotated[int | None, Option(min=0, max=8192, help=_OVERSCAN_HELP)] = None,
+    progress: StyleOption = None,
+) -> None:
     """Capture cube maps at positions, or all that a job needs, into a recording; rerun to resume."""
     from omniscv.make import capture
     from omniscv.sources.recording.publishing import target_of
 
-    job = given.to_job()
-    path = job.record or Path("capture.sqlite")
+    wanted = _described(job, launch or []).load()
+    path = wanted.record or Path("capture.sqlite")
     target_of(path)  # refuses what is no file, before a game is launched
-    with display("images", given.progress) as shown:
-        count = capture(job, path, shown, border_px=given.overscan)
+    with display("images", progress) as show:
+        count = capture(wanted, path, show, border_px=overscan)
     console.line(f"{path}: {count} captures")
+
+
+def _described(job: JobArguments, games: list[Path]) -> JobArguments:
+    """Add what a job without a file captures, a cube map, and the games that are launched."""
+    values = dict(job.values)
+    edge = dict(map(options.setting, values["set"])).get("face_size", options.edge(values["face_size"]))
+    width = 2 * edge if isinstance(edge, int) else 2048
+    cube = {"model": "equirectangular", "width": width, "height": width // 2}
+    described: dict[str, Any] = {"source": "mock://four-wall", "cameras": {"cube": cube}}
+    # The size is for a game that cannot set another one.
+    size = f"?size={edge}x{edge}" if isinstance(edge, int) else ""
+    values["source"] = [*values["source"], *(f"launch:{game}{size}" for game in games)]
+    given = job.given | ({"source"} if games else set())
+    return replace(job, values=values, given=given, described=described)

@@ -138,7 +138,7 @@ class Layout:
     """Where room layouts come from, and how their maps are drawn."""
 
     source: str | None = checked(text, default=None, help="scene or fitted")
-    maps: Any = checked(plain, cls=LayoutMaps, default=None)
+    maps: Any = checked(plain, cls=LayoutMaps, default=None, help="widths of edges and corners")
 
 
 @record

@@ -45,7 +45,7 @@ def test_the_first_refusal_ends_it_with_1(server, capsys):
     [
         (["mock://four-wall"], "Missing argument 'COMMAND...'"),
         (["captures.sqlite", "vget /objects"], "expected unreal://host:port"),
-        (["unreal://localhost:1", "vbatch 3"], "expected one that is answered alone"),
+        (["unreal://localhost:1", "vbatch 3"], "expected one with its own reply"),
         (["unreal://localhost:1", "vget\n/objects"], "expected one line such as 'vget /objects'"),
         (["unreal://localhost:1", "vget /objects", "--timeout", "0"], "--timeout: expected"),
     ],

@@ -24,11 +24,11 @@ RECORDING = ROOT / "captures" / "four-wall.sqlite"
 def test_the_example_of_a_job_has_every_key_and_loads(tmp_path, capsys):
     assert run(["job", "--example"]) == 0
     text = capsys.readouterr().out
-    assert text == EXAMPLE.read_text()
     given = yaml.safe_load(text)
+    assert given == yaml.safe_load(EXAMPLE.read_text())
     top = {key.name for key in keys() if "." not in key.name}
     assert set(given) == top
-    assert all("#" in line for line in text.splitlines() if line.partition(":")[0] in top and line[-1] == ":")
+    assert all(f"# {key.help}\n" in text for key in keys() if "." not in key.name)
     path = tmp_path / "job.yaml"
     path.write_text(text)
     job = load(path)
@@ -41,10 +41,23 @@ def test_the_example_of_a_job_has_every_key_and_loads(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("arguments", [[], ["job.yaml", "--example"]])
+@pytest.mark.parametrize("arguments", [[], ["job.yaml", "--example"], ["--keys", "--example"]])
 def test_a_job_or_its_example(arguments, capsys):
     assert run(["job", *arguments]) == 2
-    assert "job: expected JOB.yaml or --example, got" in capsys.readouterr().err
+    assert "job: expected one of JOB.yaml, --example and --keys" in capsys.readouterr().err
+
+
+def test_every_key_is_listed_with_its_meaning(capsys):
+    assert run(["job", "--keys"]) == 0
+    text = capsys.readouterr().out
+    assert all(key.help and f"{key.name} " in text for key in keys())
+
+
+def test_a_job_that_render_refuses_is_refused(tmp_path, capsys):
+    path = tmp_path / "job.yaml"
+    path.write_text(EXAMPLE.read_text().replace("strategy: auto", "strategy: nonsense"))
+    assert run(["job", str(path)]) == 2
+    assert "strategy: expected one of auto, cube" in capsys.readouterr().err
 
 
 def test_scenes_are_listed_and_described(tmp_path, capsys, monkeypatch):

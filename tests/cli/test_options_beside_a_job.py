@@ -1,21 +1,17 @@
 """Options beside a job take the place of its keys, and a line says which; without one they are the job."""
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 
-import omniscv
 from omniscv.arguments import shown
-from omniscv.cli import app, run
-from omniscv.cli.dataset import MakeOptions
-from omniscv.cli.job_options import CaptureOptions, ImageOptions
-from omniscv.cli.plan import PlanOptions
-from omniscv.cli.record import RecordOptions
-from omniscv.cli.render import RenderOptions
+from omniscv.cli import job_options, run
+from omniscv.cli.job_options import IMAGES, JobArguments
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
 from omniscv.job import address, load, overridden, read
 from omniscv.sources.recording.inspection import info
 
@@ -26,19 +22,6 @@ poses: [{position: [0, 0, 1.5], yaw_deg: 40}]
 modes: [lit, mask]
 face_size: 32
 """
-INDEPENDENT = {
-    "progress",
-    "as_json",
-    "cluster",
-    "job",
-    "stem",
-    "measure",
-    "overscan",
-    "resume",
-    "shard",
-    "workers",
-}
-"""Options that stand for no key of a job."""
 
 
 @pytest.fixture
@@ -49,60 +32,85 @@ def job(tmp_path, monkeypatch):
     return path
 
 
-@pytest.mark.parametrize(
-    ("command", "kind"),
-    [("render", RenderOptions), ("plan", PlanOptions), ("record", RecordOptions), ("make", MakeOptions)],
-)
-def test_no_option_is_ignored(command, kind):
-    """Each stands for keys of a job, or is none of a job's."""
-    commands = get_command(app).commands
-    options = {each.name for each in {**commands, **commands["dataset"].commands}[command].params}
-    assert {"strategy", "face_size", "modes", "source", "job"} <= options
-    assert options <= set(kind.keys_of) | INDEPENDENT
+def loaded(job, **values):
+    """The job of a file and options with these values."""
+    values = {name.replace("-", "_"): value for name, value in values.items()}
+    return JobArguments(job, IMAGES, values, frozenset(values), {}).load()
 
 
 @pytest.mark.parametrize(
     ("options", "field", "value"),
     [
-        ("--modes lit", "modes", ("lit",)),
-        ("--yaw 0", "poses.0.yaw", 0.0),
-        ("--position 1,0,1.5 --pitch 10", "poses.0.position.0", 1.0),
-        ("--face-size 16", "options.face_size", 16),
-        ("--face-size auto", "options.face_size", "auto"),
-        ("--strategy cube", "options.strategy", "cube"),
-        ("--viewpoints 3", "options.viewpoints", 3),
-        ("--filter area", "options.filter", "area"),
-        ("--max-error 0.5px", "options.max_error_px", 0.5),
-        ("--normals from-depth", "options.normals", "from-depth"),
-        ("--truth-scale 2", "options.truth_scale", 2),
-        ("--source scene://six-wall", "source", "scene://six-wall"),
-        ("--size 16x8", "cameras.pano.width", 16),
-        ("--camera pinhole --size 8x6 --param focal=5", "cameras.pinhole.focal", 5.0),
-        ("--timeout 3", "source_options.timeout_s", 3.0),
-        ("--patience 4", "source_options.patience_s", 4.0),
-        ("--freeze none", "source_options.freeze", "none"),
-        ("--image-format jpg", "image_format", "jpg"),
-        ("--record room.sqlite", "record.name", "room.sqlite"),
-        ("--out elsewhere", "out.name", "elsewhere"),
+        ({"modes": "lit"}, "modes", ("lit",)),
+        ({"yaw": 0.0}, "poses.0.yaw", 0.0),
+        ({"position": "1,0,1.5", "pitch": 10.0}, "poses.0.position.0", 1.0),
+        ({"source": "scene://six-wall"}, "source", "scene://six-wall"),
+        ({"size": "16x8"}, "cameras.pano.width", 16),
+        ({"camera": "pinhole", "size": "8x6", "param": ["focal=5"]}, "cameras.pinhole.focal", 5.0),
+        ({"camera": "pinhole", "size": "8x6", "set": ["camera.focal=5"]}, "cameras.pinhole.focal", 5.0),
+        ({"out": "elsewhere"}, "out.name", "elsewhere"),
+        ({"set": ["face_size=16", "filter=area"]}, "options.face_size", 16),
+        ({"set": ["pose.yaw_deg=0"]}, "poses.0.yaw", 0.0),
+        ({"set": ["source_options.timeout_s=3"]}, "source_options.timeout_s", 3.0),
+        ({"set": ["modes=[lit]"]}, "modes", ("lit",)),
+        ({"set": ["truth.boxes=true"]}, "recipe.truth.boxes", {}),
+        # Spellings from before --set:
+        ({"face-size": "16"}, "options.face_size", 16),
+        ({"face-size": "auto"}, "options.face_size", "auto"),
+        ({"strategy": "cube"}, "options.strategy", "cube"),
+        ({"viewpoints": 3}, "options.viewpoints", 3),
+        ({"filter": "area"}, "options.filter", "area"),
+        ({"max-error": "0.5px"}, "options.max_error_px", 0.5),
+        ({"normals": "from-depth"}, "options.normals", "from-depth"),
+        ({"truth-scale": 2}, "options.truth_scale", 2),
+        ({"timeout": 3.0}, "source_options.timeout_s", 3.0),
+        ({"patience": 4.0}, "source_options.patience_s", 4.0),
+        ({"freeze": "none"}, "source_options.freeze", "none"),
+        ({"image-format": "jpg"}, "image_format", "jpg"),
+        ({"record": "room.sqlite"}, "record.name", "room.sqlite"),
     ],
 )
 def test_an_option_overrides_its_key(options, field, value, job, capsys):
-    """As it is given; the job without it has another value. One line names it."""
-    names = [word[2:].replace("-", "_") for word in options.split() if word.startswith("--")]
-    context = get_command(app).commands["render"].make_context("render", [str(job), *options.split()])
-    found = RenderOptions(names, {k: v for k, v in context.params.items() if k != "context"}).to_job()
-    assert _field(found, field) == value
+    """The job without it has another value. One line names it."""
+    overridden_job = loaded(job, **options)
+    assert _field(overridden_job, field) == value
     assert _field(load(job), field) != value
     line = capsys.readouterr().err
     assert line.count("\n") == 1
-    assert all(f"--{name.replace('_', '-')} overrides " in line for name in names)
+    assert all(f"--{name} overrides " in line for name in options)
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        (
+            "face_size",
+            "--set: expected KEY=VALUE such as face_size=512 or camera.fov_deg=185, got 'face_size'",
+        ),
+        ("a..b=1", "--set: expected KEY=VALUE"),
+        ("modes=[lit", "--set modes: line 2: expected YAML"),
+        ("strateg=cube", "unknown key 'strateg'; known keys: source, "),
+        ("strategy=guess", "strategy: expected one of auto, "),
+        ("source.x=1", "source: expected something in which x can be set"),
+    ],
+)
+def test_a_wrong_setting_is_refused(setting, says, job, capsys):
+    assert run(["render", str(job), "--set", setting]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_old_spellings_are_not_in_the_help(capsys):
+    assert run(["render", "--help"]) == 0
+    listed = set(re.findall(r"--([a-z-]+)", capsys.readouterr().out.partition("Example:")[0]))
+    assert {"set", "size", "modes"} <= listed
+    assert not listed & {name.replace("_", "-") for name in job_options.OLD}
 
 
 def _field(job, path):
     """A value of a job; None where there is none."""
     value = job
     for key in path.split("."):
-        if isinstance(value, omniscv.Pose):
+        if isinstance(value, Pose):
             value = {"position": value.position, "yaw": -round(value.to_unreal()[1][1], 9)}
         if isinstance(value, Mapping):
             value = value.get(key)
@@ -119,8 +127,8 @@ def test_a_command_renders_what_options_make_of_a_job(job, capsys):
     )
     printed = capsys.readouterr()
     assert printed.err == (
-        f"omniscv: {job}: --out overrides out; --size overrides cameras.*.width and cameras.*.height; "
-        "--modes overrides modes\n"
+        f"omniscv: {job}: --size overrides cameras.*.width and cameras.*.height; --modes overrides modes; "
+        "--out overrides out\n"
     )
     written = json.loads((job.parent / "x" / "small.json").read_text())
     assert (written["camera"]["width"], written["options"]["face_size"]) == (16, 32)
@@ -188,11 +196,5 @@ def test_a_key_below_a_value_is_refused(there):
 
 
 def test_a_url_keeps_its_slashes(job):
-    make = get_command(app).commands["dataset"].commands["make"]
-    context = make.make_context("make", [str(job), "--out", "s3://bucket/kitchen"])
-    assert MakeOptions(["out"], context.params).keys(["out"]) == {"out": "s3://bucket/kitchen"}
+    assert loaded(job, out="s3://bucket/kitchen").out == "s3://bucket/kitchen"
     assert address("s3://bucket/kitchen", Path("/elsewhere")) == "s3://bucket/kitchen"
-
-
-def test_the_options_of_commands_share_their_keys():
-    assert set(CaptureOptions.keys_of) < set(ImageOptions.keys_of) == set(MakeOptions.keys_of)

@@ -53,7 +53,7 @@ def test_cameras_lists_every_model(capsys):
         (["--param", "radius"], "--param: expected NAME=VALUE"),
         (["--strategy", "guess"], "strategy: expected"),
         (["--filter", "sharp"], "filter: expected"),
-        (["--freeze", "hard"], "--freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
+        (["--freeze", "hard"], "freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
         (["--source", "http://localhost"], "source"),
         (["--source", "mock://moon"], "moon"),
         (["--colour"], "No such option"),
@@ -124,15 +124,18 @@ def test_a_recording_without_the_asked_view(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("- not a job", "expected a mapping with 'source', 'poses'"),
-        ("source: mock://four-wall\ncameras: {}\nposes: []\n", "cameras: expected"),
+        ("- not a job", "expected a mapping with source, poses"),
+        ("source: mock://four-wall\ncameras: {}\nposes: [{position: [0, 0, 1]}]\n", "cameras: expected"),
         ("sources: x\n", "'sources'"),
         ("source: mock://four-wall\n", "'poses'"),
         ("source: mock://four-wall\nposes: [{position: [0, 0, 1]}]\n", "cameras or a rig, got none"),
         ("source: mock://four-wall\nrig: 3\nposes: [{position: [0, 0, 1]}]\n", "rig: expected"),
         ("{", "expected YAML"),
         ("!!python/object/apply:os.system [true]", "expected no tags"),
-        ("source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: []\n", "file names"),
+        (
+            "source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: [{position: [0, 0, 1]}]\n",
+            "file names",
+        ),
     ],
 )
 def test_a_wrong_job_is_one_line(text, says, capsys, tmp_path):
