@@ -32,7 +32,7 @@ Color = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a source can do; of a live server as probed, never from a version string.
+    """What a source can do. A live server is probed; its version string is not used.
 
     Attributes:
         modes: the modalities that it can capture.
@@ -41,9 +41,9 @@ class Capabilities:
         image_size: (width, height) of every view, where it cannot be set.
         fov_deg: horizontal field of view of every view, where it cannot be set.
         min_size: the smallest width and height of a view, px.
-        dialect: the server's dialect; the kind of other sources.
-        moves: whether the world may change between two captures; sets of captures that belong together are
-            then proven to show one instant (:mod:`omniscv.planning.stillness`).
+        dialect: the server's dialect; of other sources, what they are, such as ``recording``.
+        moves: whether the world may change between two captures; captures that must show one instant are
+            then checked for motion (:mod:`omniscv.planning.stillness`).
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))
@@ -75,31 +75,31 @@ class ObjectTable:
 
     def __post_init__(self) -> None:
         if self.ids and not self.colors:
-            object.__setattr__(self, "colors", {name: _color_of(each) for name, each in self.ids.items()})
+            object.__setattr__(self, "colors", {name: _color_of(id_) for name, id_ in self.ids.items()})
 
     def label(self, name: str) -> int:
-        """The label of an object; ValueError for a name that the table does not have."""
+        """Return the label of an object; ValueError for an unknown name."""
         return 1 + self.names().index(name)
 
     def names(self) -> list[str]:
-        """All names in sorted order: label - 1 is the index."""
+        """Return all names in sorted order: label - 1 is the index."""
         return sorted(self.colors)
 
 
 def _color_of(instance: int) -> Color:
-    """The colour made up for an instance id: unique, never black. A multiple of an odd number modulo 2^24."""
+    """Return a unique colour for an instance id, never black: a multiple of an odd number modulo 2^24."""
     code = (1 + instance) * 0x9E3779 % (1 << 24)
     return code >> 16, code >> 8 & 255, code & 255
 
 
 @dataclass(frozen=True)
 class SceneIdentity:
-    """What identifies the scene that a source shows; a part that the source does not know is empty.
+    """The scene that a source shows; parts that the source does not know are empty.
 
     Attributes:
         name: of the project or scene.
         level: of the level, or map, in it.
-        content: a digest of all there is to see.
+        content: a digest of everything visible.
     """
 
     name: str = ""
@@ -111,11 +111,11 @@ class SceneIdentity:
             object.__setattr__(self, part.name, str(getattr(self, part.name))[:_LONGEST_PART])
 
     def differs(self, other: Self) -> bool:
-        """Whether a part that both know is another: then both cannot be the same scene."""
+        """Return whether a part that both know differs, so that they are two scenes."""
         return any(a and b and a != b for a, b in zip(astuple(self), astuple(other), strict=True))
 
     def merged(self, other: Self) -> Self:
-        """Return this identity, with what only the other knows."""
+        """Return this identity, with parts of another one where this one knows none."""
         return type(self)(*(a or b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
@@ -141,7 +141,7 @@ class Source(ABC):
 
     @abstractmethod
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """Captures, one per request, in the order of the requests; ``requests`` is read lazily.
+        """Yield captures, one per request, in the order of the requests; ``requests`` is read lazily.
 
         Raises:
             ArgumentError: the world is in another state than a request's.
@@ -151,31 +151,30 @@ class Source(ABC):
 
     @abstractmethod
     def objects(self) -> ObjectTable:
-        """The objects of the scene, and how masks show them."""
+        """Return the objects of the scene, and how masks show them."""
 
     def cover(self, view: View) -> tuple[View, ...]:
-        """The views to request so that their captures together cover ``view``; the view itself first.
+        """Return the views to request so that their captures together cover ``view``; the view itself first.
 
-        More than one where the source captures some views with another orientation than requested.
+        There are several where the source captures some views with another orientation than requested.
         """
         return (view,)
 
     def recorded_views(self) -> tuple[View, ...] | None:
-        """The views that can be replayed, for a source that cannot make new ones; None otherwise."""
+        """Return the views that can be replayed; None for a source that makes new captures."""
         return None
 
     @property
     def scene_identity(self) -> SceneIdentity:
-        """What identifies the scene: captures of two scenes do not belong in one recording."""
+        """The scene: a recording holds captures of one scene only."""
         return SceneIdentity()
 
     def geometry(self) -> SceneGeometry:
-        """What is known of the shapes in the scene; empty for sources that only give pictures."""
+        """Return what is known of the shapes in the scene; empty for sources of pictures only."""
         return SceneGeometry()
 
     def object_poses(self) -> Mapping[str, Pose]:
-        """The poses of the objects that move, at this source's instant: ``R_w_o`` and position; those that
-        are not known are left out."""
+        """Return the known poses of moving objects at this source's instant: ``R_w_o`` and position."""
         return self.instant.poses
 
     def without(self, objects: Iterable[str]) -> Source:
@@ -190,12 +189,12 @@ class Source(ABC):
 
     @property
     def state(self) -> str:
-        """The state of the world that captures show; empty while nothing was changed in it."""
+        """The state of the world that captures show; empty while the world is unchanged."""
         return ""
 
     @property
     def instant(self) -> Instant:
-        """What is known of the world that captures show: what was set in it, or read from it."""
+        """What was set in the world that captures show, or read from it."""
         return Instant()
 
     def at(self, instant: Instant) -> Source:
@@ -213,8 +212,8 @@ class Source(ABC):
         raise ArgumentError(f"source: expected one whose objects can be moved, got {type(self).__name__}")
 
     def one_instant(self) -> AbstractContextManager[None]:
-        """Return a context whose captures belong together, because they are to show one instant: a recording
-        keeps all of them, or, if an error ends it, none.
+        """Return a context for captures that must show one instant: a recording keeps all of them, or, if
+        an error ends it, none.
         """
         return nullcontext()
 
@@ -247,7 +246,7 @@ class Source(ABC):
 
 
 class SourceWrapper(Source):
-    """A source around another one, closed with it; subclasses override what they change."""
+    """A source around another one, which is closed with it; subclasses override what they change."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -363,22 +362,22 @@ class ProcessBound(SourceWrapper):
 
     def _check_process(self) -> None:
         if self._process != os.getpid():
-            wanted = "expected to be used by the process that opened it, got a fork of that process"
-            raise SourceError(f"{self._address}: {wanted}; open it again there")
+            expected = "expected to be used by the process that opened it, got a fork of that process"
+            raise SourceError(f"{self._address}: {expected}; open it again there")
 
 
 def closed_error(what: str) -> SourceError:
-    """The error to raise where a closed source is used."""
+    """Return the error of a closed source that is used."""
     return SourceError(f"{what}: expected an open source, got a closed one; open it again")
 
 
 def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:
-    """Raise ArgumentError for names of objects that are not known."""
-    if strange := sorted(set(objects) - set(known)):
-        raise ArgumentError(f"{what}: expected objects of the scene, got {shown(strange[0])}")
+    """Raise ArgumentError for unknown names of objects."""
+    if unknown := sorted(set(objects) - set(known)):
+        raise ArgumentError(f"{what}: expected objects of the scene, got {shown(unknown[0])}")
 
 
 def not_picklable(what: str) -> SourceError:
-    """The error to raise where a source that holds connections is pickled, as for a spawned process."""
-    wanted = "expected a source that can be pickled, got one that holds connections"
-    return SourceError(f"{what}: {wanted}; open it in each process by its address")
+    """Return the error of a source with connections that is pickled, as for a spawned process."""
+    expected = "expected a source that can be pickled, got one that holds connections"
+    return SourceError(f"{what}: {expected}; open it in each process by its address")

@@ -1,10 +1,10 @@
-"""Captures as bytes: decoding and encoding, the same for live, recorded and imported captures.
+"""Decode and encode captures, the same for live, recorded and imported ones.
 
 Encodings of every source
     ``png``   modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
     ``npy``   pixels as they are: any modality, any dtype of numbers
 
-A source with a wire registers encodings of its own; :mod:`omniscv.sources.unreal.codecs` are Unreal's.
+Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.codecs`.
 """
 
 import io
@@ -27,7 +27,7 @@ Decoder = Callable[[bytes, str, View], NDArray[Any]]
 """``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
 
 MAX_PIXELS = 1 << 27
-"""Of one picture, 16384 x 8192: none that claims more is decoded. A byte of PNG can stand for a thousand."""
+"""The most pixels that are decoded, 16384 x 8192: a byte of PNG can stand for a thousand."""
 
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
@@ -36,33 +36,36 @@ _NPY_HEADER = re.compile(
     rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': False, "
     rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
 )
-"""The header as NumPy writes it. NumPy's own reader evaluates any Python literal, and crashes on some."""
+"""The header as NumPy writes it. NumPy's own reader evaluates Python literals, and crashes on some."""
 
 
 def register(
     encoding: str, decoder: Decoder, modes: Sequence[str] | None = None, precision: Precision | None = None
 ) -> None:
-    """Add an encoding, or replace the one of its name; recordings are decoded by it too.
+    """Add an encoding, or replace the one of its name; recordings are decoded by it, too.
 
-    It can encode the modalities ``modes``, all if not given; ``precision`` is that of its depth, that of
-    floats in metres if not given.
+    Args:
+        encoding: its name.
+        decoder: see :data:`Decoder`.
+        modes: the modalities that it encodes; all if not given.
+        precision: of its depth; that of floats in metres if not given.
     """
     _decoders[encoding] = decoder, modes
     _precisions[encoding] = precision or Precision()
 
 
 def encodings() -> tuple[str, ...]:
-    """The names of all encodings."""
+    """Return the names of all encodings."""
     return tuple({**_decoders, **_MODULES})
 
 
 def precision(encoding: str | None) -> Precision:
-    """Return how exactly an encoding stores depth; that of floats for captures without wire bytes."""
+    """Return the precision of an encoding's depth; that of floats for captures without wire bytes."""
     return Precision() if encoding is None else _precisions[encoding]
 
 
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
-    """The pixels of a capture, read-only, as :class:`omniscv.sources.base.Capture` describes them.
+    """Return the pixels of a capture, read-only, as :class:`omniscv.sources.base.Capture` describes them.
 
     Args:
         payload: the bytes as received.
@@ -85,7 +88,7 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
 
 
 def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
-    """Bytes and encoding of pixels: PNG for three channels of uint8, NPY for all else; lossless."""
+    """Return bytes and encoding of pixels, lossless: PNG for three channels of uint8, else NPY."""
     if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
         from omniscv.storage import png
 
@@ -96,7 +99,7 @@ def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
 
 
 def payload_of(capture: Capture) -> tuple[bytes, str]:
-    """Bytes and encoding of a capture: those that it has, else its pixels, encoded.
+    """Return the bytes and encoding of a capture; its pixels are encoded if it has none.
 
     Raises:
         BadReplyError: pixels that do not fit the modality or the view.
@@ -116,7 +119,7 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
 
 
 def picture_size(payload: bytes) -> tuple[int, int]:
-    """Width and height in the header of a PNG or NPY; BadReplyError for other bytes, or too many pixels."""
+    """Return width and height in the header of a PNG or NPY; BadReplyError for other bytes or sizes."""
     if payload.startswith(_PNG) and len(payload) >= _PNG_HEADER:
         width, height = int.from_bytes(payload[16:20]), int.from_bytes(payload[20:24])
     elif payload.startswith(_NPY):
@@ -129,7 +132,7 @@ def picture_size(payload: bytes) -> tuple[int, int]:
 
 
 def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB; the header is checked first, so that no picture larger than the view is decoded."""
+    """Return (H, W, 3) RGB; the header is checked first, so that no larger picture is decoded."""
     import cv2
 
     from omniscv.storage import png
@@ -148,7 +151,7 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
-    """The payload as a read-only array of the view's size, any channels; never unpickled."""
+    """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
     if not payload.startswith(_NPY):
         raise BadReplyError(f"expected NPY, got {_start(payload)}")
     shape, dtype, start = _npy_layout(payload)
@@ -191,14 +194,14 @@ def _npy_pixels(payload: bytes, mode: str, view: View) -> NDArray[Any]:
 
 
 def _npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Shape, dtype, and the offset of the pixels."""
+    """Return shape, dtype, and the offset of the pixels."""
     start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
     end = start + int.from_bytes(payload[8:start], "little")
     header = payload[start : min(end, start + _NPY_HEADER_MOST + 1)]
-    found = _NPY_HEADER.fullmatch(header) if len(header) <= _NPY_HEADER_MOST else None
-    if found is None:
+    match = _NPY_HEADER.fullmatch(header) if len(header) <= _NPY_HEADER_MOST else None
+    if match is None:
         raise BadReplyError(f"expected NPY of numbers in C order, got the header {shown(header[:120])}")
-    return tuple(map(int, found[2].split(b", "))), np.dtype(found[1].decode()), end
+    return tuple(map(int, match[2].split(b", "))), np.dtype(match[1].decode()), end
 
 
 def _start(payload: bytes) -> str:
@@ -210,4 +213,4 @@ _precisions: dict[str, Precision] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 _MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.codecs")
-"""Encodings of modules that are imported when first needed."""
+"""Encodings of modules that are imported when they are needed first."""

@@ -1,4 +1,4 @@
-"""Several sources of one scene as one: distributes requests, and re-queues those of a source that fails."""
+"""Several replicas of one scene as one source; the requests of a replica that fails go to the others."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
+from functools import cached_property
 from itertools import islice
 from queue import SimpleQueue
 from typing import Any, NoReturn, TypeVar
@@ -34,7 +35,7 @@ T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
 _BATCH = 96  # requests that a replica gets at once: enough for a live source to hide latency
 _BATCH_PX = 1 << 24  # pixels that it gets at once, which wait in memory
-_AHEAD = 2  # batches per replica that are captured ahead of those that are used
+_BATCHES_AHEAD = 2  # per replica: captured ahead of those that are used
 
 _log = logging.getLogger("omniscv")
 
@@ -53,10 +54,10 @@ class SourcePool(Source):
         if not sources:
             raise ArgumentError("sources: expected at least one, got none")
         self._sources, self._working = tuple(sources), list(sources)
-        self._capabilities = _the_same([source.capabilities for source in sources])
-        self._objects = _the_same([source.objects() for source in sources])
-        self._scene = _the_same([source.scene_identity for source in sources])
-        self._fault = closed_error("pool")
+        self._capabilities = _common([source.capabilities for source in sources])
+        self._objects = _common([source.objects() for source in sources])
+        self._scene = _common([source.scene_identity for source in sources])
+        self._fault = closed_error("pool")  # of the replica that failed last
         self._lock, self._closed = threading.Lock(), False
 
     @property
@@ -76,23 +77,21 @@ class SourcePool(Source):
 
     def recorded_views(self) -> tuple[View, ...] | None:
         """The views that every replica can replay; None where one of them is live."""
-        views = [source.recorded_views() for source in self._sources]
-        common = [set(each) for each in views if each is not None]
-        return tuple(v for v in views[0] or () if all(v in each for each in common)) if all(views) else None
+        return self._recorded_views
 
     def geometry(self) -> SceneGeometry:
-        """What the first replica that still works knows."""
+        """What the first working replica knows."""
         self._check_working()
         return self._working[0].geometry()
 
     def without(self, objects: Iterable[str]) -> Source:
-        """A pool of the replicas that still work, each without the objects."""
+        """A pool of the working replicas, each without the objects."""
         names = list(objects)
-        return self._each(lambda replica: replica.without(names))
+        return self._pool_of(lambda replica: replica.without(names))
 
     @property
     def instant(self) -> Instant:
-        """What the first replica that still works knows."""
+        """What the first working replica knows."""
         return self._first.instant
 
     @property
@@ -100,31 +99,27 @@ class SourcePool(Source):
         return self._first.state
 
     def at(self, instant: Instant) -> Source:
-        """A pool of the replicas that still work, each at the instant.
+        """A pool of the working replicas, each at the instant.
 
         Raises:
             ArgumentError: the replicas are at different instants, as where poses are read, not set.
         """
-        pool = self._each(lambda replica: replica.at(instant))
-        try:
-            states = {replica.state for replica in pool._working}
-            if len(states) > 1:
-                wanted = "expected replicas at one instant, got different poses"
-                raise ArgumentError(f"sources: {wanted}; use one source, or freeze='puppet'")
-        except BaseException:
+        pool = self._pool_of(lambda replica: replica.at(instant))
+        if len({replica.state for replica in pool._working}) > 1:
             pool.close()
-            raise
+            expected = "expected replicas at one instant, got different poses"
+            raise ArgumentError(f"sources: {expected}; use one source, or freeze='puppet'")
         return pool
 
     def command(self, text: str) -> str:
-        """Send a command to every replica that still works, and return the first one's reply."""
+        """Send a command to every working replica, and return the first one's reply."""
         self._check_working()
         first, *_ = [replica.command(text) for replica in self._working]
         return first
 
     @property
     def world(self) -> World:
-        """The worlds of the replicas that still work: what is changed is changed in all of them."""
+        """The worlds of the working replicas: a change changes all of them."""
         self._check_working()
         return PoolWorld([replica.world for replica in self._working])
 
@@ -138,32 +133,35 @@ class SourcePool(Source):
         threads = ThreadPoolExecutor(len(self._sources), "capture")
         try:
             while True:
-                ahead = _AHEAD * max(1, len(self._working))
-                while len(under_way) < ahead and (some := next(batches, None)):
-                    under_way.append(threads.submit(self._batch, some, idle))
+                ahead = _BATCHES_AHEAD * max(1, len(self._working))
+                while len(under_way) < ahead and (batch := next(batches, None)):
+                    under_way.append(threads.submit(self._capture_batch, batch, idle))
                 if not under_way:
                     return
                 yield from under_way.popleft().result()
         finally:
             threads.shutdown(cancel_futures=True)
 
-    def _batches(self, coming: Iterator[Request]) -> Iterator[list[Request]]:
-        """Requests in batches; few requests are distributed evenly, so that every replica has some."""
-        while first := next(coming, None):
-            replicas = max(1, len(self._working))
-            most = max(1, min(_BATCH, _BATCH_PX // (first.view.width * first.view.height)))
-            some = [first, *islice(coming, most * replicas - 1)]
-            size = -(-len(some) // replicas)
-            yield from (some[start : start + size] for start in range(0, len(some), size))
-
     def close(self) -> None:
         self._closed = True
-        with ExitStack() as closing:
+        with ExitStack() as stack:
             for source in self._sources:
-                closing.callback(source.close)
+                stack.callback(source.close)
 
-    def _batch(self, requests: list[Request], idle: SimpleQueue[Source]) -> list[Capture]:
-        """Capture requests on a replica that is idle; after its fault the rest on the next one."""
+    def __reduce__(self) -> NoReturn:
+        raise not_picklable("pool")
+
+    def _batches(self, requests: Iterator[Request]) -> Iterator[list[Request]]:
+        """Divide requests into batches; a few requests are divided evenly, so that every replica has some."""
+        while first := next(requests, None):
+            replicas = max(1, len(self._working))
+            most = max(1, min(_BATCH, _BATCH_PX // (first.view.width * first.view.height)))
+            block = [first, *islice(requests, most * replicas - 1)]
+            size = -(-len(block) // replicas)
+            yield from (block[start : start + size] for start in range(0, len(block), size))
+
+    def _capture_batch(self, requests: list[Request], idle: SimpleQueue[Source]) -> list[Capture]:
+        """Capture requests on an idle replica; after its fault, the rest on the next one."""
         captures: list[Capture] = []
         while True:
             replica = idle.get()
@@ -176,29 +174,37 @@ class SourcePool(Source):
                         raise SourceError(f"replica: expected {len(requests)} captures, got {len(captures)}")
                     return captures
             except SourceError as fault:
-                with self._lock:
-                    if replica in self._working:
-                        self._working.remove(replica)
-                        self._fault = fault
-                        if left := len(self._working):
-                            _log.warning("a replica failed, %d left to capture its requests: %s", left, fault)
+                self._remove(replica, fault)
                 self._check_working()
             finally:
                 if replica in self._working or not self._working:  # the latter for threads that wait for one
                     idle.put(replica)
 
-    def __reduce__(self) -> NoReturn:
-        raise not_picklable("pool")
+    def _remove(self, replica: Source, fault: SourceError) -> None:
+        with self._lock:
+            if replica in self._working:
+                self._working.remove(replica)
+                self._fault = fault
+                if count := len(self._working):
+                    _log.warning("a replica failed, %d left to capture its requests: %s", count, fault)
+
+    @cached_property
+    def _recorded_views(self) -> tuple[View, ...] | None:
+        views = [source.recorded_views() for source in self._sources]
+        if None in views:
+            return None
+        common = set.intersection(*(set(recorded or ()) for recorded in views))
+        return tuple(view for view in views[0] or () if view in common)
 
     @property
     def _first(self) -> Source:
         return (self._working or self._sources)[0]
 
-    def _each(self, changed: Callable[[Source], Source]) -> SourcePool:
-        """Return a pool of what becomes of every replica that still works."""
+    def _pool_of(self, change: Callable[[Source], Source]) -> SourcePool:
+        """Return a pool of every working replica, changed."""
         self._check_working()
         with ExitStack() as opened:
-            pool = SourcePool([opened.enter_context(changed(each)) for each in self._working])
+            pool = SourcePool([opened.enter_context(change(replica)) for replica in self._working])
             opened.pop_all()
             return pool
 
@@ -207,20 +213,21 @@ class SourcePool(Source):
             raise closed_error("pool") if self._closed else self._fault
 
 
-def _the_same(values: Sequence[T]) -> T:
+def _common(values: Sequence[T]) -> T:
+    """Return the value of all sources; ArgumentError if one differs."""
     first, *others = values
     for number, value in enumerate(others, start=2):
-        for each in fields(first):
-            a, b = getattr(first, each.name), getattr(value, each.name)
+        for field in fields(first):
+            a, b = getattr(first, field.name), getattr(value, field.name)
             if a != b:
-                fault = f"source {number} differs from source 1 in {each.name}"
+                fault = f"source {number} differs from source 1 in {field.name}"
                 both = f"{_excerpt(b, a)} against {_excerpt(a, b)}"
                 raise ArgumentError(f"sources: expected replicas of one scene, but {fault}: {both}")
     return first
 
 
 def _excerpt(value: Any, other: Any) -> str:
-    """A value; of a table, its first entry that another table does not have."""
+    """Return a value in a few words; of a table, its first entry that another table does not have."""
     if not isinstance(value, dict):
         return shown(value)
     apart = sorted(set(value.items()) - set(other.items()))

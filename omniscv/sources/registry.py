@@ -1,7 +1,7 @@
-"""Sources by address: a scheme names the opener, here or in another package.
+"""Sources by address: the scheme of an address chooses the opener.
 
-Another package joins by :func:`register`, or by an entry point of the group ``omniscv.sources`` whose name is
-the scheme and whose value is the opener, ``opener(address, **options) -> Source``.
+Other packages add schemes by :func:`register`, or by an entry point of the group ``omniscv.sources``: its
+name is the scheme, and its value is the opener, ``opener(address, **options) -> Source``.
 """
 
 import inspect
@@ -21,7 +21,7 @@ from omniscv.sources.base import Capabilities, Source
 from omniscv.sources.world import Freeze
 
 Opener = Callable[..., Source]
-"""``opener(address, **options)``: ``address`` is the whole text, its scheme included."""
+"""``opener(address, **options)``: ``address`` is the whole text, with its scheme."""
 
 _ENTRY_POINTS = "omniscv.sources"
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
@@ -38,7 +38,7 @@ _openers: dict[str, Opener | str] = {
     "blender": "omniscv.sources.blender.source:open_blender",
     **dict.fromkeys(storage.SCHEMES, _RECORDING),
 }
-"""By scheme; ``module:function`` is imported when the scheme is first opened."""
+"""By scheme; ``module:function`` is imported when the scheme is opened first."""
 
 
 class Deadlines(TypedDict, total=False):
@@ -60,8 +60,7 @@ class SourceOptions(Deadlines, total=False):
         retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
         freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
-            ``auto`` if not given. Where it is given, the world moves, and all captures are proven to show one
-            instant.
+            ``auto`` if not given. If it is given, the world moves, and captures are checked for motion.
     """
 
     retries: int
@@ -87,16 +86,14 @@ def register(scheme: str, opener: Opener) -> None:
 
 
 def schemes() -> list[str]:
-    """Every scheme that an address may have, those of other packages included."""
-    return sorted({*_openers, *(each.name for each in entry_points(group=_ENTRY_POINTS))})
+    """Return every scheme that an address may have, also those of other packages."""
+    return sorted({*_openers, *(entry.name for entry in entry_points(group=_ENTRY_POINTS))})
 
 
 def scheme_of(address: str) -> str | None:
-    """The scheme of an address; None for the path of a recording."""
-    found = _SCHEME.match(address)
-    if found is None:
-        return None
-    return found[1] if "://" in address or found[1] in _openers else None
+    """Return the scheme of an address; None for the path of a recording."""
+    match = _SCHEME.match(address)
+    return match[1] if match and ("://" in address or match[1] in _openers) else None
 
 
 def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
@@ -124,8 +121,8 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
     scheme = scheme_of(text)
     if scheme is None:
         if _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
-            wanted = f"expected an address or a recording, got {shown(text)}"
-            raise ArgumentError(f"source: {wanted}; write unreal://{text}")
+            expected = f"expected an address or a recording, got {shown(text)}"
+            raise ArgumentError(f"source: {expected}; write unreal://{text}")
         opener: Opener = resolve_name(_RECORDING)
     else:
         opener = _opener(scheme, text)
@@ -133,10 +130,10 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         inspect.signature(opener).bind(text, **options)
     except TypeError:
         known = list(inspect.signature(opener).parameters)[1:]
-        wanted = f"options among {', '.join(known)}" if known else "no options"
-        given = ", ".join(sorted(options))
-        place = shown(storage.without_secrets(text) if opener is resolve_name(_RECORDING) else text)
-        raise ArgumentError(f"options: expected {wanted} for {place}, got {given}") from None
+        expected = f"options among {', '.join(known)}" if known else "no options"
+        got = ", ".join(sorted(options))
+        address = shown(storage.without_secrets(text) if opener is resolve_name(_RECORDING) else text)
+        raise ArgumentError(f"options: expected {expected} for {address}, got {got}") from None
     source = opener(text, **options)
     if not isinstance(source, Source):
         raise ArgumentError(
@@ -166,7 +163,7 @@ def open_sources(uris: Sequence[str], **options: Unpack[SourceOptions]) -> Sourc
 
 
 def known_capabilities(uri: str) -> Capabilities | None:
-    """The capabilities of a source, where its opener knows them without opening it; None elsewhere."""
+    """Return the capabilities of a source if its opener knows them without opening it; else None."""
     scheme = scheme_of(uri)
     peek = None if scheme is None else getattr(_opener(scheme, uri), "capabilities", None)
     return None if peek is None else peek(uri)
@@ -175,7 +172,7 @@ def known_capabilities(uri: str) -> Capabilities | None:
 def split_address(
     address: str, readers: Mapping[str, Callable[[str], Any]], repeatable: Sequence[str] = ()
 ) -> tuple[str, dict[str, Any]]:
-    """The part of an address behind its scheme, and the options behind its question mark.
+    """Return the part of an address behind its scheme, and the options behind its question mark.
 
     Args:
         address: such as ``mock://four-wall?latency_ms=5``.
@@ -185,8 +182,8 @@ def split_address(
     Raises:
         ArgumentError: an unknown option, or a value of another form.
     """
-    place, _, query = address.partition("?")
-    place = place.partition(":")[2].removeprefix("//")
+    path, _, query = address.partition("?")
+    path = path.partition(":")[2].removeprefix("//")
     options: dict[str, Any] = {}
     for key, text in parse_qsl(query, keep_blank_values=True):
         if key not in readers:
@@ -197,34 +194,33 @@ def split_address(
         try:
             value = readers[key](text)
         except ValueError as wrong:
-            wanted = f"expected a value of {key}, got {shown(text)}"
-            raise ArgumentError(f"source: {shown(address)}: {wanted}") from wrong
+            expected = f"expected a value of {key}, got {shown(text)}"
+            raise ArgumentError(f"source: {shown(address)}: {expected}") from wrong
         if key in repeatable:
             options.setdefault(key, []).append(value)
         else:
             options[key] = value
-    return place, options
+    return path, options
 
 
 def read_size(text: str) -> tuple[int, int]:
-    """Width and height of a text such as ``640x480``; ValueError if it is none."""
+    """Return width and height of a text such as ``640x480``; ValueError for another text."""
     width, height = text.split("x")
     return int(width), int(height)
 
 
 def _opener(scheme: str, address: str) -> Opener:
-    found = _openers.get(scheme)
-    if found is None:
+    opener = _openers.get(scheme)
+    if opener is None:
         for entry in entry_points(group=_ENTRY_POINTS, name=scheme):
             try:
-                found = entry.load()
+                opener = entry.load()
             except (ImportError, AttributeError) as cause:
-                wanted = f"expected the entry point {entry.value!r} to be importable"
-                raise SourceError(f"{address}: {wanted}, got: {cause}") from cause
-    if found is None:
-        others = (each for each in schemes() if each not in storage.SCHEMES)
-        forms = ", ".join(f"{each}:" if each == "launch" else f"{each}://" for each in others)
-        raise ArgumentError(
-            f"source: expected {forms} or the path or URL of a recording; got {shown(address)}"
-        )
-    return resolve_name(found) if isinstance(found, str) else found
+                expected = f"expected the entry point {entry.value!r} to be importable"
+                raise SourceError(f"{address}: {expected}, got: {cause}") from cause
+    if opener is None:
+        others = (name for name in schemes() if name not in storage.SCHEMES)
+        forms = ", ".join(f"{name}:" if name == "launch" else f"{name}://" for name in others)
+        expected = f"expected {forms} or the path or URL of a recording"
+        raise ArgumentError(f"source: {expected}; got {shown(address)}")
+    return resolve_name(opener) if isinstance(opener, str) else opener

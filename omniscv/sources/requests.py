@@ -1,4 +1,4 @@
-"""What is requested of sources, and what they deliver: views, requests, captures."""
+"""Views, requests and captures: what is requested of sources, and what they deliver."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ class View:
         return self if factor == 1 else replace(self, width=factor * self.width, height=factor * self.height)
 
     def project(self, points_w: ArrayLike) -> Array:
-        """(..., 3) world points to (..., 3): u, v in px, z planar depth in m (z <= 0: behind)."""
+        """Project (..., 3) world points to (..., 3): u, v in px, planar depth z in m (z <= 0: behind)."""
         return pinhole.project(self.pose.to_camera(points_w), self.focal_px, self.width, self.height)
 
     def ray_lengths(self) -> Array:
-        """(H, W): length of the ray to each pixel's centre per metre of planar depth, ``|(x/z, y/z, 1)|``."""
+        """Return (H, W) ray lengths to pixel centres per metre of planar depth: ``|(x/z, y/z, 1)|``."""
         return pinhole.ray_lengths(self.focal_px, self.width, self.height)
 
     def key(self) -> ViewKey:
@@ -101,11 +101,11 @@ class Request:
         view: what is captured.
         mode: a modality that sources deliver; of an alias, the modality's name is kept.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
-        again: whether it is made to compare with what was captured: neither taken from a recording then, nor
-            added to it.
+        again: whether it repeats a capture to compare the two; such a capture is neither taken from a
+            recording nor added to it.
 
     Raises:
-        ArgumentError: no such modality, or no short text for a state.
+        ArgumentError: an unknown modality, or a state that is no short text.
     """
 
     view: View
@@ -116,19 +116,19 @@ class Request:
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", *modalities.chosen((self.mode,)))
         if not isinstance(self.state, str) or len(self.state) > LONGEST_STATE:
-            wanted = f"expected a text of at most {LONGEST_STATE} characters"
-            raise ArgumentError(f"state: {wanted}, got {shown(self.state)}")
+            expected = f"expected a text of at most {LONGEST_STATE} characters"
+            raise ArgumentError(f"state: {expected}, got {shown(self.state)}")
 
     def check_state(self, state: str, where: str) -> None:
-        """Raise ArgumentError unless this is a request of the state that a source's world is in.
+        """Raise ArgumentError for a request of another state than that of a source's world.
 
         Args:
             state: of the world.
             where: the source's address, for the message.
         """
         if self.state != state:
-            wanted = f"expected requests of the world as it is, state {shown(state)}"
-            raise ArgumentError(f"{where}: {wanted}, got state {shown(self.state)}; plan anew, or use at()")
+            expected = f"expected requests of the world as it is, state {shown(state)}"
+            raise ArgumentError(f"{where}: {expected}, got state {shown(self.state)}; plan anew, or use at()")
 
 
 @dataclass(frozen=True, eq=False)

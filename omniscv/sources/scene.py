@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
@@ -37,15 +38,15 @@ Masks = Literal["colors", "ids"]
 
 _START = Instant()
 _BLOCK_PX = 1 << 13
-"""Pixels traced together: their arrays stay in a core's cache, and scenes trace no more in one thread."""
+"""Pixels traced together: their arrays stay in a core's cache, and one thread traces at most as many."""
 _NEAR = 1e-3
-"""Metres in front of a camera from which on boxes are projected."""
+"""Least planar depth of projected boxes, metres."""
 _CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
 
 
 @dataclass
 class _Traced:
-    """A view: which of all its pixels (H, W) are kept (None: all), and these by mode."""
+    """A traced view: the pixels (H, W) that are kept (None: all), and their values by mode."""
 
     where: NDArray[np.bool_] | None
     pixels: dict[str, NDArray[Any]] = field(default_factory=dict)
@@ -56,20 +57,20 @@ class SceneSource(Source):
 
     Args:
         scene: what to trace.
-        capabilities: what the source declares; all that it can do if not given.
+        capabilities: what the source declares; everything that it can do if not given.
         lit: dtype of colours: uint8, or float32 0..1.
         masks: object masks as colours, or as uint16 instance ids, which are the labels.
         cached_views: how many views are kept, those used last, of 22 to 31 bytes a pixel.
         hidden: names of objects to leave out of every view.
-        instant: what is shown: the scene at its time, with some objects at its poses. A pose is the place of
-            the middle of the object's box, and the identity for an object as it is described.
+        instant: what is shown: the scene at its time, with some objects at its poses. A pose is the middle of
+            the object's box, and the identity for an object as the scene describes it.
 
     Attributes:
         scene: as it is traced, at the instant.
         made: how many views were traced.
 
     Raises:
-        ArgumentError: another ``lit`` or ``masks``, no object of a name, or a time out of bounds.
+        ArgumentError: another ``lit`` or ``masks``, an unknown object, or a time out of bounds.
     """
 
     def __init__(
@@ -82,13 +83,12 @@ class SceneSource(Source):
         hidden: Iterable[str] = (),
         instant: Instant = _START,
     ) -> None:
-        for name, value, kind in (("lit", lit, Lit), ("masks", masks, Masks)):
-            if value not in get_args(kind):
-                raise ArgumentError(f"{name}: expected one of {', '.join(get_args(kind))}; got {value!r}")
+        one_of("lit", lit, get_args(Lit))
+        one_of("masks", masks, get_args(Masks))
         self.made, self._instant = 0, instant
-        self._asked_hidden, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
+        self._left_out, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
         known_objects(self._hidden.union(instant.poses), scene.objects, f"scene {scene.name}")
-        self.scene = scene if instant.state == "" else _placed(scene, instant)
+        self.scene = scene if instant.state == "" else _scene_at(scene, instant)
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
@@ -122,23 +122,23 @@ class SceneSource(Source):
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
             image, where = self._pixels(request)
             if where is not None:
-                image = _spread(image, where, self._beyond[request.mode])
+                image = _spread(image, where, self._background[request.mode])
             yield Capture(request, request.view, image, provenance)
 
     def geometry(self) -> SceneGeometry:
-        """The boxes of all objects, each turned as its object, and the room."""
+        """Return the boxes of all objects, each turned as its object, and the room."""
         self._check_open()
         return geometry_of(self.scene)
 
     def object_poses(self) -> dict[str, Pose]:
-        """The poses of objects that move by themselves, and of those that the instant places."""
-        found = {name: self.scene.pose(name) for name in {*self.scene.moving, *self._instant.poses}}
-        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in sorted(found.items())}
+        """Return the poses of objects that move by themselves, and of those that the instant moves."""
+        poses = {name: self.scene.pose(name) for name in {*self.scene.moving, *self._instant.poses}}
+        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in sorted(poses.items())}
 
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""
         self._check_open()
-        return self._like(self._asked_hidden.union(objects), self._instant)
+        return self._like(self._left_out.union(objects), self._instant)
 
     @property
     def state(self) -> str:
@@ -149,39 +149,37 @@ class SceneSource(Source):
         return self._instant
 
     def at(self, instant: Instant) -> SceneSource:
-        """As :meth:`Source.at`; both may be used at the same time. No time is the scene's start."""
+        """As :meth:`Source.at`; both may be used at the same time. Without a time: at the scene's start."""
         self._check_open()
-        return self._like(self._asked_hidden, instant)
+        return self._like(self._left_out, instant)
 
     def close(self) -> None:
         self._closed = True
         self._traced.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        now = self._instant
-        # What is read only, as the poses of an instant may be, cannot be pickled.
-        return self._like, (self._asked_hidden, Instant(dict(now.poses), now.hidden, now.time, now.name))
+        return self._like, (self._left_out, self._instant)
 
     def _check_open(self) -> None:
         if self._closed:
             raise closed_error(f"scene {self.scene.name}")
 
     def _pixels(self, request: Request) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-        """A mode's pixels (H, W, ...); where objects are hidden, only those (N, ...) that may show another,
-        and which these are. Colours cost as much as all else: they are computed where they are wanted first,
-        or in another pass.
+        """Return a mode's pixels (H, W, ...); where objects are hidden, only those (N, ...) that may show
+        other objects, and which these are. Colours cost as much as all other modes together, so they are
+        computed only when they are requested.
         """
         traced = self._traced(request.view)
         if request.mode not in traced.pixels:
             self.made += not traced.pixels
-            found = self._trace(request.view, traced.where, colored=request.mode == "lit")
-            traced.pixels = found | traced.pixels
+            pixels = self._trace(request.view, traced.where, colored=request.mode == "lit")
+            traced.pixels = pixels | traced.pixels
         return traced.pixels[request.mode], traced.where
 
     def _trace(
         self, view: View, where: NDArray[np.bool_] | None, *, colored: bool
     ) -> dict[str, NDArray[Any]]:
-        """All modes, colours only if they are wanted, (H, W, ...), or (N, ...) of the pixels ``where``."""
+        """Return all modes, colours only if ``colored``, (H, W, ...), or (N, ...) of the pixels ``where``."""
         from mock_server.render import pinhole_rays
 
         def block(rows: slice) -> dict[str, NDArray[Any]]:
@@ -189,19 +187,19 @@ class SceneSource(Source):
                 view.pose.R_w_c, view.fov_deg, (view.width, view.height), rows=rows, where=where
             )
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
-            found: dict[str, NDArray[Any]] = {
+            pixels: dict[str, NDArray[Any]] = {
                 "object_mask": self._shown.take(hits.label, axis=0),
                 "depth": (hits.distance / lengths).astype(np.float32),
                 "normals": hits.normal.astype(np.float32),
             }
-            return found | {"lit": self._lit_of(hits)} if colored else found
+            return pixels | {"lit": self._lit_of(hits)} if colored else pixels
 
         step = max(1, _BLOCK_PX // view.width)
         blocks = side_by_side(block, [slice(start, start + step) for start in range(0, view.height, step)])
-        return {mode: _frozen(np.concatenate([each[mode] for each in blocks])) for mode in blocks[0]}
+        return {mode: _frozen(np.concatenate([pixels[mode] for pixels in blocks])) for mode in blocks[0]}
 
     def _lit_of(self, hits: Hits) -> NDArray[Any]:
-        """Colours as captures have them."""
+        """Return colours as captures have them."""
         if self._lit == "float32":
             return hits.color.astype(np.float32)
         lit = np.clip(hits.color, 0, 1)
@@ -209,21 +207,19 @@ class SceneSource(Source):
         return np.round(lit, out=lit).astype(np.uint8)
 
     @cached_property
-    def _beyond(self) -> dict[str, Any]:
-        """What pixels show that show no object, by mode."""
+    def _background(self) -> dict[str, Any]:
+        """The value of pixels that show no object, by mode."""
         sky = np.zeros(3) if self.scene.sky is None else self.scene.sky
         lit = sky if self._lit == "float32" else np.round(255 * sky)
         return {"lit": lit, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
 
     def _untraced(self, view: View) -> _Traced:
-        return _Traced(None if not self._hidden or self.scene.sky is None else self._reached(view))
-
-    def _reached(self, view: View) -> NDArray[np.bool_]:
-        """(H, W) the pixels whose rays may meet an object that is not hidden: around the boxes' corners."""
-        found = np.zeros((view.height, view.width), bool)
+        if not self._hidden or self.scene.sky is None:
+            return _Traced(None)
+        may_show_object = np.zeros((view.height, view.width), bool)
         for corners_w in self._shown_corners:
-            found[_around(view, corners_w)] = True
-        return found
+            may_show_object[_rectangle_around(view, corners_w)] = True
+        return _Traced(may_show_object)
 
     @cached_property
     def _shown_corners(self) -> list[NDArray[np.float64]]:
@@ -237,8 +233,8 @@ def _frozen(pixels: NDArray[Any]) -> NDArray[Any]:
     return pixels
 
 
-def _around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
-    """Rows and columns of a view that hold all of a box that is in front, by its corners (8, 3)."""
+def _rectangle_around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
+    """Return rows and columns of a view that hold all of a box in front of it, by its corners (8, 3)."""
     points_c = view.pose.to_camera(corners_w)
     ends = points_c[BOX_EDGES]  # (12, 2, 3)
     a, b = ends[:, 0, 2] - _NEAR, ends[:, 1, 2] - _NEAR
@@ -255,17 +251,17 @@ def _around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
     return slice(max(0, int(v0)), max(0, int(v1))), slice(max(0, int(u0)), max(0, int(u1)))
 
 
-def _spread(some: NDArray[Any], where: NDArray[np.bool_], beyond: Any) -> NDArray[Any]:
-    """An image (H, W, ...) of pixels ``some`` where they are known, and of one value elsewhere."""
-    image = np.empty((*where.shape, *some.shape[1:]), some.dtype)
-    image[...] = beyond
-    image[where] = some
+def _spread(pixels: NDArray[Any], where: NDArray[np.bool_], background: Any) -> NDArray[Any]:
+    """Return an image (H, W, ...) of pixels (N, ...) ``where`` they are known, and of one value elsewhere."""
+    image = np.empty((*where.shape, *pixels.shape[1:]), pixels.dtype)
+    image[...] = background
+    image[where] = pixels
     image.flags.writeable = False
     return image
 
 
-def _placed(scene: Scene, instant: Instant) -> Scene:
-    """The scene at an instant's time, with its poses."""
+def _scene_at(scene: Scene, instant: Instant) -> Scene:
+    """Return the scene at an instant's time, with its poses."""
     if instant.time is None and not instant.poses:
         return scene
     poses = {name: (pose.rotation, pose.position) for name, pose in instant.poses.items()}

@@ -106,7 +106,7 @@ def check_header(path: Path, shown_path: Path) -> None:
     with path.open("rb") as file:
         header = file.read(_HEADER.size)
     if len(header) < _HEADER.size or not header.startswith(_MAGIC):
-        got = "another file" if header else "an empty file"
+        got = "a file that is not a database" if header else "an empty file"
         raise NotARecordingError(f"expected a recording, got {got}", shown_path)
     _, *log_versions, version, application = _HEADER.unpack(header)
     if application != _APPLICATION_ID:
