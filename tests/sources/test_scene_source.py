@@ -136,7 +136,7 @@ def test_an_instant_of_another_scene_is_refused():
     with pytest.raises(ArgumentError, match="scene workshop: expected objects of the scene, got 'Cow'"):
         SceneSource(MOVING).at(Instant({"Cow": CRATE}))
     with pytest.raises(ArgumentError, match=r"scene workshop: time: expected -1e\+09 to 1e\+09 s"):
-        SceneSource(MOVING).at(Instant(time=float("inf")))
+        SceneSource(MOVING).at(Instant(time=2e9))
 
 
 @pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
