@@ -178,7 +178,7 @@ def test_a_foreign_log_that_cannot_be_set_aside_is_an_error(left, other):
     path.write_bytes(other.read_bytes())
     with (
         read_only(path.parent),
-        pytest.raises(NotARecordingError, match="expected no log of another file beside it, got room"),
+        pytest.raises(NotARecordingError, match="expected no foreign log, got room"),
     ):
         verify(path)
     assert contents(path) == contents(other)
@@ -206,7 +206,7 @@ def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_f
         assert len(copied(path, target)) == 2
     before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
     for write in (False, True):
-        with pytest.raises(NotARecordingError, match=r"got that of another program in room\.sqlite-journal"):
+        with pytest.raises(NotARecordingError, match=r"got room\.sqlite-journal of another program"):
             Store(target, write=write)
     assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
     with closing(sqlite3.connect(target)) as database:

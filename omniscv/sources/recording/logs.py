@@ -1,8 +1,6 @@
-"""SQLite's logs beside a recording: only the file that a log was written for takes it in.
+"""SQLite's logs beside a recording: SQLite finds a log by its name, but another file may have the name now.
 
-SQLite finds a log by its name: the journal of a killed recorder would be rolled back into any file that has
-the name next. Every change of a recording begins with a new random token, so the journal's first page has the
-token from before, which the file has as ``token`` or ``parent``.
+Every change begins with a new random token: the journal's first page has the file's ``token`` or ``parent``.
 """
 
 import contextlib
@@ -17,9 +15,7 @@ from omniscv.sources.recording.schema import check_schema, connect
 
 _MAGIC, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # of a journal, of a page of rows
 _HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
-
 _log = logging.getLogger("omniscv")
-
 
 def settle(path: Path) -> None:
     """Roll back the file's own journal; rename a foreign one, and a write-ahead log: recordings have none.
@@ -30,17 +26,17 @@ def settle(path: Path) -> None:
     if wal.exists():
         _set_aside(path, wal)
         Path(f"{path}-shm").unlink(missing_ok=True)
-    while journal.exists() and journal.stat().st_size and _is_hot(path):
-        known, token = _tokens(path), _token_before(journal)
+    while journal.exists() and _is_hot(path):
+        tokens, token = _tokens(path), _token_before(journal)
         if not _is_hot(path) or token != _token_before(journal):
             continue  # another process has rolled it back
-        if token in known:
+        if token in tokens:
             connect(path, "rw").close()
         elif token:
             _set_aside(path, journal)
         else:
-            got = f"that of another program in {journal.name}; open it there, or remove a foreign journal"
-            raise NotARecordingError(f"expected a journal of omniscv beside it, got {got}", path)
+            got = f"{journal.name} of another program; open it there, or remove the journal"
+            raise NotARecordingError(f"expected a journal of omniscv, got {got}", path)
 
 
 def _is_hot(path: Path) -> bool:
@@ -49,9 +45,9 @@ def _is_hot(path: Path) -> bool:
         connect(path, "ro").close()
         return False
     except sqlite3.OperationalError as refused:
-        if refused.sqlite_errorcode != sqlite3.SQLITE_READONLY_ROLLBACK:
-            raise
-        return True
+        if refused.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
+            return True
+        raise
 
 
 def _tokens(path: Path) -> set[tuple[bytes, ...]]:
@@ -66,11 +62,9 @@ def _token_before(journal: Path) -> tuple[bytes, ...] | None:
     """Return the id and token in the first page of a journal; None in the journal of another program."""
     with contextlib.suppress(FileNotFoundError), journal.open("rb") as file:
         start = file.read(1 << 18)
-        sector, page_bytes = int.from_bytes(start[20:24], "big"), int.from_bytes(start[24:28], "big")
-        page = start[sector + 4 : sector + 4 + page_bytes]  # behind the page's number
-        first_row = int.from_bytes(page[8:10], "big")
-        if start.startswith(_MAGIC) and page.startswith(_LEAF) and (found := _HEAD.search(page, first_row)):
-            return found.groups()
+        page = start[int.from_bytes(start[20:24], "big") + 4 :]  # behind the header's sector, a page's number
+        match = _HEAD.search(page, int.from_bytes(page[8:10], "big"))  # from the first row on
+        return match.groups() if match and start.startswith(_MAGIC) and page.startswith(_LEAF) else None
     return None
 
 
@@ -79,9 +73,8 @@ def _set_aside(path: Path, log: Path) -> None:
     target = next(name for name in names if not name.exists())
     try:
         log.rename(target)
-        _log.warning("%s: %s is a log of another file; set aside as %s", path, log.name, target.name)
+    except FileNotFoundError:
+        return  # another process has done it
     except OSError as cause:
-        if not log.exists():
-            return  # another process has done it
-        got = f"{log.name}, which cannot be set aside ({cause.strerror}); remove it"
-        raise NotARecordingError(f"expected no log of another file beside it, got {got}", path) from cause
+        raise NotARecordingError(f"expected no foreign log, got {log.name}; remove it", path) from cause
+    _log.warning("%s: %s is a log of another file; set aside as %s", path, log.name, target.name)
