@@ -17,6 +17,7 @@ _MAGIC, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # of a journal, of a
 _HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
 _log = logging.getLogger("omniscv")
 
+
 def settle(path: Path) -> None:
     """Roll back the file's own journal; rename a foreign one, and a write-ahead log: recordings have none.
 
