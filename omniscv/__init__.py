@@ -32,17 +32,17 @@ _HOMES = {
     "Renderer": "omniscv.compose.renderer:Renderer",
     "Rig": "omniscv.cameras.rig:Rig",
     "RigCamera": "omniscv.cameras.rig:RigCamera",
-    "cameras": "omniscv.cameras",
-    "dataset": "omniscv.dataset",
-    "modalities": "omniscv.modalities",
+    "cameras": "omniscv.cameras:",
+    "dataset": "omniscv.dataset:",
+    "modalities": "omniscv.modalities:",
     "object_pose": "omniscv.geometry.motion:object_pose",
     "open_source": "omniscv.sources.registry:open_source",
-    "planning": "omniscv.planning",
+    "planning": "omniscv.planning:",
     "record": "omniscv.sources.recording:record",
     "render": "omniscv.compose.renderer:render",
     "render_rig": "omniscv.compose.rigs:render_rig",
-    "sources": "omniscv.sources",
-    "truth": "omniscv.truth",
+    "sources": "omniscv.sources:",
+    "truth": "omniscv.truth:",
 }
 
 __all__ = [

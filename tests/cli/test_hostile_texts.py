@@ -38,8 +38,8 @@ WRONG = [
     ("cameras", "{'': {model: equirectangular, width: 8, height: 4}}", "cameras: stem: expected a text"),
     ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
     ("poses", POSE.format("true"), "poses[0].yaw_deg: expected a finite number, got True"),
-    ("poses", "[{position: [0, 0, 1e300]}]", "position: expected numbers within 1e+09 of the origin"),
-    ("poses", "[{placed: [0, 0, 1]}]", "poses[0]: expected fields among position"),
+    ("poses", "[{position: [0, 0, 1e300]}]", "position: expected coordinates of at most 1e+09"),
+    ("poses", "[{placed: [0, 0, 1]}]", "poses[0]: unknown key 'placed'; known keys: position"),
     ("poses", "[" * 100_000, "at most 32 levels of nesting"),
     ("poses", "[" + "{position: [0, 0, 1]}, " * 30_000 + "]", "at most 100000 values"),
     ("modes", "[[lit]]", "modes[0]: expected a text"),
@@ -60,7 +60,7 @@ WRONG = [
         "{fix_exposure: yes}",
         "source_options.fix_exposure: expected true or false, got 'yes'",
     ),
-    ("more", "'\x85\u202e'", "got 'more'"),
+    ("more", "'\x85\u202e'", "unknown key 'more'; known keys: source"),
 ]
 
 
@@ -120,7 +120,7 @@ def test_a_scene(scheme, text, says, tmp_path, capsys):
         (["--param", "fov_deg=!!timestamp x"], "--param: expected NAME=VALUE"),
         (["--param", "name=x"], "camera equirectangular: expected width, height; got 'name'"),
         (["--viewpoints", "9" * 5000], "Invalid value for '--viewpoints'"),
-        (["--position", "0,0,1e308"], "position: expected numbers within 1e+09"),
+        (["--position", "0,0,1e308"], "position: expected coordinates of at most 1e+09"),
         (["--source", "unreal://[::1"], "source: expected unreal://host:port"),
         (["--camera", "\x1b[31m\u202e[/b]"], r"got '\x1b[31m\u202e[/b]'"),
         (["--\x1b[31m"], r"\x1b[31m"),
