@@ -10,7 +10,7 @@ from omniscv.diagnostics.server import RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import VERSION, WORLDS
+from omniscv.sources.unreal.commands import LEGACY, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.instants import clock_of, object_names, object_poses
 from omniscv.sources.unreal.masks import colors
@@ -27,8 +27,7 @@ class MovingWorld:
 
     def __init__(self, connection: Connection, camera: RawCamera) -> None:
         self._connection, self._camera = connection, camera
-        self._toggles = WORLDS[camera.driver.capabilities.dialect].pause_toggles
-        self._clock = clock_of(camera.driver, self._toggles)
+        self._clock = clock_of(camera.driver)
         self._can_stop = False  # whether it moves, and can be paused
 
     def findings(self) -> list[Finding]:
@@ -60,7 +59,8 @@ class MovingWorld:
             self._can_stop = False
             value = f"no: {_listed(moving)} still moving"
             return Finding("world pauses", value, "bad", "freeze: batch, with branch 5.2; or stop them")
-        return Finding("world pauses", f"yes, by a command that {'toggles' if self._toggles else 'pauses'}")
+        how = "toggles" if self._camera.driver.table is LEGACY else "pauses"
+        return Finding("world pauses", f"yes, by a command that {how}")
 
     def _follows(self) -> Finding:
         """Move the object with the most pixels, and count the frames that do not show the move yet."""

@@ -141,8 +141,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
             self.sock.settimeout(self._allowed_s)
             self.sock.connect(self.endpoint)
         else:
-            host, port = self.endpoint
-            self.sock = _connected(host, port, deadline)
+            self.sock = socket.create_connection(self.endpoint, timeout=self._allowed_s)
             self.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if not (greeting := self._frame(deadline)).startswith(b"connected"):
             raise BadReplyError(f"expected 'connected to ...', got {shown(greeting[:80])}")
@@ -180,18 +179,6 @@ class Client(unrealcv.Client):  # type: ignore[misc]
         if isinstance(cause, OSError):
             return ServerConnectionError(f"{expected}, but the connection broke: {cause}")
         return BadReplyError(f"{expected}, got a reply that does not belong to it: {str(cause)[:100]}")
-
-
-def _connected(host: str, port: int, deadline: float) -> socket.socket:
-    """Return a connection to the first address of a host that accepts one, before one deadline for all."""
-    fault: OSError = ConnectionRefusedError(f"no address of {host}")
-    for *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-        try:
-            remaining = max(1e-3, deadline - time.monotonic())
-            return socket.create_connection((str(address[0]), int(address[1])), timeout=remaining)
-        except OSError as cause:
-            fault = cause
-    raise fault
 
 
 def read_frame(receive: Callable[[int], bytes]) -> bytes:

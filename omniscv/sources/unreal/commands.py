@@ -1,11 +1,11 @@
-"""What plugins 0.3.10 and 1.x answer to, and in which encodings: the tables of cameras and of the world."""
+"""The commands of plugins 0.3.10 and 1.x, the encodings of their pictures, and what commands may change."""
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, ServerRefusedError
+from omniscv.errors import ArgumentError
 from omniscv.sources.base import Capabilities
 
 VERSION = "vget /unrealcv/version"
@@ -70,37 +70,6 @@ _IMAGES = {
 MODERN = CameraTable(_IMAGES, "fov", can_set_size=True, vertex_colors=False)
 _RAY_DEPTH = {"depth": ("depth npy", "npy ray m")}
 LEGACY = CameraTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False, vertex_colors=True)
-
-
-@dataclass(frozen=True)
-class WorldTable:
-    """What a dialect can do with its world.
-
-    Attributes:
-        plugin: the dialect, as users know it.
-        reads_bounds: whether it has a command for the bounds of an object.
-        pause_toggles: whether the command that pauses a game resumes a paused one.
-        batches: whether it answers a batch of requests in one tick.
-    """
-
-    plugin: str
-    reads_bounds: bool = True
-    pause_toggles: bool = False
-    batches: bool = False
-
-    def check(self, can: bool, what: str) -> None:
-        """Raise ServerRefusedError for what the dialect cannot do."""
-        if not can:
-            raise ServerRefusedError(f"expected a server that can {what}, got {self.plugin}, which cannot")
-
-
-WORLDS: Mapping[str, WorldTable] = {
-    "0.3.10": WorldTable("plugin 0.3.10", reads_bounds=False, pause_toggles=True),
-    "M": WorldTable("plugin 1.x of the branches 4.22 to 4.27"),
-    "N1": WorldTable("plugin 1.0.1"),
-    "N2": WorldTable("plugin 1.0.1 of 2026", batches=True),
-}
-"""By dialect (protocol reference, sections 1.3, 2.1 and 2.7)."""
 
 
 def is_repeatable(command: str) -> bool:

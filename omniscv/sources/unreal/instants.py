@@ -1,10 +1,10 @@
-"""Changes of a running world, and how they are put back; the poses of its objects, and its clock."""
+"""The journal of changes of a running world; the poses of its objects, and its clock."""
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,34 +18,11 @@ from omniscv.geometry.unreal_frame import (
     rotation_from_unreal,
     rotation_to_unreal,
 )
-from omniscv.sources.base import closed_error, known_objects
+from omniscv.sources.base import closed_error
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import IS_PAUSED, OBJECTS, PAUSE, RESUME
+from omniscv.sources.unreal.commands import IS_PAUSED, LEGACY, OBJECTS, PAUSE, RESUME
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.replies import names, numbers
-
-
-class Turns:
-    """The lock by which threads take turns: one captures a viewpoint, or sends commands that belong together.
-
-    Attributes:
-        lock: held for one turn.
-        closed: whether the source is closed, so that there are no more turns.
-    """
-
-    def __init__(self, address: str) -> None:
-        self._address, self.lock, self.closed = address, threading.RLock(), False
-
-    @contextmanager
-    def turn(self) -> Iterator[None]:
-        """A context of commands that belong together; SourceError once the source is closed."""
-        with self.lock:
-            if self.closed:
-                raise closed_error(self._address)
-            yield
-
-
-# -- the journal ----------------------------------------------------------------------------------------
 
 Key = tuple[str, str]
 """What was changed, such as ``pose``, and the object's name; empty for what is no object's."""
@@ -62,11 +39,24 @@ class Journal:
     """The values that were set, and layers of how to put them back.
 
     A layer is open from the beginning of some changes until they are put back.
+
+    Attributes:
+        lock: held for one turn: captures of a viewpoint, or commands that belong together.
+        closed: whether the source is closed, so that there are no more turns.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, address: str) -> None:
+        self._address, self.lock, self.closed = address, threading.RLock(), False
         self.layers: list[Layer] = []
         self._values: dict[Key, Any] = {}
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """A context of commands that belong together; SourceError once the source is closed."""
+        with self.lock:
+            if self.closed:
+                raise closed_error(self._address)
+            yield
 
     @property
     def instant(self) -> Instant:
@@ -77,7 +67,7 @@ class Journal:
         hidden = frozenset(name for what, name in values if what == "hidden")
         labels = [values["name", ""]] if ("name", "") in values else []
         others = sorted(key for key in values if key[0] not in _KNOWN)
-        labels += [f"{_label(key)}: {values[key]}" for key in others]
+        labels += [f"{' '.join(key).strip()}: {values[key]}" for key in others]
         return Instant(MappingProxyType(poses), hidden, values.get(("time", "")), "; ".join(labels))
 
     def value(self, what: str, name: str = "") -> Any:
@@ -133,7 +123,7 @@ class Journal:
             self._set(key, None)
             for layer in self.layers:
                 layer.pop(key, None)
-        return [_label(key) for key in lost]
+        return [" ".join(key).strip() for key in lost]
 
     def _set(self, key: Key, value: Any) -> None:
         if value is None:
@@ -142,62 +132,7 @@ class Journal:
             self._values[key] = value
 
 
-def put_back(driver: CameraDriver, turns: Turns, journal: Journal, layer: Layer) -> None:
-    """Undo a layer's changes, the last one first; what is refused does not keep others from being undone.
-
-    Nothing is done after the source is closed, which has put back all it could.
-
-    Raises:
-        SourceError: the server is gone, or what it refused first; the state keeps what was not put back.
-    """
-    with turns.lock:
-        journal.close(layer)
-        if not layer or turns.closed:
-            return
-        fault: ServerRefusedError | None = None
-        for keys in _steps(layer):
-            try:
-                _undo(driver.connection, journal, layer, keys)
-            except ServerRefusedError as refused:
-                fault = fault or refused
-                for key in keys:
-                    try:
-                        _undo(driver.connection, journal, layer, [key])
-                    except ServerRefusedError:
-                        continue
-        driver.settle()
-        if fault is not None:
-            raise fault
-
-
-def _steps(layer: Layer) -> list[list[Key]]:
-    """Return the keys from the last to the first; those that are undone by commands go together."""
-    steps: list[list[Key]] = []
-    for key in reversed(layer):
-        if callable(layer[key][1]) or not steps or callable(layer[steps[-1][0]][1]):
-            steps.append([])
-        steps[-1].append(key)
-    return steps
-
-
-def _undo(connection: Connection, journal: Journal, layer: Layer, keys: list[Key]) -> None:
-    undos = [layer[key][1] for key in keys]
-    connection.set([command for undo in undos if not callable(undo) for command in undo])
-    for undo in undos:
-        if callable(undo):
-            undo()
-    for key in keys:
-        journal.undone(layer, key)
-
-
-def _label(key: Key) -> str:
-    return " ".join(filter(None, key))
-
-
-# -- objects --------------------------------------------------------------------------------------------
-
 _PRINTED_M, _PRINTED = 1.1e-4, 4e-4  # of positions, and entries of a rotation: 0.3.10 prints two decimals
-_CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
 
 
 def object_names(connection: Connection) -> list[str]:
@@ -208,105 +143,35 @@ def object_names(connection: Connection) -> list[str]:
 def object_poses(connection: Connection, objects: Iterable[str]) -> dict[str, Pose]:
     """Return the poses of objects: ``R_w_o`` and position."""
     objects = list(objects)
-    values = [np.array(numbers(text, 3)) for text in _locations_and_rotations(connection, objects)]
+    values = [np.array(numbers(text, 3)) for text in locations_and_rotations(connection, objects)]
     rows = zip(objects, values[::2], values[1::2], strict=True)
     return {name: Pose(position_from_unreal(p), rotation_from_unreal(r)) for name, p, r in rows}
 
 
-class Objects:
-    """Moves and hides objects of a game; to be used within a turn."""
-
-    def __init__(self, connection: Connection, journal: Journal) -> None:
-        self._connection, self._journal = connection, journal
-
-    def check(self, objects: Collection[str]) -> None:
-        """Raise ArgumentError for a name that no object has."""
-        if objects:
-            known_objects(objects, object_names(self._connection), self._connection.address)
-
-    def movable(self) -> list[str]:
-        """Return the names of the objects that the game may move."""
-        objects = [name for name in object_names(self._connection) if not name.startswith(_CAMERAS)]
-        mobilities = self._connection.texts([f"vget /object/{name}/mobility" for name in objects])
-        return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
-
-    def place(self, poses: Mapping[str, Pose]) -> None:
-        """Move and turn objects; ServerRefusedError, and all as before, if one cannot be moved."""
-        texts = _locations_and_rotations(self._connection, poses)
-        before = dict(zip(poses, zip(texts[::2], texts[1::2], strict=True), strict=True))
-        back = {name: _set_commands(name, *values) for name, values in before.items()}
-        with self._journal.unless_refused():
-            for name, pose in poses.items():
-                self._journal.note("pose", name, pose, back[name])
-            try:
-                self._connection.set(_pose_commands(poses))
-                self._check_placed(poses)
-            except ServerRefusedError:
-                self._connection.texts([command for commands in back.values() for command in commands])
-                raise
-
-    def hide(self, objects: Iterable[str], what: Literal["hidden", "left out"] = "hidden") -> None:
-        """Hide objects: in the world, or only ``left out`` of its captures, which is not in the state."""
-        new = [name for name in objects if not self._journal.value(what, name)]
-        either = ("hidden", "left out")
-        visible = [name for name in new if not any(self._journal.value(key, name) for key in either)]
-        back = {name: f"vset /object/{name}/show" for name in visible}
-        with self._journal.unless_refused():
-            for name in new:
-                self._journal.note(what, name, True, (back[name],) if name in back else ())
-            try:
-                self._connection.set([f"vset /object/{name}/hide" for name in visible])
-            except ServerRefusedError:
-                self._connection.texts(list(back.values()))
-                raise
-
-    def set_again(self) -> None:
-        """Place and hide what is placed and hidden: the game may have been restarted."""
-        seen = self._journal.named("seen")
-        if any(not _same(pose, seen[name]) for name, pose in object_poses(self._connection, seen).items()):
-            self._journal.forget("seen")
-            address = self._connection.address
-            raise ServerRefusedError(f"{address}: expected objects where they were read, got them elsewhere")
-        self._connection.set(_pose_commands(self._journal.named("pose")))
-        hidden = [*self._journal.named("hidden"), *self._journal.named("left out")]
-        self._connection.set([f"vset /object/{name}/hide" for name in hidden])
-
-    def _check_placed(self, poses: Mapping[str, Pose]) -> None:
-        """Raise ServerRefusedError for an object that did not move and never can."""
-        for name, actual in object_poses(self._connection, poses).items():
-            if not _same(actual, poses[name]):
-                mobility = self._connection.text(f"vget /object/{name}/mobility")
-                if mobility != "Movable":
-                    expected = f"expected an object that can be moved, got {shown(name)}"
-                    address = self._connection.address
-                    raise ServerRefusedError(f"{address}: {expected}, whose mobility is {shown(mobility)}")
-
-
-def _locations_and_rotations(connection: Connection, objects: Iterable[str]) -> list[str]:
+def locations_and_rotations(connection: Connection, objects: Iterable[str]) -> list[str]:
     """Return locations and rotations in turn, as the server prints them."""
     return connection.ask([f"vget /object/{o}/{what}" for o in objects for what in ("location", "rotation")])
 
 
-def _pose_commands(poses: Mapping[str, Pose]) -> list[str]:
+def set_commands(name: str, location: str, rotation: str) -> tuple[str, str]:
+    """Return the commands that set an object's location and rotation."""
+    return f"vset /object/{name}/location {location}", f"vset /object/{name}/rotation {rotation}"
+
+
+def pose_commands(poses: Mapping[str, Pose]) -> list[str]:
     """Return the commands that set poses, with fixed decimals, as servers parse them."""
     commands: list[str] = []
     for name, pose in poses.items():
         values = position_to_unreal(pose.position), rotation_to_unreal(pose.rotation)
-        commands += _set_commands(name, *(" ".join(f"{number:.6f}" for number in row) for row in values))
+        commands += set_commands(name, *(" ".join(f"{number:.6f}" for number in row) for row in values))
     return commands
 
 
-def _set_commands(name: str, location: str, rotation: str) -> tuple[str, str]:
-    return f"vset /object/{name}/location {location}", f"vset /object/{name}/rotation {rotation}"
-
-
-def _same(a: Pose, b: Pose) -> bool:
+def same_pose(a: Pose, b: Pose) -> bool:
     """Return whether poses are equal as far as servers print them."""
     moved, turned = np.abs(a.position - b.position).max(), np.abs(a.rotation - b.rotation).max()
     return bool(moved <= _PRINTED_M and turned <= _PRINTED)
 
-
-# -- the clock ------------------------------------------------------------------------------------------
 
 _ROTATION = "vget /camera/0/rotation"
 _READINGS = 5  # each comes at least a tick later
@@ -367,6 +232,6 @@ class TogglingClock(Clock):
         self._connection.set(["vset /camera/0/rotation {:.3f} {:.3f} {:.3f}".format(*rotation)])
 
 
-def clock_of(driver: CameraDriver, pause_toggles: bool) -> Clock:
-    """Return the clock of a dialect."""
-    return TogglingClock(driver) if pause_toggles else Clock(driver)
+def clock_of(driver: CameraDriver) -> Clock:
+    """Return the clock of a driver's dialect."""
+    return TogglingClock(driver) if driver.table is LEGACY else Clock(driver)

@@ -8,6 +8,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import accumulate, groupby
 from types import MappingProxyType
 
@@ -30,7 +31,7 @@ from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import RETRIED, Client, Connection, Reply
 from omniscv.sources.unreal.commands import LEVEL, checked
 from omniscv.sources.unreal.driver import CameraDriver
-from omniscv.sources.unreal.instants import Journal, Turns, put_back
+from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.masks import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
@@ -58,8 +59,8 @@ class UnrealSource(Source):
 
     def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
         self._connection, self._driver = connection, driver
-        self._turns, self._journal = Turns(connection.address), Journal()
-        self._world = UnrealWorld(driver, self._turns, self._journal, freeze or "auto")
+        self._journal = Journal(connection.address)
+        self._world = UnrealWorld(driver, self._journal, freeze or "auto")
         self._moves = freeze is not None
         self._driver.one_tick = self._world.freeze == "batch"
         self._attached: Client | None = None
@@ -79,7 +80,7 @@ class UnrealSource(Source):
             yield from self._captures_of_turn(turn)
 
     def objects(self) -> ObjectTable:
-        with self._turns.turn():
+        with self._journal.turn():
             return object_table(self._connection, self._driver.table.vertex_colors)
 
     def cover(self, view: View) -> tuple[View, ...]:
@@ -87,16 +88,16 @@ class UnrealSource(Source):
 
     def geometry(self) -> SceneGeometry:
         """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
-        with self._turns.turn():
+        with self._journal.turn():
             names = colors(self._connection)
             return SceneGeometry(MappingProxyType(boxes(self._connection, list(names))))
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
-        with self._turns.turn():
+        with self._journal.turn():
             names = list(dict.fromkeys(objects))
             self._world.check(names)
-            return self._changed(lambda: self._world.leave_out(names))
+            return self._changed(lambda: self._world.hide_all(names, "left out"))
 
     @property
     def instant(self) -> Instant:
@@ -108,7 +109,7 @@ class UnrealSource(Source):
 
     def at(self, instant: Instant) -> Source:
         """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept at the instant."""
-        with self._turns.turn():
+        with self._journal.turn():
             return self._changed(lambda: self._world.set_instant(instant))
 
     def command(self, text: str) -> str:
@@ -129,13 +130,13 @@ class UnrealSource(Source):
 
     def close(self) -> None:
         """As :meth:`Source.close`; changes that are still in force are put back first."""
-        with self._turns.lock:
-            if not self._turns.closed:
+        with self._journal.lock:
+            if not self._journal.closed:
                 with contextlib.suppress(*RETRIED):  # the game may have ended
                     for layer in reversed(self._journal.layers):
                         with contextlib.suppress(ServerRefusedError):
-                            put_back(self._driver, self._turns, self._journal, layer)
-                self._turns.closed = True
+                            self._world.put_back(layer)
+                self._journal.closed = True
                 self._driver.release()
                 self._connection.close()
 
@@ -143,18 +144,15 @@ class UnrealSource(Source):
         """Return this source, with a change of the world until it is closed."""
         layer = self._journal.open()
 
-        def undo() -> None:
-            put_back(self._driver, self._turns, self._journal, layer)
-
         try:
             change()
             if layer:
                 self._driver.settle()
         except BaseException:
             with contextlib.suppress(SourceError):  # the first fault is the one to raise
-                undo()
+                self._world.put_back(layer)
             raise
-        return ChangedSource(self, undo)
+        return ChangedSource(self, partial(self._world.put_back, layer))
 
     def _client(self) -> Client:
         """Return a working client, with the camera attached and the world as it was set."""
@@ -173,7 +171,7 @@ class UnrealSource(Source):
         captures: list[Capture] = []
         fault: SourceError | None = None
         try:
-            with self._turns.turn():
+            with self._journal.turn():
                 state = self.state  # which does not change within a turn
                 for request in requests:
                     request.check_state(state, self._connection.address)
@@ -186,7 +184,7 @@ class UnrealSource(Source):
             yield from captures
             raise last
         for capture in captures:
-            if self._turns.closed:
+            if self._journal.closed:
                 raise closed_error(self._connection.address)
             yield capture
 

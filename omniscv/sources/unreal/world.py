@@ -1,9 +1,10 @@
 """The running world behind a live source: its objects and its clock, and how it is kept at an instant."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -12,31 +13,36 @@ from omniscv.errors import ServerRefusedError, SourceError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.sources.base import known_objects
 from omniscv.sources.unreal.boxes import upright_box
-from omniscv.sources.unreal.commands import WORLDS, changes_world
+from omniscv.sources.unreal.commands import LEGACY, changes_world
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import (
     Journal,
-    Objects,
-    Turns,
+    Key,
+    Layer,
     clock_of,
+    locations_and_rotations,
     object_names,
     object_poses,
-    put_back,
+    pose_commands,
+    same_pose,
+    set_commands,
 )
 from omniscv.sources.unreal.replies import described, numbers
 from omniscv.sources.world import Freeze, World
 
+_CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
+
 
 class UnrealWorld(World):
-    """Objects and clock of a game. Changes are noted in a journal, which knows the state.
+    """Objects and clock of a game.
 
     Methods take turns with captures; after a change the next capture waits until frames show it.
 
     Args:
         driver: of the capture camera.
-        turns: of the source.
-        journal: of the source.
+        journal: of the source, which knows the state.
         freeze: how an instant is kept.
 
     Attributes:
@@ -47,19 +53,16 @@ class UnrealWorld(World):
         ServerRefusedError: the dialect cannot freeze the world so.
     """
 
-    def __init__(self, driver: CameraDriver, turns: Turns, journal: Journal, freeze: Freeze) -> None:
-        self._driver, self._connection = driver, driver.connection
-        self._turns, self._journal = turns, journal
-        self._table = WORLDS[driver.capabilities.dialect]
-        self._objects = Objects(self._connection, journal)
-        self._clock = clock_of(driver, self._table.pause_toggles)
+    def __init__(self, driver: CameraDriver, journal: Journal, freeze: Freeze) -> None:
+        self._driver, self._connection, self._journal = driver, driver.connection, journal
+        self._clock = clock_of(driver)
         self._stands = False  # whether it was paused here
         self.freeze = "puppet" if freeze == "auto" else freeze
-        if freeze == "batch":
-            self._table.check(self._table.batches, "answer a batch in one tick")
+        if freeze == "batch" and driver.capabilities.dialect != "N2":
+            raise self._cannot("answer a batch in one tick")
 
     def objects(self) -> list[str]:
-        with self._turns.turn():
+        with self._journal.turn():
             return sorted(object_names(self._connection))
 
     def pose(self, name: str) -> Pose:
@@ -67,7 +70,8 @@ class UnrealWorld(World):
             return object_poses(self._connection, [name])[name]
 
     def bounds(self, name: str) -> ObjectBox:
-        self._table.check(self._table.reads_bounds, "read the bounds of objects")
+        if self._driver.table is LEGACY:
+            raise self._cannot("read the bounds of objects")
         with self._turn_for(name):
             reply = self._connection.text(f"vget /object/{name}/bounds")
         box = upright_box(np.array(numbers(reply, 6)).reshape(2, 3))
@@ -77,7 +81,7 @@ class UnrealWorld(World):
 
     def move(self, name: str, pose: Pose) -> None:
         with self._turn_for(name):
-            self._objects.place({name: pose})
+            self._place({name: pose})
             self._driver.settle()
 
     def show(self, name: str) -> None:
@@ -92,7 +96,7 @@ class UnrealWorld(World):
 
     def hide(self, name: str) -> None:
         with self._turn_for(name):
-            self._objects.hide([name])
+            self.hide_all([name])
             self._driver.settle()
 
     def pause(self) -> None:
@@ -103,24 +107,24 @@ class UnrealWorld(World):
 
     @property
     def paused(self) -> bool:
-        with self._turns.turn():
+        with self._journal.turn():
             return self._clock.paused
 
     @contextmanager
     def changes(self) -> Iterator[None]:
-        with self._turns.turn():
+        with self._journal.turn():
             layer = self._journal.open()
         try:
             yield
         except BaseException:
             with suppress(SourceError):  # the first fault is the one to raise
-                put_back(self._driver, self._turns, self._journal, layer)
+                self.put_back(layer)
             raise
-        put_back(self._driver, self._turns, self._journal, layer)
+        self.put_back(layer)
 
     def send(self, command: str) -> str:
         """Return the reply to any command, the size and format of a binary one; the state may change."""
-        with self._turns.turn(), self._journal.unless_refused():
+        with self._journal.turn(), self._journal.unless_refused():
             if changes_world(command):
                 sent = self._journal.value("commands") or ""
                 digest = hashlib.sha256(f"{sent}\n{command}".encode()).hexdigest()[:16]
@@ -136,34 +140,82 @@ class UnrealWorld(World):
         With ``pause`` it stays where it is: the poses of the instant's objects are read, or, if it has none,
         those of every movable object, and the time is not known.
         """
-        self._objects.check({*instant.poses, *instant.hidden})
+        self.check({*instant.poses, *instant.hidden})
         if self.freeze in ("puppet", "pause"):
             self._set_paused(True)
         if self.freeze == "pause":
-            objects = instant.poses or self._objects.movable()
+            objects = instant.poses or self._movable()
             for name, pose in object_poses(self._connection, objects).items():
                 self._journal.note("seen", name, pose, ())
         else:
-            self._objects.place(instant.poses)
+            self._place(instant.poses)
             if instant.time is not None:
                 self._journal.note("time", "", instant.time, ())
         if instant.name:
             self._journal.note("name", "", instant.name, ())
-        self._objects.hide(sorted(instant.hidden))
+        self.hide_all(sorted(instant.hidden))
 
-    def leave_out(self, names: list[str]) -> None:
-        """Hide objects from captures only; to be used within a turn and an open layer of the journal."""
-        self._objects.hide(names, "left out")
-
-    def check(self, names: list[str]) -> None:
+    def check(self, objects: Collection[str]) -> None:
         """Raise ArgumentError for a name that no object has; to be used within a turn."""
-        self._objects.check(names)
+        if objects:
+            known_objects(objects, object_names(self._connection), self._connection.address)
+
+    def hide_all(self, objects: Iterable[str], what: Literal["hidden", "left out"] = "hidden") -> None:
+        """Hide objects in the world, or leave them out of its captures only, which is not in the state.
+
+        To be used within a turn and an open layer of the journal.
+        """
+        new = [name for name in objects if not self._journal.value(what, name)]
+        invisible = {*self._journal.named("hidden"), *self._journal.named("left out")}
+        visible = [name for name in new if name not in invisible]
+        back = {name: f"vset /object/{name}/show" for name in visible}
+        with self._journal.unless_refused():
+            for name in new:
+                self._journal.note(what, name, True, (back[name],) if name in back else ())
+            try:
+                self._connection.set([f"vset /object/{name}/hide" for name in visible])
+            except ServerRefusedError:
+                self._connection.texts(list(back.values()))
+                raise
 
     def set_again(self) -> None:
         """Set again what was set and can be: with a new connection, the game may be a new one, too."""
         if self._stands:
             self._clock.set(True)
-        self._objects.set_again()
+        seen = self._journal.named("seen")
+        poses = object_poses(self._connection, seen)
+        if not all(same_pose(poses[name], seen[name]) for name in seen):
+            self._journal.forget("seen")
+            address = self._connection.address
+            raise ServerRefusedError(f"{address}: expected objects where they were read, got them elsewhere")
+        self._connection.set(pose_commands(self._journal.named("pose")))
+        hidden = [*self._journal.named("hidden"), *self._journal.named("left out")]
+        self._connection.set([f"vset /object/{name}/hide" for name in hidden])
+
+    def put_back(self, layer: Layer) -> None:
+        """Undo a layer's changes, the last one first; what is refused does not keep others from being undone.
+
+        Nothing is done after the source is closed, which has put back all it could.
+
+        Raises:
+            SourceError: the server is gone, or what it refused first; the state keeps what was not put back.
+        """
+        with self._journal.lock:
+            self._journal.close(layer)
+            if not layer or self._journal.closed:
+                return
+            fault: ServerRefusedError | None = None
+            for keys in _steps(layer):
+                try:
+                    self._undo(layer, keys)
+                except ServerRefusedError as refused:
+                    fault = fault or refused
+                    for key in keys:
+                        with suppress(ServerRefusedError):
+                            self._undo(layer, [key])
+            self._driver.settle()
+            if fault is not None:
+                raise fault
 
     def check_lost(self) -> None:
         """Raise SourceError, once, if a restarted game lacks changes that cannot be made again."""
@@ -174,12 +226,12 @@ class UnrealWorld(World):
     @contextmanager
     def _turn_for(self, name: str) -> Iterator[None]:
         """A turn about one object; ArgumentError if there is none of that name."""
-        with self._turns.turn():
-            self._objects.check([name])
+        with self._journal.turn():
+            self.check([name])
             yield
 
     def _set_paused(self, paused: bool) -> None:
-        with self._turns.turn():
+        with self._journal.turn():
             undo = partial(self._set_clock, self._clock.paused)
             with self._journal.unless_refused():
                 self._journal.note("paused", "", None, undo)
@@ -188,3 +240,58 @@ class UnrealWorld(World):
     def _set_clock(self, paused: bool) -> None:
         self._clock.set(paused)
         self._stands = paused
+
+    def _movable(self) -> list[str]:
+        """Return the names of the objects that the game may move."""
+        objects = [name for name in object_names(self._connection) if not name.startswith(_CAMERAS)]
+        mobilities = self._connection.texts([f"vget /object/{name}/mobility" for name in objects])
+        return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
+
+    def _place(self, poses: Mapping[str, Pose]) -> None:
+        """Move and turn objects; ServerRefusedError, and all as before, if one cannot be moved."""
+        texts = locations_and_rotations(self._connection, poses)
+        before = dict(zip(poses, zip(texts[::2], texts[1::2], strict=True), strict=True))
+        back = {name: set_commands(name, *values) for name, values in before.items()}
+        with self._journal.unless_refused():
+            for name, pose in poses.items():
+                self._journal.note("pose", name, pose, back[name])
+            try:
+                self._connection.set(pose_commands(poses))
+                self._check_placed(poses)
+            except ServerRefusedError:
+                self._connection.texts([command for commands in back.values() for command in commands])
+                raise
+
+    def _check_placed(self, poses: Mapping[str, Pose]) -> None:
+        """Raise ServerRefusedError for an object that did not move and never can."""
+        for name, actual in object_poses(self._connection, poses).items():
+            if not same_pose(actual, poses[name]):
+                mobility = self._connection.text(f"vget /object/{name}/mobility")
+                if mobility != "Movable":
+                    expected = f"expected an object that can be moved, got {shown(name)}"
+                    address = self._connection.address
+                    raise ServerRefusedError(f"{address}: {expected}, whose mobility is {shown(mobility)}")
+
+    def _undo(self, layer: Layer, keys: list[Key]) -> None:
+        undos = [layer[key][1] for key in keys]
+        self._connection.set([command for undo in undos if not callable(undo) for command in undo])
+        for undo in undos:
+            if callable(undo):
+                undo()
+        for key in keys:
+            self._journal.undone(layer, key)
+
+    def _cannot(self, what: str) -> ServerRefusedError:
+        plugin = f"plugin {'0.3.10' if self._driver.table is LEGACY else '1.x'}"
+        dialect = self._driver.capabilities.dialect
+        return ServerRefusedError(f"expected a server that can {what}, got {plugin}, dialect {dialect}")
+
+
+def _steps(layer: Layer) -> list[list[Key]]:
+    """Return the keys from the last to the first; those that are undone by commands go together."""
+    steps: list[list[Key]] = []
+    for key in reversed(layer):
+        if callable(layer[key][1]) or not steps or callable(layer[steps[-1][0]][1]):
+            steps.append([])
+        steps[-1].append(key)
+    return steps

@@ -1,7 +1,5 @@
 """The live source with every dialect: captures agree with tracing of the view that they carry."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 from support.unreal import (
@@ -258,15 +256,6 @@ def test_a_closed_source_stays_closed(dialect):
                 use()
         source.close()
         assert server.statistics.total("vget /unrealcv/version") <= 4
-
-
-def test_threads_take_turns(server, source):
-    faces = FACES[::2]
-    wanted = {capture.request: capture.payload for capture in source.capture(faces)}
-    orders = [faces, faces[::-1], faces[5::3] + faces[:5]]
-    with ThreadPoolExecutor(3) as threads:
-        for captures in threads.map(lambda order: list(source.capture(order)), orders):
-            assert [wanted[capture.request] for capture in captures] == [c.payload for c in captures]
 
 
 @pytest.mark.parametrize("dialect", [*DIALECTS, "1.x"])

@@ -2,14 +2,13 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 from support.unreal import agrees, face_requests, relayed
 from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, THINGS, ahead, at_time, placed, serve
 
 import mock_server
 import omniscv
-from omniscv.errors import ArgumentError, ServerRefusedError, SourceError, TornSetError
+from omniscv.errors import ArgumentError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
@@ -105,32 +104,6 @@ def test_nothing_is_paused_where_nothing_is_to_be_kept():
             }
         assert not wrong(source, SCENE)
         assert server.statistics.total("vset /action/game") == 0
-
-
-@pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
-def test_images_of_a_world_that_moves_are_refused_unless_it_is_kept_still(dialect):
-    """The clock advances before every picture, but for a game that is paused."""
-    camera = omniscv.cameras.create("fisheye-equidistant", width=24, height=24, fov_deg=100)
-    instant, later = at_time(0.35), at_time(0.6)
-
-    def depth(source):
-        options = {"modes": ("depth",), "strategy": "faces", "face_size": SIZE}
-        return omniscv.render(camera, Pose.from_angles(CENTER, 20.0), source, **options).depth
-
-    with serve(dialect, time_step_s=0.0317, faults=["torn"]) as server:
-        with omniscv.open_source(server.uri, freeze="none") as source, pytest.raises(TornSetError):
-            depth(source)
-        with omniscv.open_source(server.uri) as source:
-            with source.at(instant) as there:
-                found = depth(there)
-            with source.at(later) as there:
-                assert not np.allclose(found, depth(there), rtol=1e-3)
-    ball = {"solids": [{"sphere": 0.6, "at": instant.poses["Ball"].position.tolist()}]}
-    still = mock_server.Scene("yard", {"objects": {**THINGS, "Ball": ball}})
-    with serve(dialect, still) as server, omniscv.open_source(server.uri) as source:
-        wanted = depth(source)
-    close = np.isclose(found, wanted, rtol=1e-3) | (np.isinf(found) & np.isinf(wanted))
-    assert close.mean() > 0.99  # on an edge a last digit decides
 
 
 def test_a_picture_that_proves_is_another_picture():
