@@ -10,8 +10,7 @@ if TYPE_CHECKING:
     from omniscv import cameras, dataset, truth
     from omniscv.cameras.rig import Rig, RigCamera
     from omniscv.compose.image import OmniImage
-    from omniscv.compose.renderer import Renderer, render
-    from omniscv.compose.rigs import render_rig
+    from omniscv.compose.renderer import Renderer, render, render_rig
     from omniscv.errors import OmniscvError
     from omniscv.geometry import Pose
     from omniscv.geometry.instant import Instant
@@ -40,7 +39,7 @@ _HOMES = {
     "planning": "omniscv.planning:",
     "record": "omniscv.sources.recording:record",
     "render": "omniscv.compose.renderer:render",
-    "render_rig": "omniscv.compose.rigs:render_rig",
+    "render_rig": "omniscv.compose.renderer:render_rig",
     "sources": "omniscv.sources:",
     "truth": "omniscv.truth:",
 }

@@ -15,7 +15,7 @@ from omniscv.cameras import Camera, create
 from omniscv.chart.truth import traced, traced_mean
 from omniscv.compose.renderer import Renderer
 from omniscv.geometry import Array, Pose
-from omniscv.planning import CameraRays, Filter, RenderOptions, densities
+from omniscv.planning import Filter, ImageRays, RenderOptions, densities
 from omniscv.planning.cost import cost
 from omniscv.sources.scene import SceneSource, open_scene
 
@@ -104,7 +104,7 @@ def measure(
     rows: list[Row] = []
     for name, camera in cameras.items():
         hits, mean = traced(scene, camera, _POSE), traced_mean(scene, camera, _POSE)
-        source, auto = SceneSource(scene), densities.face_size(CameraRays(camera).steps, smallest_face)
+        source, auto = SceneSource(scene), densities.face_size(ImageRays(camera).steps, smallest_face)
         for scale, filter, finer in WAYS:
             edge, default = round(auto * scale), (scale, filter, finer) == DEFAULT
             options = RenderOptions(filter=filter, face_size=edge, truth_scale=finer)

@@ -52,9 +52,11 @@ def make(
         raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
     with display("frames", progress) as show:
         if cluster is not None:
-            from omniscv.cluster import make, place
+            from omniscv.cluster import make, workers_of
 
-            made = make(wanted, place(cluster), progress=show.steps, warn=console.error, note=console.line)
+            made = make(
+                wanted, workers_of(cluster), progress=show.steps, warn=console.error, note=console.line
+            )
             console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
             return
         made = make_dataset(
@@ -109,7 +111,7 @@ def check(
 @app.command(epilog="Example: omniscv dataset info dataset")
 def info(folder: Dataset, as_json: AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
-    from omniscv.dataset.summary import info
+    from omniscv.dataset.checking import info
 
     summary = info(folder)
     if as_json:

@@ -1,10 +1,10 @@
 """Datasets on many machines: the parts of a job as tasks of Dask, one server for each worker.
 
-Nothing here schedules: Dask does. A worker holds one server, and makes parts with it; what it makes goes to
-the dataset's folder, and only counts come back.
+Dask schedules the tasks. A worker opens one server and makes parts with it. It writes into the dataset's
+folder and returns only counts.
 """
 
 from omniscv.cluster.making import make
-from omniscv.cluster.places import place
+from omniscv.cluster.workers import workers_of
 
-__all__ = ["make", "place"]
+__all__ = ["make", "workers_of"]

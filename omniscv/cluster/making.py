@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from omniscv.cluster.places import Place
+from omniscv.cluster.workers import Workers
 from omniscv.errors import ClusterError
 from omniscv.job import Job
 from omniscv.make import Made, check_dataset, finish, parts_of, source_options
@@ -19,28 +19,28 @@ _AGAIN = "what is made is kept: run the same command again"
 
 def make(
     job: Job,
-    where: Place,
+    workers: Workers,
     *,
     progress: Callable[[int, int], None] | None = None,
     warn: Callable[[str], None] | None = None,
     note: Callable[[str], None] | None = None,
 ) -> Made:
-    """Make the dataset of a job, the same bytes as :func:`omniscv.jobs.make`; go on with one that is there.
+    """Make the dataset of a job, the same bytes as :func:`omniscv.jobs.make`; continue one that exists.
 
     Args:
-        job: what to make; its addresses, and its ``out``, are those that workers reach.
-        where: the workers.
+        job: what to make; workers reach its addresses and its ``out``.
+        workers: where they run.
         progress: called with (frames done, frames of the job).
-        warn: called with a line for what is worth a look, as a server that failed and is tried again.
-        note: called with a line that says where the dashboard is.
+        warn: called with lines about doubtful pixels, and servers that failed and are retried.
+        note: called with the address of the dashboard.
 
     Raises:
         ArgumentError: the dataset cannot be made of this job.
-        ClusterError: the scheduler is gone, or a part failed again and again; frames that were made stay.
+        ClusterError: the scheduler is gone, or a part failed at every attempt; frames that were made stay.
         OmniscvError: as :func:`omniscv.jobs.make`.
     """
     check_dataset(job)
-    with where.client(job.sources) as client:
+    with workers.client(job.sources) as client:
         if note:
             note(f"dashboard: {client.dashboard_link}")
         job, done = _on(client, job, progress, warn)
@@ -54,34 +54,32 @@ def _on(
     progress: Callable[[int, int], None] | None,
     warn: Callable[[str], None] | None,
 ) -> tuple[Job, Made]:
-    """Make all parts; return the job with its poses, and what was done."""
-    from omniscv.cluster.servers import SERVER, TOPIC, Server
-    from omniscv.cluster.tasks import HOW, WORK, Work, make_part, posed
+    """Make all parts; return the job with its poses, and the counts of frames."""
+    from omniscv.cluster.tasks import HOW, SERVER, TOPIC, WORK, Server, Work, make_part, with_poses
 
     if warn:
         client.subscribe_topic(TOPIC, lambda event: warn(str(event[1])))
     try:
         client.register_plugin(Server(job.sources, source_options(job)))
         if job.sampling is not None:
-            (job,) = _results(client, [client.submit(posed, job, **HOW)])
+            (job,) = _results(client, [client.submit(with_poses, job, **HOW)])
         client.register_plugin(Work(job))
-        wanted = parts_of(job)
-        futures = client.map(make_part, wanted, **HOW)
-        return job, _gathered(client, futures, len(job), progress, warn)
+        futures = client.map(make_part, parts_of(job), **HOW)
+        return job, _add_up(client, futures, len(job), progress, warn)
     finally:
         for name in (SERVER, WORK) if client.status == "running" else ():
-            with suppress(OSError, ValueError):  # the scheduler has just gone, or the plugin never came
+            with suppress(OSError, ValueError):  # the scheduler is gone, or the plugin was not registered
                 client.unregister_worker_plugin(name)
 
 
-def _gathered(
+def _add_up(
     client: Client,
     futures: Sequence[Future],
     total: int,
     progress: Callable[[int, int], None] | None,
     warn: Callable[[str], None] | None,
 ) -> Made:
-    """Add up what tasks return, as it comes."""
+    """Add up the results of tasks."""
     written = kept = warnings = 0
     for done in _results(client, futures):
         if done.refused is not None:
@@ -96,7 +94,7 @@ def _gathered(
 
 
 def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:
-    """Yield the results of tasks as they come; cancel the rest where one fails.
+    """Yield the results of tasks as they complete; cancel the rest if one fails.
 
     Raises:
         ClusterError: a task failed at every attempt, or the scheduler is gone.

@@ -3,7 +3,7 @@
 ::
 
     workers: 16                      # jobs that run at a time; each is one worker with one server
-    walltime: "04:00:00"             # of each job; a worker leaves a while before, and another is queued
+    walltime: "04:00:00"             # of each job; its worker stops a while before, and another is queued
     cores: 4                         # of each job
     memory: 16 GB
     queue: gpu                       # optional, as all that follow
@@ -11,7 +11,7 @@
     directives: ["--gres=gpu:1"]     # further lines of the job's header
     prologue: [module load unreal]   # commands before the worker
     log_directory: logs
-    interface: ib0                   # network that workers reach the scheduler by
+    interface: ib0                   # network on which workers reach the scheduler
     python: /path/to/python          # on the nodes; this one if not given
 """
 
@@ -21,15 +21,15 @@ import re
 import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from omniscv.arguments import Reader, fields, shown, text, texts, whole_number, within
-from omniscv.cluster.places import MOST_WORKERS, settings
+from omniscv.arguments import shown, text, texts, whole_number, within
+from omniscv.cluster.workers import MOST_WORKERS, settings
 from omniscv.errors import ArgumentError, ClusterError
+from omniscv.records import checked, record
+from omniscv.records import read as read_record
 from omniscv.storage import bounded
 
 if TYPE_CHECKING:
@@ -39,25 +39,48 @@ if TYPE_CHECKING:
 _SHORTEST_MIN, _SLOWEST_S = 10, 60.0
 
 
-@dataclass(frozen=True)
+def _minutes(walltime: str) -> int:
+    days, _, clock = walltime.rpartition("-")
+    hours, minutes, _ = clock.split(":")
+    return 60 * (24 * int(days or 0) + int(hours)) + int(minutes)
+
+
+def _walltime(name: str, value: object) -> str:
+    walltime = text(name, value)
+    pattern = r"([0-9]+-)?[0-9]{1,3}:[0-9]{2}:[0-9]{2}"
+    if not re.fullmatch(pattern, walltime) or _minutes(walltime) < _SHORTEST_MIN:
+        wanted = f"expected hours:minutes:seconds, at least {_SHORTEST_MIN} minutes, such as '04:00:00'"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    return walltime
+
+
+def _memory(name: str, value: object) -> str:
+    if not re.fullmatch(r"[0-9]+(\.[0-9]+)? ?[KMGT]i?B", text(name, value)):
+        raise ArgumentError(f"{name}: expected an amount such as 16 GB, got {shown(value)}")
+    return str(value)
+
+
+@record
 class Slurm:
-    """Jobs of SLURM, each with one worker.
+    """Jobs of SLURM, each with one worker."""
 
-    Attributes:
-        workers: jobs at a time.
-        walltime_min: minutes that SLURM gives each.
-        options: of ``dask_jobqueue.SLURMCluster``.
-    """
-
-    workers: int
-    walltime_min: int
-    options: dict[str, Any]
+    workers: int = checked(whole_number, most=MOST_WORKERS, help="jobs at a time")
+    walltime: str = checked(_walltime, help="time that SLURM gives each job")
+    cores: int = checked(whole_number, most=4096)
+    memory: str = checked(_memory)
+    queue: str | None = checked(text, default=None)
+    account: str | None = checked(text, default=None)
+    directives: tuple[str, ...] = checked(texts, default=())
+    prologue: tuple[str, ...] = checked(texts, default=())
+    log_directory: str | None = checked(text, default=None)
+    interface: str | None = checked(text, default=None)
+    python: str | None = checked(text, default=None)
 
     def cluster(self) -> SLURMCluster:
         """Return the cluster, without jobs as yet: ``job_script()`` is what is submitted.
 
-        A worker leaves when 17 twentieths of its time are over, give or take a twentieth, so that not all
-        leave at once: the parts that it has are then made by others.
+        A worker stops after 17 twentieths of its time, give or take a twentieth, so that not all stop at
+        once: other workers make its parts then.
 
         Raises:
             ArgumentError: the package is missing.
@@ -67,16 +90,31 @@ class Slurm:
         except ImportError as cause:
             wanted = "expected dask-jobqueue: pip install 'omniscv[cluster]'"
             raise ArgumentError(f"--cluster slurm: {wanted}; got: {cause}") from cause
-        seconds = 60 * self.walltime_min
+        seconds = 60 * _minutes(self.walltime)
         life = ["--lifetime", f"{17 * seconds // 20}s", "--lifetime-stagger", f"{seconds // 20}s"]
-        given = {key: value for key, value in settings().items() if key.startswith("distributed.worker.")}
-        exports = [f"export DASK_{key.upper().replace('.', '__')}={value}" for key, value in given.items()]
-        prologue = [*exports, *self.options.get("job_script_prologue", ())]
+        of_workers = {
+            key: value for key, value in settings().items() if key.startswith("distributed.worker.")
+        }
+        exports = [
+            f"export DASK_{key.upper().replace('.', '__')}={value}" for key, value in of_workers.items()
+        ]
+        options = {
+            "walltime": self.walltime,
+            "cores": self.cores,
+            "memory": self.memory,
+            "queue": self.queue,
+            "account": self.account,
+            "job_extra_directives": list(self.directives) or None,
+            "log_directory": self.log_directory,
+            "interface": self.interface,
+            "python": self.python,
+        }
         return SLURMCluster(
             processes=1,
             worker_extra_args=["--resources", "server=1", *life],
             scheduler_options={"dashboard_address": ":0"},
-            **(self.options | {"job_script_prologue": prologue}),
+            job_script_prologue=[*exports, *self.prologue],
+            **{key: value for key, value in options.items() if value is not None},
         )
 
     @contextmanager
@@ -85,7 +123,7 @@ class Slurm:
 
         Raises:
             ArgumentError: several addresses: workers on nodes have no numbers to choose one by.
-            ClusterError: SLURM takes no job.
+            ClusterError: SLURM refuses the job.
         """
         import dask
         from distributed import Client
@@ -104,7 +142,7 @@ class Slurm:
 
 
 def _check(script: str) -> None:
-    """Raise ClusterError where SLURM would not take a job: Dask submits in the background, without a word."""
+    """Raise ClusterError if SLURM would refuse a job: Dask submits in the background and reports nothing."""
     with NamedTemporaryFile("w", prefix="omniscv-", suffix=".sh") as file:
         file.write(script)
         file.flush()
@@ -122,47 +160,7 @@ def read(path: Path) -> Slurm:
     """Return what a file describes.
 
     Raises:
-        ArgumentError: it cannot be read, or a field is unknown, missing or wrong.
+        ArgumentError: it cannot be read, or a key is unknown, missing or wrong.
     """
     with within(path):
-        given = fields("", bounded.parse_yaml(bounded.read_text(path)), _FIELDS, needed=_NEEDED)
-    names = {"directives": "job_extra_directives", "prologue": "job_script_prologue"}
-    workers, walltime = given.pop("workers"), given["walltime"]
-    options = {names.get(key, key): list(v) if isinstance(v, tuple) else v for key, v in given.items()}
-    return Slurm(workers, _minutes(walltime), options)
-
-
-def _walltime(name: str, value: object) -> str:
-    found = text(name, value)
-    if not re.fullmatch(r"([0-9]+-)?[0-9]{1,3}:[0-9]{2}:[0-9]{2}", found) or _minutes(found) < _SHORTEST_MIN:
-        wanted = f"expected hours:minutes:seconds, at least {_SHORTEST_MIN} minutes, such as '04:00:00'"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    return found
-
-
-def _minutes(walltime: str) -> int:
-    days, _, clock = walltime.rpartition("-")
-    hours, minutes, _ = clock.split(":")
-    return 60 * (24 * int(days or 0) + int(hours)) + int(minutes)
-
-
-def _memory(name: str, value: object) -> str:
-    if not re.fullmatch(r"[0-9]+(\.[0-9]+)? ?[KMGT]i?B", text(name, value)):
-        raise ArgumentError(f"{name}: expected an amount such as 16 GB, got {shown(value)}")
-    return str(value)
-
-
-_FIELDS: dict[str, Reader] = {
-    "workers": partial(whole_number, least=1, most=MOST_WORKERS),
-    "walltime": _walltime,
-    "cores": partial(whole_number, least=1, most=4096),
-    "memory": _memory,
-    "queue": text,
-    "account": text,
-    "directives": texts,
-    "prologue": texts,
-    "log_directory": text,
-    "interface": text,
-    "python": text,
-}
-_NEEDED = ("workers", "walltime", "cores", "memory")
+        return read_record(Slurm, bounded.parse_yaml(bounded.read_text(path)))

@@ -1,25 +1,107 @@
-"""What workers do: parts of a job. Only counts, or what is wrong with the job, come back."""
+"""What runs in a worker: one open server, and the parts of a job that are made with it.
+
+Only counts return to the scheduler, or what is wrong with the job.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple, TypeVar
 
 from distributed import WorkerPlugin, get_worker
 
-from omniscv.cluster.places import RESOURCE
-from omniscv.cluster.servers import SERVER
-from omniscv.errors import ArgumentError, DatasetError
+from omniscv.cluster.workers import RESOURCE
+from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.job import Job
 from omniscv.make import Part, opened, run_part
 from omniscv.sources.base import Source
+from omniscv.sources.registry import SourceOptions, open_source
 
-WORK = "omniscv-job"
+T = TypeVar("T")
+
+SERVER, WORK = "omniscv-server", "omniscv-job"
+"""Names of the plugins of workers."""
+
+TOPIC = "omniscv"
+"""Topic of the events with which workers report failures that they retry."""
 
 RETRIES = 5
-"""How often a part is tried again that failed, on whichever worker is free."""
+"""How often a failed part is tried again, by whichever worker is free."""
 
 HOW = {"resources": RESOURCE, "retries": RETRIES, "pure": False}
 """How tasks are submitted."""
+
+_LONGEST_WAIT_S = 60.0
+
+
+class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
+    """The server of a worker: a game that it launches, one at an address, or a mock server.
+
+    It is opened by the first task, not when the worker starts: a game may take minutes, and Dask takes a
+    worker that does not answer meanwhile for dead.
+
+    Args:
+        addresses: of the job's source; if there are several, a worker takes the one of its number.
+        options: of :func:`omniscv.open_source`.
+    """
+
+    name = SERVER
+
+    def __init__(self, addresses: Sequence[str], options: SourceOptions) -> None:
+        self._addresses, self._options = tuple(addresses), options
+
+    def setup(self, worker: Any) -> None:
+        """Start without a source."""
+        self._worker = worker
+        self._source: Source | None = None
+        self._failures, self._ending = 0, False
+
+    async def teardown(self, worker: Any) -> None:
+        """Close the source, and with it what it launched."""
+        self._ending = True
+        await asyncio.to_thread(self._close)
+
+    def use(self, work: Callable[[Source], T]) -> T:
+        """Run a function of the source. After a failure the next call opens the source again.
+
+        Repeated failures wait longer and longer, up to a minute: a worker without a server would otherwise
+        fail tasks faster than other workers complete them.
+
+        Raises:
+            Exception: as the function, or opening the source.
+        """
+        try:
+            if self._source is None:
+                self._source = open_source(self._address(), **self._options)
+            result = work(self._source)
+        except Exception as fault:
+            with suppress(OmniscvError, OSError):  # of a server that is gone
+                self._close()
+            if not (self._ending or isinstance(fault, ArgumentError)):
+                self._worker.log_event(TOPIC, f"worker {self._worker.name}: {fault}")
+                time.sleep(min(_LONGEST_WAIT_S, 0.1 * (2**self._failures - 1)))
+                self._failures += 1
+            raise
+        self._failures = 0
+        return result
+
+    def _address(self) -> str:
+        if len(self._addresses) == 1:
+            return self._addresses[0]
+        number = str(self._worker.name)
+        if not number.isdecimal() or int(number) >= len(self._addresses):
+            last = len(self._addresses) - 1
+            wanted = f"expected workers named 0 to {last}, for the addresses of the source"
+            raise ArgumentError(f"--cluster: {wanted}, got {number!r}; start them with --name")
+        return self._addresses[int(number)]
+
+    def _close(self) -> None:
+        source, self._source = self._source, None
+        if source is not None:
+            source.close()
 
 
 class Work(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
@@ -32,12 +114,12 @@ class Work(WorkerPlugin):  # type: ignore[misc] # distributed is imported withou
 
 
 class Done(NamedTuple):
-    """What a task returns.
+    """The result of a task.
 
     Attributes:
         written, kept: frames, as :func:`omniscv.jobs.run_part`.
-        warnings: how many images have unsure or occluded pixels.
-        refused: what is wrong with the job, which no other attempt mends.
+        warnings: number of images with unsure or occluded pixels.
+        refused: what is wrong with the job; another attempt would not help.
     """
 
     written: int = 0
@@ -48,11 +130,11 @@ class Done(NamedTuple):
 
 def make_part(part: Part) -> Done:
     """Make a part of the worker's job with its server."""
-    warned: list[str] = []
+    warnings: list[str] = []
 
     def work(source: Source) -> Done:
-        made = run_part(_plugin(WORK).job, part, source=source, warn=warned.append)
-        return Done(made.written, made.kept, len(warned))
+        made = run_part(_plugin(WORK).job, part, source=source, warn=warnings.append)
+        return Done(made.written, made.kept, len(warnings))
 
     try:
         done: Done = _plugin(SERVER).use(work)
@@ -61,15 +143,15 @@ def make_part(part: Part) -> Done:
     return done
 
 
-def posed(job: Job) -> Job:
+def with_poses(job: Job) -> Job:
     """Return a job with the poses that it samples in the worker's source."""
 
     def work(source: Source) -> Job:
-        with opened(job, source) as (found, _):
-            return found
+        with opened(job, source) as (sampled, _):
+            return sampled
 
-    found: Job = _plugin(SERVER).use(work)
-    return found
+    sampled: Job = _plugin(SERVER).use(work)
+    return sampled
 
 
 def _plugin(name: str) -> Any:

@@ -2,7 +2,10 @@
 
 For averaging, the picture also holds the views' mip levels: level 0 at their own resolution, level 1 of the
 means of 2 x 2 of its pixels, ... Around each tile can lie a gutter, resampled from the neighbouring views,
-for the filter support.
+for the filter support: a filter at the edge of a view needs pixels beyond it. Where views are not captured
+wider
+than their rays need, the neighbours show these, though on another plane: the ray of each pixel of the gutter
+is looked up in them. Where no neighbour sees it, the view's own edge is continued.
 """
 
 from collections import deque
@@ -14,18 +17,72 @@ import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose import kernels
-from omniscv.compose.folding import LARGEST_PX
-from omniscv.compose.gutter import Gutter
-from omniscv.compose.kernels import Floats, Ints, Pixels
-from omniscv.compose.ray_lookup import RayLookup
+from omniscv.compose.interpolation import LARGEST_PX, sample_bicubic, sample_bilinear
+from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Array
+from omniscv.geometry import Array, pinhole
+from omniscv.geometry.arrays import Floats, Ints, Pixels, run
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
 
 OUTSIDE = -16.0
-"""An out-of-atlas coordinate, where remap gives its constant border, 0."""
+"""A coordinate outside every atlas, where cv2.remap gives its constant border, 0."""
+FILTER_SUPPORT_PX = 2
+"""Pixels beyond a point that bicubic, the widest interpolation, needs."""
+
+
+class Gutter:
+    """The gutters of views, at their own resolution or at a mip level.
+
+    Args:
+        views: all of one size, from one centre.
+        level: the mip level.
+        support: px of the gutter.
+        bicubic: whether neighbours are resampled by the better and slower filter.
+    """
+
+    def __init__(self, views: Sequence[View], level: int, support: int, bicubic: bool) -> None:
+        width, height, scale = views[0].width >> level, views[0].height >> level, 0.5**level
+        ring = _ring(width, height, support)
+        self._ring, self._bicubic = ring, bicubic
+        in_view, pixels = [], []
+        for k, view in enumerate(views):
+            at = (ring + 0.5) / scale
+            rays_w = pinhole.rays(at, view.focal_px, view.width, view.height) @ view.pose.R_w_c.T
+            others = [i for i in range(len(views)) if i != k]
+            neighbour = np.full(len(ring), k)
+            pixel = ring.astype(np.float64)
+            if others:
+                lookup = look_up(rays_w, [views[i] for i in others])
+                seen = lookup.view >= 0
+                neighbour[seen] = np.array(others)[lookup.view[seen]]
+                pixel[seen] = np.stack([lookup.x, lookup.y], axis=1)[seen] * scale - 0.5
+            in_view.append(neighbour)
+            pixels.append(np.clip(pixel, 0, (width - 1, height - 1)))
+        self._neighbour, self._pixel = np.array(in_view), np.array(pixels)
+
+    def fill(self, picture: Pixels, corners: Ints) -> None:
+        """Write the gutter of every view into a picture that holds the views.
+
+        Args:
+            picture: the atlas.
+            corners: (V, 2) x and y of each view's first pixel.
+        """
+        at = self._pixel + corners[self._neighbour]
+        x, y = np.ascontiguousarray(at.reshape(-1, 2).T, dtype=np.float32)
+        column, row = np.moveaxis(self._ring[None] + corners[:, None], -1, 0)
+        picture[row.ravel(), column.ravel()] = sample_bilinear(picture, x, y)
+        if self._bicubic:  # again: at the edge of a neighbour it needs the neighbour's gutter
+            picture[row.ravel(), column.ravel()] = sample_bicubic(picture, x, y)
+
+
+def _ring(width: int, height: int, support: int) -> Ints:
+    """Return (N, 2) the pixels (x, y) outside a view within ``support`` px."""
+    across, down = np.arange(-support, width + support), np.arange(height)
+    above, below = np.arange(-support, 0), np.arange(height, height + support)
+    left, right = np.arange(-support, 0), np.arange(width, width + support)
+    bands = [(across, above), (across, below), (left, down), (right, down)]
+    return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in bands])
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +92,7 @@ class Level:
     Attributes:
         width, height: px of a view.
         corners: (V, 2) int, x and y of each view's own first pixel in the atlas.
-        gutter: what is written around each tile; None if nothing.
+        gutter: around each tile; None if there is none.
     """
 
     width: int
@@ -132,7 +189,7 @@ class Atlas:
         level = np.zeros(len(x), np.uint8) if level is None else level
         corners = np.array([level.corners for level in self.levels], dtype=np.float64)
         scales = 0.5 ** np.arange(self._first + len(self.levels))
-        kernels.run(_to_atlas, (lookup.view, lookup.x, lookup.y, level, x, y), corners, scales, self._first)
+        run(_to_atlas, (lookup.view, lookup.x, lookup.y, level, x, y), corners, scales, self._first)
         return x, y
 
 

@@ -8,13 +8,14 @@ from typing import Any, Protocol, TypeVar
 
 
 class Sized(Protocol):
-    """A value that knows its size; it may grow while it is used."""
+    """A value with its size; it may grow while it is used."""
 
     @property
     def nbytes(self) -> int: ...
 
 
 T = TypeVar("T", bound=Sized)
+_REMEMBERED = 64  # keys
 
 
 class ByteCache:
@@ -27,8 +28,7 @@ class ByteCache:
     def __init__(self, limit: int) -> None:
         self.limit, self._lock_here = limit, (RLock(), os.getpid())
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
-        self._seen_once: deque[int] = deque(maxlen=64)
-        self._newest: Sized | None = None
+        self._made_once: deque[int] = deque(maxlen=_REMEMBERED)
 
     def get(self, key: Hashable, make: Callable[[], T], *, keep_at_once: bool = True) -> T:
         """Return the value of a key, made where there is none. Two threads may both make it; one is kept.
@@ -36,29 +36,27 @@ class ByteCache:
         Args:
             key: of the value.
             make: makes it.
-            keep_at_once: keep it now; else only when the key comes a second time, so that a sequence of
-                values that are used once displaces nothing.
+            keep_at_once: keep it now; else only if it is made a second time, so that memory does not grow
+                with a sequence of values that are used once.
         """
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
-                found: T = self._values[key]
-                return found
-            keep = keep_at_once or hash(key) in self._seen_once
+                kept: T = self._values[key]
+                return kept
+            keep = keep_at_once or hash(key) in self._made_once
             if not keep:
-                self._seen_once.append(hash(key))
-        made = make()
-        with self._lock:
-            if not keep:
-                # Held until the next one is made: memory that is given back meanwhile costs fresh pages.
-                self._newest = made
-                return made
-            kept: T = self._values.setdefault(key, made)
-            return kept
+                self._made_once.append(hash(key))
+        value = make()
+        if keep:
+            with self._lock:
+                value = self._values.setdefault(key, value)
+        return value
 
     @property
     def _lock(self) -> RLock:
-        """Its lock; a new one in a forked child, where a thread that is not there may hold the old one."""
+        """The lock; a new one in a forked child, where a thread that does not exist there may hold the old
+        one."""
         lock, process = self._lock_here
         if process != os.getpid():
             lock, _ = self._lock_here = RLock(), os.getpid()
@@ -67,13 +65,11 @@ class ByteCache:
     def trim(self) -> None:
         """Drop the values that were not used for longest, until the rest is within the bound."""
         with self._lock:
-            if self.nbytes > self.limit:
-                self._newest = None
             while self.nbytes > self.limit:
                 self._values.popitem(last=False)
 
     @property
     def nbytes(self) -> int:
-        """What is held in memory."""
+        """Bytes held in memory."""
         with self._lock:
-            return sum(value.nbytes for value in (*self._values.values(), self._newest) if value is not None)
+            return sum(value.nbytes for value in self._values.values())

@@ -4,63 +4,65 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv import modalities
-from omniscv.cameras import Camera
-from omniscv.compose.canvas import Canvas
-from omniscv.compose.depth import NEAR_PLANE_M
-from omniscv.compose.image import OmniImage, layers_of, mark_beyond_reach
-from omniscv.compose.kernels import Floats
-from omniscv.compose.ray_bundle import ImageRays, RayBundle
-from omniscv.compose.samplers import Sampler
+from omniscv.compose.depth import NEAR_PLANE_M, SampledDepth
+from omniscv.compose.image import OmniImage
+from omniscv.compose.labels import labels_of, labels_of_ids
+from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress, sampled
+from omniscv.geometry.arrays import Floats, Ints, Mask, Pixels
+from omniscv.planning import Kept, KnownDepth, Round, Task, Viewpoint, captured, captured_progress
+from omniscv.planning.sharing import SAME_M
 from omniscv.progress import Progress, Report
-from omniscv.sources.base import Capture, Source, View
+from omniscv.sources import codecs
+from omniscv.sources.base import Capture, Color, ObjectTable, Source, View
 
-_SAME_M = 1e-9
-"""Optical centres nearer to each other than this are one."""
+_DOUBTFUL = 0.1
+"""Relative to the distance: where depth may be off by more, the label may be anything's."""
+_ROWS = 64
+"""Rows whose directions are turned at a time: they are float64 meanwhile."""
 
 
 class Composition:
     """One image while it is captured and composed.
 
     Args:
-        task: what is rendered.
-        rays: of its camera.
-        modes: what is captured.
+        task: the image.
+        modes: its modalities.
         source: where captures come from.
-        sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and the camera whose
-            whole image they are, else None.
+        sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and whether they are
+            the rays of the whole image.
         report: called after each viewpoint, and when the image is done.
     """
 
     def __init__(
         self,
         task: Task,
-        rays: ImageRays,
         modes: tuple[str, ...],
         source: Source,
-        sampler_of: Callable[[RayBundle, Array, tuple[View, ...], Camera | None], Sampler],
+        sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
         report: Report,
     ) -> None:
-        self._task, self._rays, self._source = task, rays, source
-        self._modes = sampled(modes, task.options)
+        self._task, self._source = task, source
+        self._modes = task.options.sampled(modes)
         self._make_sampler, self._report = sampler_of, report
         self._valid_count = int(np.count_nonzero(task.rays.valid))
-        self._canvas: Canvas | None = None
+        self._canvas: _Canvas | None = None
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
-        self._last: tuple[Viewpoint, tuple[View, ...], Sampler] | None = None
+        self._viewpoint: Viewpoint | None = None
+        self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
 
     def capture(self, round_: Round) -> Kept:
-        """Capture a round, compose what it serves viewpoint by viewpoint, and return what is kept."""
+        """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         if serving and self._canvas is None:
             whole = len(serving) == 1 and len(serving[0].pixels) == self._valid_count
-            self._canvas = Canvas(self._rays, whole and serving[0].toward_w is None)
+            self._canvas = _Canvas(self._task.rays.valid, whole and serving[0].toward_w is None)
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept = []
         self._progress += Progress(of_captures=len(round_.requests(self._modes)))
@@ -75,110 +77,279 @@ class Composition:
 
     def image(self) -> OmniImage:
         """Return the image."""
-        valid, canvas = self._rays.valid, self._canvas or Canvas(self._rays, whole=False)
-        found = canvas.layers()
-        modes = {mode: found.pop(mode) for mode in self._modes if mode in found}
-        if "normals_from_depth" in modes:
-            modes["normals"] = modes.pop("normals_from_depth")
-        layers, objects, unknown = layers_of(modes, self._source, valid, self._task.pose.R_w_c)
+        task, valid = self._task, self._task.rays.valid
+        canvas = self._canvas or _Canvas(valid, whole=False)
+        sampled = canvas.layers()
+        layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
         marks = {"unsure", "occluded", *(modalities.get(mode).marked_by for mode in self._modes)}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
-        layers |= {name: layer for name, layer in found.items() if name in marks}
-        mark_beyond_reach(layers, valid)
-        task, provenance = self._task, self._provenance
+        layers |= {name: layer for name, layer in sampled.items() if name in marks}
+        _mark_beyond_reach(layers, valid)
         self._report(self._progress + Progress(images=1))
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
             centers_w=canvas.centers_w, objects=objects, unknown_colors=unknown,
-            provenance=provenance, options=task.options,
+            provenance=self._provenance, options=task.options,
         )  # fmt: skip
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:
-        """One filter for the whole image: what its middle viewpoint needs."""
+        """Return the filter of the whole image: what its middle viewpoint needs, if it is ``auto``."""
         if self._filter != "auto":
             return self._filter
         blended = any(modalities.get(mode).interpolation == "blended" for mode in self._modes)
         if not blended or viewpoint.toward_w is not None:
             return "bilinear"
-        return "area" if self._sampler_of(viewpoint, viewpoint.views).minifies else "bilinear"
+        return "area" if self._sampler(viewpoint, viewpoint.views).minifies else "bilinear"
 
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
-        canvas = self._canvas
-        assert canvas is not None
         offsets_w = self._offsets_w(viewpoint)
-        origins_w = viewpoint.center_w
-        if viewpoint.found is not None and offsets_w is not None:  # found depth starts at the rays' origins
-            origins_w = origins_w + offsets_w
-        canvas.add_viewpoint(viewpoint, origins_w)
-        parallax = self._parallax(viewpoint, offsets_w)
+        self._put_known(viewpoint, offsets_w)
+        parallax = _parallax(viewpoint, offsets_w)
         rows = [modalities.get(mode) for mode in self._modes]
-        for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # it says where labels are
-            mode, mine = row.name, captures.get(row.captured_as or row.name)
-            if mine is None or (row.interpolation == "surface" and viewpoint.found is not None):
+        for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
+            of_mode = captures.get(row.captured_as or row.name)
+            is_surface = row.interpolation == "surface"
+            if of_mode is None or (is_surface and viewpoint.known_depth is not None):
                 continue
-            views = tuple(capture.view for capture in mine)
-            faces = [capture.pixels for capture in mine]
-            kinds = {(pixels.shape, pixels.dtype.name) for pixels in faces}
-            if len(kinds) != 1:
-                raise BadReplyError(
-                    f"expected captures of one size and type at a centre, got {sorted(kinds)}"
-                )
-            sampler = self._sampler_of(viewpoint, views)
-            self._check_seen(viewpoint.views_of(mode)[0], viewpoint, sampler, views)
-            if row.interpolation == "surface":
-                depth = canvas.sample_depth(viewpoint, sampler, self._filter, mine, offsets_w)
-                parallax = depth.parallax
+            sampler = self._checked_sampler(row.name, viewpoint, of_mode)
+            if is_surface:
+                parallax = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
-                canvas.sample(mode, viewpoint, sampler, self._filter, faces)
-                if row.marked_by:
-                    canvas.mark_edges(mode, viewpoint, sampler, faces, parallax)
-            self._provenance = mine[0].provenance
+                self._put_values(row, viewpoint, sampler, [capture.pixels for capture in of_mode], parallax)
+            self._provenance = of_mode[0].provenance
 
-    def _sampler_of(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
-        """The sampler of the captured views; the last one again for the next mode, if that came with the same
-        views (masks may come from elsewhere than colours)."""
-        if self._last is None or self._last[0] is not viewpoint or self._last[1] != views:
-            self._last = viewpoint, views, self._new_sampler(viewpoint, views)
-        return self._last[2]
+    def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
+        """Put what is known of a viewpoint's pixels without captures, and where their depth is measured
+        from."""
+        origins_w, known = viewpoint.center_w, viewpoint.known_depth
+        if viewpoint.occluded is not None:
+            self._image.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
+        if known is not None:
+            layers = {"depth": known.distance, "depth_error": known.error, "unsure": known.unsure}
+            for layer, values in layers.items():
+                self._image.put_part(layer, viewpoint.pixels, values)
+            if offsets_w is not None:  # known depth starts at the rays' origins
+                origins_w = origins_w + offsets_w
+        self._image.put_centers(viewpoint.pixels, origins_w)
+
+    def _put_depth(
+        self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
+    ) -> Floats | None:
+        """Sample depth, and return its parallax; ``offsets_w`` (N, 3) are from the centre to the pixels'
+        own."""
+        faces, precision = [each.pixels for each in captures], codecs.precision(captures[0].encoding)
+        depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
+        if viewpoint.depth_check is not None:
+            unsure = _bound_by(depth, viewpoint.depth_check)
+            self._image.put_part("unsure", viewpoint.pixels, unsure)
+        self._image.put(captures[0].mode, viewpoint.pixels, depth.distance)
+        self._image.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
+        return depth.parallax
+
+    def _put_values(
+        self,
+        row: modalities.Modality,
+        viewpoint: Viewpoint,
+        sampler: Sampler,
+        faces: Sequence[Pixels],
+        parallax: Floats | None,
+    ) -> None:
+        """Sample another modality, and mark where its values may be a neighbour's."""
+        self._image.put(row.name, viewpoint.pixels, SAMPLE[row.interpolation](sampler, self._filter, faces))
+        if not row.marked_by:
+            return
+        edges = sampler.label_edges(faces, parallax)
+        for depth in (viewpoint.known_depth, viewpoint.depth_check):
+            if depth is not None:
+                edges |= depth.grazes
+        self._image.put(row.marked_by, viewpoint.pixels, edges)
+
+    def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:
+        """Return a sampler of captures; raise unless they have one size and type, and see all rays."""
+        types = {(capture.pixels.shape, capture.pixels.dtype.name) for capture in captures}
+        if len(types) != 1:
+            raise BadReplyError(f"expected captures of one size and type at a centre, got {sorted(types)}")
+        sampler = self._sampler(viewpoint, tuple(capture.view for capture in captures))
+        if sampler.unseen:
+            raise _unseen(viewpoint, viewpoint.views_of(mode)[0], captures, sampler.unseen)
+        return sampler
+
+    def _sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
+        """Return the sampler of views at a viewpoint: one for all modes that are captured with these
+        views."""
+        if viewpoint is not self._viewpoint:
+            self._viewpoint, self._samplers = viewpoint, {}
+        if views not in self._samplers:
+            self._samplers[views] = self._new_sampler(viewpoint, views)
+        return self._samplers[views]
 
     def _new_sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
-        assert self._canvas is not None
-        R_w_c = self._task.pose.R_w_c
-        if viewpoint.toward_w is not None:
-            toward = self._rays.toward(viewpoint.toward_w, viewpoint.pixels)
-            return self._make_sampler(toward, np.eye(3), views, None)
-        if self._canvas.whole:
-            return self._make_sampler(self._rays.whole, R_w_c, views, self._task.rays.camera)
-        return self._make_sampler(self._rays.of(viewpoint.pixels), R_w_c, views, None)
+        rays, R_w_c = self._task.rays, self._task.pose.R_w_c
+        if self._image.whole:
+            return self._make_sampler(rays.blocks, R_w_c, views, True)
+        toward_w = viewpoint.toward_w
+        R_w_d = R_w_c if toward_w is None else np.eye(3)
+        return self._make_sampler(lambda: rays.blocks(viewpoint.pixels, toward_w), R_w_d, views, False)
 
     def _offsets_w(self, viewpoint: Viewpoint) -> Array | None:
-        """(N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they coincide."""
+        """Return (N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they
+        coincide."""
         origins = self._task.rays.origins
         if origins is None:
             return None
         offsets_w = self._task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels]) - viewpoint.center_w
-        return offsets_w if np.abs(offsets_w).max() > _SAME_M else None
+        return offsets_w if np.abs(offsets_w).max() > SAME_M else None
 
-    def _parallax(self, viewpoint: Viewpoint, offsets_w: Array | None) -> Floats | None:
-        """(N,) radians, how far from its ray a pixel's surface may show, before its depth is known."""
-        if viewpoint.found is not None:
-            return viewpoint.found.direction_error
-        if offsets_w is None:
-            return None
-        return np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
+    def _derived(
+        self, sampled: Mapping[str, NDArray[Any]]
+    ) -> tuple[dict[str, NDArray[Any]], ObjectTable | None, dict[Color, int]]:
+        """Return the image's modalities, in the camera's frame, with the layers that are derived from them.
 
-    def _check_seen(
-        self, wanted: View, viewpoint: Viewpoint, sampler: Sampler, views: Sequence[View]
-    ) -> None:
-        if not sampler.unseen:
-            return
-        came = views[0]
-        same = [(v.fov_deg, v.width, v.height) for v in (wanted, came)]
-        advice = "capture with strategy 'cube'" if same[0] == same[1] else (
-            f"they came as {came.width} x {came.height} of {came.fov_deg:g} degrees; make the source deliver "
+        Args:
+            sampled: mode to (H, W, ...); directions in the world frame.
+
+        Returns:
+            layers, objects (None without masks), unknown mask colours and the number of their pixels.
+        """
+        layers: dict[str, NDArray[Any]] = {}
+        objects: ObjectTable | None = None
+        unknown: dict[Color, int] = {}
+        for mode, values in sampled.items():
+            row = modalities.get(mode)
+            name = "normals" if row.interpolation == "plane" else mode
+            turned = row.interpolation in ("direction", "plane")
+            layers[name] = _turned(values, self._task.pose.R_w_c) if turned else values
+            if "labels" in row.derives:
+                objects = self._source.objects()
+                if values.ndim == 2:
+                    labels, layers[name] = labels_of_ids(values, objects)
+                else:
+                    labels, unknown = labels_of(values, objects)
+                layers["labels"] = np.where(self._task.rays.valid, labels, np.uint16(0))
+        return layers, objects, unknown
+
+    @property
+    def _image(self) -> "_Canvas":
+        assert self._canvas is not None
+        return self._canvas
+
+
+class _Canvas:
+    """The layers of an image while they are filled, flat.
+
+    Args:
+        valid: (H, W) of the image.
+        whole: whether one viewpoint serves all of it, so that layers need no copy.
+    """
+
+    def __init__(self, valid: Mask, whole: bool) -> None:
+        self._valid, self.whole = valid, whole
+        self._flat: dict[str, NDArray[Any]] = {}
+        self._centers_w: Array = np.zeros(3) if whole else np.zeros((valid.size, 3))
+
+    def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
+        """Set a layer's values at the pixels of a viewpoint; where it serves the whole image, at all
+        pixels."""
+        if self.whole:
+            self._flat[name] = values
+        else:
+            self.put_part(name, pixels, values)
+
+    def put_part(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
+        """Set a layer's values (N, ...) at (N,) flat indices."""
+        if name not in self._flat:
+            self._flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
+        self._flat[name][pixels] = values
+
+    def put_centers(self, pixels: Ints, centers_w: Array) -> None:
+        """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
+        if self.whole:
+            self._centers_w = centers_w
+        else:
+            self._centers_w[pixels] = centers_w
+
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Return the layers, (H, W, ...)."""
+        shaped = {}
+        for name, values in self._flat.items():
+            shaped[name] = values.reshape(*self._valid.shape, *values.shape[1:])
+            if outside := modalities.get(name).outside:
+                shaped[name][~self._valid] = outside
+        return shaped
+
+    @property
+    def centers_w(self) -> Array:
+        """(3,) or (H, W, 3) where depth is measured from, world frame, metres."""
+        return self._centers_w if self.whole else self._centers_w.reshape(*self._valid.shape, 3)
+
+
+def _parallax(viewpoint: Viewpoint, offsets_w: Array | None) -> Floats | None:
+    """Return (N,) radians, how far from its ray a pixel's surface may show, before its depth is sampled."""
+    if viewpoint.known_depth is not None:
+        return viewpoint.known_depth.direction_error
+    if offsets_w is None:
+        return None
+    return np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
+
+
+def _bound_by(depth: SampledDepth, check: KnownDepth) -> Mask:
+    """Bound the error of depth from a shared centre by depth along the pixels' own rays.
+
+    Returns:
+        (N,) whether neither says what a ray meets.
+    """
+    with np.errstate(invalid="ignore"):
+        off = np.where(depth.distance == check.distance, 0, np.abs(depth.distance - check.distance))
+        agree = off <= depth.error + check.error
+    bound, known = off + check.error, np.isfinite(off) & np.isfinite(check.error)
+    beside = np.zeros(len(bound), np.bool_) if depth.beside_edge is None else depth.beside_edge
+    # An object that is captured beside an edge may be too thin for the check.
+    depth.error[known] = np.where(beside, np.fmax(depth.error, bound), bound)[known]
+    if depth.parallax is not None:  # its surface may show anywhere
+        depth.parallax[~agree | ~(depth.error <= _DOUBTFUL * depth.distance)] = np.pi
+    return np.asarray(check.unsure & ~agree)
+
+
+def _unseen(
+    viewpoint: Viewpoint, planned: View, captures: Sequence[Capture], count: int
+) -> MissingCaptureError:
+    """Return the error of rays that no capture sees."""
+    view = captures[0].view
+    if (planned.fov_deg, planned.width, planned.height) == (view.fov_deg, view.width, view.height):
+        advice = "capture with strategy 'cube'"
+    else:
+        advice = (
+            f"they came as {view.width} x {view.height} of {view.fov_deg:g} degrees; make the source deliver "
             "square pictures of 90 degrees ('omniscv doctor' measures what a server delivers)"
-        )  # fmt: skip
-        raise MissingCaptureError(
-            f"expected {len(views)} views at {viewpoint.center_w.tolist()} m to see all "
-            f"{len(viewpoint.pixels)} rays, but {sampler.unseen} are seen by none; {advice}"
         )
+    return MissingCaptureError(
+        f"expected {len(captures)} views at {viewpoint.center_w.tolist()} m to see all "
+        f"{len(viewpoint.pixels)} rays, but {count} are seen by none; {advice}"
+    )
+
+
+def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
+    """Return (H, W, 3) directions in a camera's frame."""
+    turned = np.empty(directions.shape, np.float32)
+    for first in range(0, len(directions), _ROWS):
+        turned[first : first + _ROWS] = directions[first : first + _ROWS] @ R_w_c
+    return turned
+
+
+def _mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
+    """Distinguish surfaces that are farther than captures reach from the sky, by their labels.
+
+    Depth is +inf for both. Without a label it is right; with one, it is unsure.
+
+    Args:
+        layers: of an image; ``depth_error`` and ``unsure`` are changed.
+        valid: (H, W).
+    """
+    if "depth" not in layers or "labels" not in layers:
+        return
+    endless = valid & np.isposinf(layers["depth"])
+    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"]
+    layers["depth_error"][sky] = 0
+    beyond = endless & (layers["labels"] > 0)
+    if beyond.any():
+        layers["unsure"] = beyond | layers.get("unsure", False)

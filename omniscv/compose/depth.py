@@ -1,27 +1,30 @@
-"""Depth along rays from captures of planar depth, and how far it may be off.
+"""Depth and normals along rays from captures of planar depth, and how far depth may be off.
 
-Where pixels share an optical centre that is not their ray's own origin, a ray meets a plane elsewhere than
-the ray from the centre does, and near the edge of an object it may meet something else. Both are part of
-the error: the one by the plane's slope, the other by what lies within the parallax.
+Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`. Where
+pixels share an optical centre that is not their ray's own origin, a ray meets a plane elsewhere than the ray
+from the centre does, and near the edge of an object it may meet something else. Both are part of the error:
+the one by the plane's slope, the other by the depths within the parallax.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose import kernels
-from omniscv.compose.kernels import Faces, Floats, Ints, Mask
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, run, stacked
 from omniscv.geometry.surfaces import (
     Cell,
     Precision,
     discontinuities,
+    fitted_plane,
     interpolated,
     inverse_depth,
+    nearest_pixel,
+    plane_of,
     stored_length,
     surface_point,
 )
@@ -30,33 +33,58 @@ from omniscv.sources.base import View
 NEAR_PLANE_M = 0.1
 """Engines draw nothing that is nearer."""
 _AHEAD_PX = 1.5
-"""The parallax is measured from the nearest pixel, and an edge lies within one of what shows it."""
+"""The parallax is measured from the nearest pixel, and an edge lies within one of the pixel that shows it."""
 _SLOPE_ERRORS = 2.0
 """The slope between two pixels is off by both their errors."""
 _MARGIN = 1.3
 """A neighbouring surface goes on between the pixels that show it."""
+_AROUND_PX = 3
+"""A plane is fitted to so many pixels on every side: half floats jump by more than one pixel slopes."""
 _BLOCK = 256
 """Rays that are gathered at a time: their buffers stay in the fastest cache."""
 _CELL_PX = 4
 """Smaller pictures have no pixels around 2 x 2 of theirs."""
 
 
-@dataclass(frozen=True, eq=False)
-class SampledDepth:
+class SampledDepth(NamedTuple):
     """Depth along N rays.
 
     Attributes:
         distance: (N,) float32 metres along the ray; +inf no surface, 0 where no view sees it.
-        error: (N,) float32 metres, how far the distance along the pixel's own ray may be off it; +inf
+        error: (N,) float32 metres, bound on the error of the distance along the pixel's own ray; +inf
             where nothing bounds it.
         parallax: (N,) float32 radians, how far from the ray its own surface may show; None for rays from
             their own origins.
+        beside_edge: (N,) bool, whether another surface shows within the parallax; None as well.
     """
 
     distance: Floats
     error: Floats
     parallax: Floats | None = None
     beside_edge: Mask | None = None
+
+
+class _Pictures(NamedTuple):
+    """Pictures of planar depth.
+
+    Attributes:
+        depth: (V, h, w) float32 metres.
+        focal: (V,) px.
+        precision: of the depth.
+    """
+
+    depth: Floats
+    focal: Array
+    precision: Precision
+
+
+class _Surroundings(NamedTuple):
+    """What surrounds each pixel, (V, h, w) float32: px to the next edge of a surface, and the least and
+    greatest depth within reach."""
+
+    edge_px: Floats
+    least: Floats
+    most: Floats
 
 
 def sample_depth(
@@ -77,23 +105,29 @@ def sample_depth(
         precision: of the faces.
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
-    stack, distance, error = kernels.stacked(faces), np.empty_like(lookup.x), np.empty_like(lookup.x)
-    focal = np.array([view.focal_px for view in views])
-    sampled = lookup.view, lookup.x, lookup.y, distance, error
-    kernels.run(_sample, sampled, stack, focal, nearest, precision)
+    distance, error = np.empty_like(lookup.x), np.empty_like(lookup.x)
+    pictures = _Pictures(stacked(faces), np.array([view.focal_px for view in views]), precision)
+    run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
     if offsets_w is None or not len(offsets_w):
         return SampledDepth(distance, error)
-    parallax, beside = np.empty_like(lookup.x), np.empty(len(lookup.x), np.bool_)
-    least = max(float(stack.min()), NEAR_PLANE_M)
-    reach_px = int(np.ceil(np.linalg.norm(offsets_w, axis=-1).max() * focal.max() / least * _MARGIN)) + 2
-    around = [np.stack(each) for each in zip(*(_surroundings(face, reach_px) for face in stack), strict=True)]
+    parallax, beside_edge = np.empty_like(lookup.x), np.empty(len(lookup.x), np.bool_)
+    least = max(float(pictures.depth.min()), NEAR_PLANE_M)
+    farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
+    reach_px = int(np.ceil(farthest_m * pictures.focal.max() / least * _MARGIN)) + 2
+    around = [_surroundings(face, reach_px) for face in pictures.depth]
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
-    kernels.run(_displace, (*sampled, parallax, beside, offsets_w), stack, focal, precision, R_c_w, *around)
-    return SampledDepth(distance, error, parallax, beside)
+    run(
+        _displace,
+        (lookup.view, lookup.x, lookup.y, distance, error, parallax, beside_edge, offsets_w),
+        pictures,
+        _Surroundings(*map(np.stack, zip(*around, strict=True))),
+        R_c_w,
+    )
+    return SampledDepth(distance, error, parallax, beside_edge)
 
 
 def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
-    """For each pixel: px to the next edge of a surface, and the least and greatest depth within reach."""
+    """Return the surroundings of the pixels of one face, as :class:`_Surroundings` has them."""
     size = 2 * min(reach_px, max(face.shape)) + 1
     window = np.ones((1, size), np.uint8)
     least, most = face, face
@@ -106,53 +140,49 @@ def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
-    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats,
-    stack: Floats, focal: Array, nearest: bool, precision: Precision,
-) -> None:  # fmt: skip
-    """Sample block by block: what all rays read is gathered, so that what is computed of it is vectorized."""
-    height, width = stack.shape[1], stack.shape[2]
+    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: _Pictures, nearest: bool
+) -> None:
+    """Sample block by block: depths that all rays read are gathered, so that interpolation is vectorized."""
+    height, width = pictures.depth.shape[1], pictures.depth.shape[2]
     around, at = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK))
-    whole = not nearest and min(height, width) >= _CELL_PX
+    interpolates = not nearest and min(height, width) >= _CELL_PX
     for first in range(0, view.shape[0], _BLOCK):
         last = min(first + _BLOCK, view.shape[0])
-        if whole:
-            _gather(view[first:last], x[first:last], y[first:last], stack, focal, precision, around, at)
-            _interpolate(around, at, max(height, width), precision, distance[first:last], error[first:last])
+        if interpolates:
+            _gather(view[first:last], x[first:last], y[first:last], pictures, around, at)
+            size, precision = max(height, width), pictures.precision
+            _interpolate(around, at, size, precision, distance[first:last], error[first:last])
         for i in range(first, last):
             if view[i] < 0:
                 distance[i] = error[i] = 0.0
-            elif not whole or not distance[i] > 0.0:
-                k = view[i]
-                distance[i], error[i] = _sample_one(stack[k], x[i], y[i], focal[k], nearest, precision)
+            elif not interpolates or not distance[i] > 0.0:
+                distance[i], error[i] = _sample_one(pictures, view[i], x[i], y[i], nearest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(
-    view: Ints, x: Floats, y: Floats, stack: Floats, focal: Array, precision: Precision,
-    around: Floats, at: Array,
-) -> None:  # fmt: skip
+def _gather(view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array) -> None:
     """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length."""
-    height, width, flat = stack.shape[1], stack.shape[2], stack.reshape(-1)
-    row, one, two = np.uint64(width), np.uint64(1), np.uint64(2)  # unsigned: others cost a test each
+    depth, focal = pictures.depth, pictures.focal
+    height, width, flat = depth.shape[1], depth.shape[2], depth.reshape(-1)
     for j in range(view.shape[0]):
         k = max(view[j], 0)
         across, down = int(np.floor(x[j] - 0.5)), int(np.floor(y[j] - 0.5))
         c, r = min(max(across, 1), width - 3), min(max(down, 1), height - 3)
-        o = np.uint64((k * height + r - 1) * width + c)
-        around[0, j], around[1, j] = flat[o], flat[o + one]
-        o += row
-        around[2, j], around[3, j] = flat[o - one], flat[o]
-        around[4, j], around[5, j] = flat[o + one], flat[o + two]
-        o += row
-        around[6, j], around[7, j] = flat[o - one], flat[o]
-        around[8, j], around[9, j] = flat[o + one], flat[o + two]
-        o += row
-        around[10, j], around[11, j] = flat[o], flat[o + one]
+        o = (k * height + r - 1) * width + c
+        around[0, j], around[1, j] = flat[o], flat[o + 1]
+        o += width
+        around[2, j], around[3, j] = flat[o - 1], flat[o]
+        around[4, j], around[5, j] = flat[o + 1], flat[o + 2]
+        o += width
+        around[6, j], around[7, j] = flat[o - 1], flat[o]
+        around[8, j], around[9, j] = flat[o + 1], flat[o + 2]
+        o += width
+        around[10, j], around[11, j] = flat[o], flat[o + 1]
         if c != across or r != down:
             around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
         at[0, j], at[1, j] = x[j] - 0.5 - c, y[j] - 0.5 - r
         at[2, j], at[3, j] = (x[j] - width / 2) / focal[k], (y[j] - height / 2) / focal[k]
-        at[4, j] = stored_length(r, c, (height, width), focal[k], precision)
+        at[4, j] = stored_length(r, c, (height, width), focal[k], pictures.precision)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -174,10 +204,9 @@ def _interpolate(
 
 
 @njit(cache=True, nogil=True)
-def _sample_one(
-    face: Floats, x: float, y: float, focal: float, nearest: bool, precision: Precision
-) -> tuple[float, float]:
-    """Return depth along one ray, and how far it may be off."""
+def _sample_one(pictures: _Pictures, k: int, x: float, y: float, nearest: bool) -> tuple[float, float]:
+    """Return depth along one ray, and the bound on its error."""
+    face, focal, precision = pictures.depth[k], pictures.focal[k], pictures.precision
     height, width = face.shape
     u, v = (x - width / 2) / focal, (y - height / 2) / focal
     length = np.sqrt(1.0 + u * u + v * v)
@@ -187,8 +216,7 @@ def _sample_one(
     z = 1.0 / point.inverse
     off = z * z * point.error + _MARGIN * point.jump
     if nearest:
-        c = min(max(int(np.floor(x)), 0), width - 1)
-        r = min(max(int(np.floor(y)), 0), height - 1)
+        r, c = nearest_pixel(face.shape, x, y)
         off += abs(face[r, c] - z)
         z = face[r, c]
     return z * length, off * length
@@ -197,32 +225,70 @@ def _sample_one(
 @njit(cache=True, nogil=True)
 def _displace(
     view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, parallax: Floats, beside: Mask,
-    offsets_w: Array,
-    stack: Floats, focal: Array, precision: Precision, R_c_w: Array,
-    edge_px: Floats, least: Floats, most: Floats,
+    offsets_w: Array, pictures: _Pictures, around: _Surroundings, R_c_w: Array,
 ) -> None:  # fmt: skip
-    """Add the error of rays that start elsewhere than at the centre."""
-    height, width = stack.shape[1], stack.shape[2]
+    """Add the error of rays that start elsewhere than at the centre; write their parallax."""
+    height, width = pictures.depth.shape[1], pictures.depth.shape[2]
     for i in range(view.shape[0]):
         k, parallax[i], beside[i] = view[i], 0.0, False
         if k < 0:
             continue
+        focal = pictures.focal[k]
         offset = R_c_w[k] @ offsets_w[i]
-        u, v = (x[i] - width / 2) / focal[k], (y[i] - height / 2) / focal[k]
+        dx, dy = x[i] - width / 2, y[i] - height / 2
+        u, v = dx / focal, dy / focal
         length = np.sqrt(1.0 + u * u + v * v)
         along = (offset[0] * u + offset[1] * v + offset[2]) / length
         size = np.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         aside = np.sqrt(max(0.0, size * size - along * along))
-        c = min(max(int(np.floor(x[i])), 0), width - 1)
-        r = min(max(int(np.floor(y[i])), 0), height - 1)
-        near = max(least[k, r, c], NEAR_PLANE_M / length)
+        r, c = nearest_pixel((height, width), x[i], y[i])
+        near = max(around.least[k, r, c], NEAR_PLANE_M / length)
         parallax[i] = _MARGIN * aside / (near * length)
-        point = surface_point(stack[k], x[i], y[i], focal[k], precision)
+        point = surface_point(pictures.depth[k], x[i], y[i], focal, pictures.precision)
         if point.inverse > 0.0:
-            a, b = point.across * focal[k], point.down * focal[k]
-            e = point.inverse - a * u - b * v
+            a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, focal)
             shift = abs(a * offset[0] + b * offset[1] + e * offset[2])
-            error[i] += distance[i] * (shift + _SLOPE_ERRORS * point.error * focal[k] * aside)
-        beside[i] = edge_px[k, r, c] <= parallax[i] * focal[k] * length * length + _AHEAD_PX
+            error[i] += distance[i] * (shift + _SLOPE_ERRORS * point.error * focal * aside)
+        beside[i] = around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX
         if beside[i]:
-            error[i] += _MARGIN * (most[k, r, c] - least[k, r, c]) * length + size
+            error[i] += _MARGIN * (around.most[k, r, c] - around.least[k, r, c]) * length + size
+
+
+def normals_from_depth(faces: Faces, lookup: RayLookup, views: Sequence[View]) -> Floats:
+    """Return the normals of planes fitted to planar depth around the nearest pixels of N rays.
+
+    Args:
+        faces: (h, w) planar metres of each view, +inf where there is no surface.
+        lookup: of N rays.
+        views: those of the faces.
+
+    Returns:
+        (N, 3) float32 unit vectors toward the views' centre, world frame; 0 where there is no surface, or
+        where too few pixels show it.
+    """
+    out = np.empty((len(lookup.x), 3), np.float32)
+    focal = np.array([view.focal_px for view in views])
+    R_w_c = np.array([view.pose.R_w_c for view in views])
+    run(_fit, (lookup.view, lookup.x, lookup.y, out), stacked(faces), focal, R_w_c)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _fit(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, focal: Array, R_w_c: Array) -> None:
+    height, width = stack.shape[1], stack.shape[2]
+    for i in range(view.shape[0]):
+        k = view[i]
+        out[i, 0] = out[i, 1] = out[i, 2] = 0.0
+        if k < 0:
+            continue
+        r, c = nearest_pixel((height, width), x[i], y[i])
+        if not stack[k, r, c] < np.inf:
+            continue
+        inverse, across, down, known = fitted_plane(stack[k], r, c, _AROUND_PX)
+        if not known:
+            continue
+        dx, dy = c + 0.5 - width / 2, r + 0.5 - height / 2
+        a, b, e = plane_of(inverse, across, down, dx, dy, focal[k])
+        size = np.sqrt(a * a + b * b + e * e)
+        for j in range(3):
+            out[i, j] = -(R_w_c[k, j, 0] * a + R_w_c[k, j, 1] * b + R_w_c[k, j, 2] * e) / size

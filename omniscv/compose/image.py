@@ -13,19 +13,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import modalities
 from omniscv.cameras import Camera
-from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.planning import RenderOptions
-from omniscv.sources.base import Color, ObjectTable, Source
+from omniscv.render_options import RenderOptions
+from omniscv.sources.base import Color, ObjectTable
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 Mask = NDArray[np.bool_]
-_ROWS = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,61 +179,3 @@ class OmniImage:
 
 def _count(mask: Mask | None) -> int | None:
     return None if mask is None else int(np.count_nonzero(mask))
-
-
-def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
-    """Tell surfaces that are farther than captures reach from the sky, where labels show them.
-
-    Depth is +inf for both. Where there is no label, that is right; where there is one, it is unsure.
-
-    Args:
-        layers: of an image; ``depth_error`` and ``unsure`` are changed.
-        valid: (H, W).
-    """
-    if "depth" not in layers or "labels" not in layers:
-        return
-    endless = valid & np.isposinf(layers["depth"])
-    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"]
-    layers["depth_error"][sky] = 0
-    beyond = endless & (layers["labels"] > 0)
-    if beyond.any():
-        layers["unsure"] = beyond | layers.get("unsure", False)
-
-
-def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
-    """Return (H, W, 3) directions in a camera's frame; float64 is only ever held of some rows."""
-    turned = np.empty(directions.shape, np.float32)
-    for first in range(0, len(directions), _ROWS):
-        turned[first : first + _ROWS] = directions[first : first + _ROWS] @ R_w_c
-    return turned
-
-
-def layers_of(
-    sampled: Mapping[str, NDArray[Any]], source: Source, valid: Mask, R_w_c: Array
-) -> tuple[dict[str, NDArray[Any]], ObjectTable | None, dict[Color, int]]:
-    """Return an image's layers from what was sampled, in the camera's frame, with what is derived from them.
-
-    Args:
-        sampled: mode to (H, W, ...); directions in the world frame.
-        source: whose objects name what masks show.
-        valid: (H, W).
-        R_w_c: (3, 3) of the camera.
-
-    Returns:
-        layers, objects (None without masks), unknown mask colours and the number of their pixels.
-    """
-    layers: dict[str, NDArray[Any]] = {}
-    objects: ObjectTable | None = None
-    unknown: dict[Color, int] = {}
-    for mode, values in sampled.items():
-        row = modalities.get(mode)
-        turned = row.interpolation in ("direction", "plane")
-        layers[mode] = _turned(values, R_w_c) if turned else values
-        if "labels" in row.derives:
-            objects = source.objects()
-            if values.ndim == 2:
-                labels, layers[mode] = labels_of_ids(values, objects)
-            else:
-                labels, unknown = labels_of(values, objects)
-            layers["labels"] = np.where(valid, labels, np.uint16(0))
-    return layers, objects, unknown

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import njit
-from omniscv.compose import kernels
-from omniscv.compose.kernels import Pixels
+from omniscv.geometry.arrays import Pixels, run
 from omniscv.sources.base import Color, ObjectTable
 
 Labels = NDArray[np.uint16]
@@ -32,7 +31,7 @@ def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Colo
     """
     label_of = _label_of_colors(tuple(table.colors[name] for name in table.names()), table.tolerance)
     colors, labels = np.ascontiguousarray(mask).reshape(-1, 3), np.empty(mask.shape[:-1], np.uint16)
-    kernels.run(_look_up, (colors, labels.reshape(-1)), label_of)
+    run(_look_up, (colors, labels.reshape(-1)), label_of)
     strange = colors[labels.reshape(-1) == 0].astype(np.uint32)
     codes = strange[:, 0] << 16 | strange[:, 1] << 8 | strange[:, 2]
     found, counts = np.unique(codes[codes != 0], return_counts=True)

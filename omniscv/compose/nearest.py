@@ -1,40 +1,70 @@
-"""Values of the pixels that rays lie in: what is never blended, and whether a neighbour has another one."""
+"""Values that are never blended across objects: those of the nearest pixels, and where they change."""
 
 from collections.abc import Sequence
 from functools import reduce
 
+import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose import kernels
-from omniscv.compose.kernels import Faces, Ints, Mask, Pixels
 from omniscv.compose.ray_lookup import RayLookup
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, run, stacked
+from omniscv.geometry.surfaces import nearest_pixel
 from omniscv.parallel import side_by_side
+from omniscv.sources.base import View
+
+_ONE_SURFACE = 0.95
+"""The cosine of the angle that two pixels' normals may make on one smooth surface, 18 degrees."""
 
 
 def sample_nearest(faces: Faces, lookup: RayLookup) -> Pixels:
     """Return (N, ...) the values of (h, w, ...) faces along N rays; 0 where no view sees the ray."""
-    stack = kernels.stacked(faces)
+    stack = stacked(faces)
     height, width = stack.shape[1:3]
     values = stack.reshape(stack.shape[0] * height * width, -1).view(np.uint8)  # one kernel for every type
     out = np.empty((len(lookup.view), values.shape[1]), np.uint8)
-    pixel = np.empty(len(lookup.view), np.int64)
-    kernels.run(_locate, (lookup.view, lookup.x, lookup.y, pixel), height, width)
-    kernels.run(_take, (pixel, out), values)
+    run(_take, (lookup.view, lookup.x, lookup.y, out), values, height, width)
     return out.view(stack.dtype).reshape(-1, *stack.shape[3:])
 
 
-def beside_another(faces: Faces, lookup: RayLookup) -> Mask:
-    """Return (N,) whether a neighbour of the pixel that a ray lies in has another value."""
-    return sample_nearest(boundaries(faces), lookup)
+@njit(cache=True, nogil=True)
+def _take(view: Ints, x: Floats, y: Floats, out: Pixels, values: Pixels, height: int, width: int) -> None:
+    count, flat = values.shape[1], values.reshape(-1)
+    for i in range(view.shape[0]):
+        if view[i] < 0:
+            out[i] = 0
+            continue
+        c, r = min(max(int(x[i]), 0), width - 1), min(max(int(y[i]), 0), height - 1)
+        first = ((view[i] * height + r) * width + c) * count
+        for j in range(count):
+            out[i, j] = flat[first + j]
 
 
-def boundaries(faces: Faces) -> Sequence[Mask]:
-    """Return (h, w) of each (h, w, ...) face: whether one of a pixel's four neighbours has another value."""
-    return side_by_side(_boundaries, list(faces))
+def label_edges(
+    faces: Faces, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
+) -> Mask:
+    """Return (N,) whether rays lie within a pixel of a label boundary: there the label may be the
+    neighbour's.
+
+    Args:
+        faces: (h, w) or (h, w, C) masks of each view.
+        lookup: of N rays.
+        views: those of the faces.
+        parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
+    """
+    boundaries = side_by_side(_boundary, list(faces))
+    if parallax is None:
+        return sample_nearest(boundaries, lookup)
+    out = np.empty(len(lookup.x), np.bool_)
+    edge_px = np.stack(side_by_side(_px_to_boundary, boundaries))
+    focal = np.array([view.focal_px for view in views])
+    run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, focal)
+    return out
 
 
-def _boundaries(face: Pixels) -> Mask:
+def _boundary(face: Pixels) -> Mask:
+    """Return (h, w) whether one of a pixel's four neighbours has another value."""
     beside = np.zeros((*face.shape[:2], face[0, 0].size), np.bool_)
     values = face.reshape(beside.shape)
     across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
@@ -46,21 +76,80 @@ def _boundaries(face: Pixels) -> Mask:
     return reduce(np.logical_or, (beside[..., channel] for channel in range(beside.shape[2])))
 
 
+def _px_to_boundary(boundary: Mask) -> Floats:
+    """Return (h, w) px, along the farther axis, from each pixel to the next one on a boundary."""
+    if not boundary.any():
+        return np.full(boundary.shape, np.inf, np.float32)
+    return np.asarray(cv2.distanceTransform((~boundary).view(np.uint8), cv2.DIST_C, 3))
+
+
 @njit(cache=True, nogil=True)
-def _locate(view: Ints, x: Pixels, y: Pixels, pixel: Ints, height: int, width: int) -> None:
-    """Write the number of the pixel that each ray lies in, of all views' pixels; -1 where none sees it."""
+def _near(
+    view: Ints, x: Floats, y: Floats, parallax: Floats, out: Mask, edge_px: Floats, focal: Array
+) -> None:
+    height, width = edge_px.shape[1], edge_px.shape[2]
     for i in range(view.shape[0]):
-        c, r = min(max(int(x[i]), 0), width - 1), min(max(int(y[i]), 0), height - 1)
-        pixel[i] = (view[i] * height + r) * width + c if view[i] >= 0 else -1
+        k = view[i]
+        if k < 0:
+            out[i] = False
+            continue
+        r, c = nearest_pixel((height, width), x[i], y[i])
+        u, v = (x[i] - width / 2) / focal[k], (y[i] - height / 2) / focal[k]
+        border = min(min(c, r), min(width - 1 - c, height - 1 - r)) + 1.0  # labels beyond it may differ
+        out[i] = min(edge_px[k, r, c], border) <= parallax[i] * focal[k] * (1.0 + u * u + v * v)
+
+
+def sample_directions(faces: Faces, lookup: RayLookup, nearest: bool) -> Floats:
+    """Return the unit vectors that N rays meet: blended on one smooth surface, never across an edge or a
+    crease.
+
+    Args:
+        faces: (h, w, 3) unit vectors of each view, 0 where unknown.
+        lookup: of N rays.
+        nearest: take the nearest pixel's everywhere.
+
+    Returns:
+        (N, 3) float32, 0 where unknown or where no view sees the ray.
+    """
+    out = np.empty((len(lookup.x), 3), np.float32)
+    run(_blend, (lookup.view, lookup.x, lookup.y, out), stacked(faces), nearest)
+    return out
 
 
 @njit(cache=True, nogil=True)
-def _take(pixel: Ints, out: Pixels, values: Pixels) -> None:
-    count, flat = np.uint64(values.shape[1]), values.reshape(-1)
-    for i in range(pixel.shape[0]):
-        if pixel[i] < 0:
-            out[i] = 0
+def _blend(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, nearest: bool) -> None:
+    height, width = stack.shape[1], stack.shape[2]
+    for i in range(view.shape[0]):
+        k = view[i]
+        out[i, 0] = out[i, 1] = out[i, 2] = 0.0
+        if k < 0:
             continue
-        first = np.uint64(pixel[i]) * count  # unsigned: negative ones cost a test each
-        for j in range(count):
-            out[i, j] = flat[first + j]
+        face = stack[k]
+        own_r, own_c = nearest_pixel((height, width), x[i], y[i])
+        c, r = int(np.floor(x[i] - 0.5)), int(np.floor(y[i] - 0.5))
+        inside = 0 <= c < width - 1 and 0 <= r < height - 1
+        if nearest or not inside or not _one_surface(face, r, c, own_r, own_c):
+            for j in range(3):
+                out[i, j] = face[own_r, own_c, j]
+            continue
+        a, b = x[i] - 0.5 - c, y[i] - 0.5 - r
+        square = 0.0
+        for j in range(3):
+            above = (1 - a) * face[r, c, j] + a * face[r, c + 1, j]
+            below = (1 - a) * face[r + 1, c, j] + a * face[r + 1, c + 1, j]
+            out[i, j] = (1 - b) * above + b * below
+            square += out[i, j] * out[i, j]
+        for j in range(3):
+            out[i, j] /= np.sqrt(square)
+
+
+@njit(cache=True, nogil=True)
+def _one_surface(face: Floats, r: int, c: int, own_r: int, own_c: int) -> bool:
+    for j in range(r, r + 2):
+        for k in range(c, c + 2):
+            cosine = 0.0
+            for n in range(3):
+                cosine += face[j, k, n] * face[own_r, own_c, n]
+            if cosine < _ONE_SURFACE:
+                return False
+    return True

@@ -1,4 +1,4 @@
-"""The ray lookup: for each ray, the view that sees it and the pixel there. Plain data, made once."""
+"""The ray lookup: for each ray, the view that sees it and the pixel there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,13 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose import kernels
-from omniscv.compose.kernels import Floats, Ints
 from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats, Ints, run
 from omniscv.sources.base import View
-
-_ROUNDING = 1e-6
-"""Radians: more than the axes of views are off by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +28,7 @@ class RayLookup:
 
     @property
     def nbytes(self) -> int:
-        """What is held in memory."""
+        """Bytes held in memory."""
         return self.view.nbytes + self.x.nbytes + self.y.nbytes
 
 
@@ -49,45 +45,18 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
     R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ (np.eye(3) if R_w_d is None else R_w_d) for v in views])
     focal = np.array([v.focal_px for v in views])
     half_width, half_height = views[0].width / 2, views[0].height / 2
-    sure = _sure_px(R_c_d[:, 2], focal, half_width, half_height) ** 2
-    sampled = directions, view, x, y
-    margins = kernels.run(_look_up, sampled, R_c_d, focal, half_width, half_height, sure)
+    margins = run(_look_up, (directions, view, x, y), R_c_d, focal, half_width, half_height)
     return RayLookup(view, x, y, float(min(margins)))
-
-
-def _sure_px(axes: Array, focal: Array, half_width: float, half_height: float) -> Array:
-    """Return (V,) px: rays so near to the centre of a view lie in it, and more centrally than in any other.
-
-    A ray at an angle t from the axis of a view is phi - t or more from another's that is phi away. As a part
-    of their sides it lies ``f tan(t) / short`` off the centre of the one at most, and at least
-    ``f' tan(phi - t) / (sqrt(2) long)`` off the other's. With c for the ratio of what stands before the
-    tangents, the first is less while ``sin(phi - 2 t) > sin(phi) (c - 1) / (c + 1)``.
-    """
-    short, long = min(half_width, half_height), max(half_width, half_height)
-    phi = np.arccos(np.clip(axes @ axes.T, -1, 1))
-    ratio = np.sqrt(2) * long / short * focal[:, None] / focal
-    least = (phi - np.arcsin(np.sin(phi) * (ratio - 1) / (ratio + 1))) / 2
-    np.fill_diagonal(least, np.pi / 2)
-    nearest = np.clip(least.min(axis=1) - _ROUNDING, 0, np.arctan(short / focal) - _ROUNDING)
-    return np.asarray(focal * np.tan(nearest))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look_up(
     directions: Array, view: Ints, x: Floats, y: Floats,
-    R_c_d: Array, focal: Array, half_width: float, half_height: float, sure: Array,
+    R_c_d: Array, focal: Array, half_width: float, half_height: float,
 ) -> float:  # fmt: skip
-    margin, last = np.inf, 0
+    margin = np.inf
     for i in range(directions.shape[0]):
         a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
-        z = R_c_d[last, 2, 0] * a + R_c_d[last, 2, 1] * b + R_c_d[last, 2, 2] * c
-        p = focal[last] * (R_c_d[last, 0, 0] * a + R_c_d[last, 0, 1] * b + R_c_d[last, 0, 2] * c)
-        q = focal[last] * (R_c_d[last, 1, 0] * a + R_c_d[last, 1, 1] * b + R_c_d[last, 1, 2] * c)
-        if z > 0.0 and p * p + q * q < sure[last] * z * z:  # as most rays of a row: no other view counts
-            u, v = p / z, q / z
-            view[i], x[i], y[i] = last, u + half_width, v + half_height
-            margin = min(margin, half_width - abs(u), half_height - abs(v))
-            continue
         best, which, best_u, best_v = 1.0 + 1e-9, -1, 0.0, 0.0
         for k in range(R_c_d.shape[0]):
             R = R_c_d[k]
@@ -106,6 +75,5 @@ def _look_up(
                 best, which, best_u, best_v = off, k, u, v
         view[i], x[i], y[i] = which, best_u + half_width, best_v + half_height
         if which >= 0:
-            last = which
             margin = min(margin, half_width - abs(best_u), half_height - abs(best_v))
     return margin

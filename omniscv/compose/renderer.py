@@ -1,41 +1,41 @@
-"""Camera, rays, plan, source, compose, image: one pipeline, for central and non-central cameras alike."""
+"""Render: from a camera, a pose and a source to an image, for central and non-central cameras alike."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Unpack
 
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
+from omniscv.cameras.rig import Rig
 from omniscv.compose.cache import ByteCache
 from omniscv.compose.composition import Composition
+from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
-from omniscv.compose.ray_bundle import ImageRays, RayBundle
-from omniscv.compose.samplers import CpuSampler, Sampler
-from omniscv.compose.shared_captures import PlaceCaptures, SharedCaptures
-from omniscv.compose.tiles import TiledSampler, Tiles, image_rays
+from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.trajectory import Trajectory
 from omniscv.planning import (
+    ImageRays,
     RecordedViews,
     RenderKeywords,
     RenderOptions,
     Task,
     drive,
-    proven,
-    rounds,
-    sampled,
-    together,
+    share_captures,
+    verify_still,
 )
+from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source, View
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28
 _FOR_CAPTURES = 8
-"""The part of what is kept that captures of a recording may take: one in so many bytes."""
+"""One in so many of the bytes that are kept may be captures of a recording."""
 
 
 class Renderer:
@@ -46,10 +46,11 @@ class Renderer:
 
     Args:
         source: where captures come from; not closed with the renderer.
-        cache_bytes: the bound of what is kept between images.
-        tile_bytes: what the rays and lookups of an image may take at a time that is composed in tiles: of a
-            central camera's, whose map would not fit into either bound. Nothing of its map is kept.
-        sampler: what samples captures along rays.
+        cache_bytes: bound of the memory that is kept between images.
+        tile_bytes: bound of the memory for rays and lookups of a central camera's image whose map would not
+        fit
+            into either bound: it is composed in blocks of rows, and nothing of its map is kept.
+        sampler: samples captures along rays.
 
     Raises:
         ArgumentError: no source.
@@ -61,34 +62,31 @@ class Renderer:
         *,
         cache_bytes: int = DEFAULT_CACHE_BYTES,
         tile_bytes: int = DEFAULT_TILE_BYTES,
-        sampler: Callable[[RayBundle, Array, Sequence[View]], Sampler] = CpuSampler,
+        sampler: Callable[[Blocks, Array, Sequence[View]], Sampler] = CpuSampler,
     ) -> None:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
         for_captures = cache_bytes // _FOR_CAPTURES
         self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - for_captures)
-        recording = source.recorded_views() is not None
-        self._here = PlaceCaptures(source, for_captures) if recording else source
+        self._captures = source if self._recorded is None else CapturesOfCenter(source, for_captures)
         self._cache_bytes, self._tile_bytes = cache_bytes, tile_bytes
-        self._recorded: RecordedViews | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        kept: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
-        return partial(Renderer, self.source, **kept, sampler=self._sampler), ()
+        bounds: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
+        return partial(Renderer, self.source, **bounds, sampler=self._sampler), ()
 
     def of(self, source: Source) -> "Renderer":
-        """Return a renderer of another source, for example of one in which objects are hidden; both share
-        what is kept between images."""
-        kept: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
-        other = Renderer(source, **kept, sampler=self._sampler)
+        """Return a renderer of another source, such as one with hidden objects; both share their cache."""
+        bounds: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
+        other = Renderer(source, **bounds, sampler=self._sampler)
         other._cache = self._cache
         return other
 
     @property
     def nbytes(self) -> int:
-        """What is kept between images, bytes."""
-        here = self._here.nbytes if isinstance(self._here, PlaceCaptures) else 0
-        return self._cache.nbytes + here
+        """Bytes kept between images."""
+        captures = self._captures.nbytes if isinstance(self._captures, CapturesOfCenter) else 0
+        return self._cache.nbytes + captures
 
     def task(
         self,
@@ -98,19 +96,26 @@ class Renderer:
         *,
         border_px: int | None = None,
     ) -> Task:
-        """Return what a strategy plans for; see :class:`omniscv.planning.Task`.
+        """Return the task of an image, for which a strategy plans; see :class:`omniscv.planning.Task`.
 
         Raises:
             ArgumentError: a camera, pose or options of another type.
         """
         options = RenderOptions() if options is None else options
-        given = ("camera", camera, Camera), ("pose", pose, Pose), ("options", options, RenderOptions)
-        for name, value, kind in given:
-            if not isinstance(value, kind):
-                raise ArgumentError(f"{name}: expected a {kind.__name__}, got {shown(value)}")
-        rays, source = self._rays(camera).camera_rays, self.source
-        recorded = self._recorded_views()
-        return Task(rays, pose, source.capabilities, options, source.cover, recorded, border_px, source.state)
+        arguments = ("camera", camera, Camera), ("pose", pose, Pose), ("options", options, RenderOptions)
+        for name, value, expected in arguments:
+            if not isinstance(value, expected):
+                raise ArgumentError(f"{name}: expected a {expected.__name__}, got {shown(value)}")
+        return Task(
+            self._cache.get(("rays", camera), lambda: self._unprojected(camera)),
+            pose,
+            self.source.capabilities,
+            options,
+            self.source.cover,
+            self._recorded,
+            border_px,
+            self.source.state,
+        )
 
     def render(
         self,
@@ -150,76 +155,74 @@ class Renderer:
     ) -> Iterator[OmniImage]:
         """Yield the images of several cameras at one moment, in their order, as :meth:`render` makes them.
 
-        What several of them need is captured once: see :func:`omniscv.planning.together`.
+        Captures that several of them need are made once: see :func:`omniscv.planning.share_captures`.
 
         Args:
             shots: cameras and their poses.
             modes, options, progress: as :meth:`render`.
-            only: those of the shots, by index, whose images are made; all if not given. The others count for
+            only: indices of the shots whose images are made; all if not given. The others count for
                 how they are captured, so that an image is the same whichever others are made.
 
         Raises:
             TornSetError: the world may move, and did so while they were captured, every time.
         """
         chosen = modalities.chosen(modes)
+        options = RenderOptions() if options is None else options
         if not self.source.capabilities.moves:
-            yield from self._together(self._here, shots, chosen, options, only, progress)
+            yield from self._rendered(self._captures, shots, chosen, options, only, progress)
             return
 
         def make(source: Source) -> list[OmniImage]:
-            return list(self._together(source, shots, chosen, options, only, progress))
+            return list(self._rendered(source, shots, chosen, options, only, progress))
 
-        yield from proven(self.source, sampled(chosen, options or RenderOptions()), make)
+        yield from verify_still(self.source, options.sampled(chosen), make)
 
-    def _together(
+    def _rendered(
         self,
         source: Source,
         shots: Sequence[tuple[Camera, Pose]],
-        chosen: tuple[str, ...],
-        options: RenderOptions | None,
+        modes: tuple[str, ...],
+        options: RenderOptions,
         only: Collection[int] | None,
         progress: Report | None,
     ) -> Iterator[OmniImage]:
-        """Yield the images of a moment, captured from a source that stands for the renderer's."""
+        """Yield the images of a moment, captured from a source in place of the renderer's own."""
         tasks = [self.task(camera, pose, options) for camera, pose in shots]
-        tasks, wanted = together(tasks, sampled(chosen, options or RenderOptions()))
-        made = [i for i in range(len(tasks)) if only is None or i in only]
-        needed = Counter(request for i in made for request in wanted[i])
-        source = SharedCaptures(source, needed) if needed else source
-        meter = Meter(len(made), progress)
-        for task in (tasks[i] for i in made):
-            rays = self._rays(task.rays.camera)
-            composition = Composition(task, rays, chosen, source, self._sampler_of, meter.part())
-            drive(rounds(task), composition.capture)
+        plans = share_captures(tasks, options.sampled(modes))
+        plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
+        if needed := Counter(request for plan in plans for request in plan.requests):
+            source = SharedCaptures(source, needed)
+        meter = Meter(len(plans), progress)
+        for plan in plans:
+            composition = Composition(
+                plan.task, modes, source, partial(self._sampler_of, plan.task.rays), meter.part()
+            )
+            drive(plan.rounds(), composition.capture)
             self._cache.trim()
             yield composition.image()
 
-    def _rays(self, camera: Camera) -> ImageRays:
-        return self._cache.get(
-            ("rays", camera), lambda: image_rays(camera, self._cache.limit, self._tile_bytes)
-        )
+    def _unprojected(self, camera: Camera) -> ImageRays:
+        """Return a camera's rays: in blocks if it is central and its map would take more than both bounds."""
+        needed = BYTES_PER_RAY * camera.width * camera.height
+        in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
+        return ImageRays(camera, self._tile_bytes if in_blocks else None)
 
-    def _recorded_views(self) -> RecordedViews | None:
+    @cached_property
+    def _recorded(self) -> RecordedViews | None:
         views = self.source.recorded_views()
-        if views is None:
-            return None
-        if self._recorded is None or self._recorded.views is not views:
-            self._recorded = RecordedViews(views)
-        return self._recorded
+        return None if views is None else RecordedViews(views)
 
     def _sampler_of(
-        self, rays: RayBundle, R_w_d: Array, views: tuple[View, ...], camera: Camera | None
+        self, image: ImageRays, rays: Blocks, R_w_d: Array, views: tuple[View, ...], whole: bool
     ) -> Sampler:
-        """A sampler; kept where it serves a camera's whole image.
+        """Return a sampler; it is kept if it serves a whole image whose rays are kept.
 
         Positions do not count: the same orientation and views around another centre have the same lookup.
         """
-        if isinstance(rays, Tiles) and self._sampler is CpuSampler:
-            return TiledSampler(rays, R_w_d, views)
-        if camera is None:
+        if not whole or not image.kept:
             return self._sampler(rays, R_w_d, views)
         turned = tuple(view.key()._replace(position=()) for view in views)
-        key = ("sampler", camera, R_w_d.tobytes(), turned)
+        key = ("sampler", image.camera, R_w_d.tobytes(), turned)
         return self._cache.get(key, lambda: self._sampler(rays, R_w_d, views), keep_at_once=False)
 
 
@@ -235,7 +238,8 @@ def render(
     """Compose one image; :class:`Renderer` keeps rays and lookups for the next.
 
     Args:
-        camera, pose, source, modes: what, from where, of which captures, and which modalities.
+        camera, pose, modes: as :meth:`Renderer.render`.
+        source: where captures come from.
         progress: called with how far the image has come, after each viewpoint.
         options: the fields of :class:`omniscv.RenderOptions`.
 
@@ -246,8 +250,43 @@ def render(
 
 
 def options_of(keywords: RenderKeywords) -> RenderOptions:
-    """Return options from keyword arguments; raise ArgumentError for others than they have."""
+    """Return options from keyword arguments; raise ArgumentError for unknown ones."""
     known = [field.name for field in fields(RenderOptions)]
     if unknown := sorted(set(keywords) - set(known)):
         raise ArgumentError(f"options: expected some of {', '.join(known)}; got {', '.join(unknown)}")
     return RenderOptions(**keywords)
+
+
+def render_rig(
+    rig: Rig,
+    pose: Pose | Trajectory,
+    source: Source,
+    modes: Sequence[str] = ("lit",),
+    *,
+    time: float | None = None,
+    progress: Report | None = None,
+    **options: Unpack[RenderKeywords],
+) -> dict[str, OmniImage]:
+    """Compose the images of all cameras of a rig; captures that several of them need are made once.
+
+    Args:
+        rig: the cameras.
+        pose: of the rig, world frame; or its timed poses, along which time offsets move the cameras.
+        source: where captures come from.
+        modes: modalities of :mod:`omniscv.modalities`.
+        time: the rig's, seconds, where poses are timed.
+        progress: called with how far the images have come, after each viewpoint.
+        options: the fields of :class:`omniscv.RenderOptions`.
+
+    Returns:
+        The images by the cameras' names.
+
+    Raises:
+        OmniscvError: as :func:`omniscv.render` and :meth:`Rig.poses`.
+    """
+    if not isinstance(rig, Rig):
+        raise ArgumentError(f"rig: expected a Rig, got {shown(rig)}")
+    poses = rig.poses(pose, time)
+    shots = [(mounted.camera, poses[name]) for name, mounted in rig.cameras.items()]
+    images = Renderer(source).render_together(shots, modes, options_of(options), progress=progress)
+    return dict(zip(rig.cameras, images, strict=True))

@@ -1,40 +1,42 @@
 """Values along rays from the views of one optical centre.
 
-A sampler is made for a bundle of rays and the views that were captured; what it needs to sample (the ray
-lookup, an atlas and coordinates in it) is made when first used, and kept for every modality and image.
+A sampler works in blocks of rays. Rays that are kept are one block, whose lookup and coordinates are made
+when first used, and kept for every modality and image. An image that is too large for that comes in blocks of
+rows: their lookups, footprints and coordinates are made again for every modality, and only layers, captures
+and the atlas are held whole. What depends on all rays, the gutter of the atlas and its mip levels, is found
+in a pass over the blocks before.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from omniscv.compose.area import AreaSampling
-from omniscv.compose.atlas import Atlas
-from omniscv.compose.bicubic import sample_bicubic
-from omniscv.compose.depth import SampledDepth, sample_depth
-from omniscv.compose.directions import normals_from_depth, sample_directions
-from omniscv.compose.folding import remap
-from omniscv.compose.gutter import FILTER_SUPPORT_PX
-from omniscv.compose.kernels import Floats, Mask, Pixels
-from omniscv.compose.label_edges import label_edges
-from omniscv.compose.nearest import sample_nearest
-from omniscv.compose.ray_bundle import RayBundle
+from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
+from omniscv.compose.depth import SampledDepth, normals_from_depth, sample_depth
+from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
+from omniscv.compose.nearest import label_edges, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats, Mask, Pixels
 from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
+from omniscv.planning.rays import RayBlock
 from omniscv.sources.base import View
 
+Blocks = Callable[[], Iterator[RayBlock]]
+"""Yields rays block by block; :meth:`omniscv.planning.ImageRays.blocks` with its arguments."""
+
 _MINIFIED, _MOST = 2.0, 0.9
-_EVERY = 7  # of how many pixels one is tested for minification
+_EVERY = 7  # one of so many pixels is tested for minification
 
 
 class Sampler(Protocol):
-    """What composition needs of a sampler; another one may run on another device."""
+    """The interface of samplers; another one may run on another device."""
 
-    def __init__(self, rays: RayBundle, R_w_d: Array, views: Sequence[View]) -> None: ...
+    def __init__(self, rays: Blocks, R_w_d: Array, views: Sequence[View]) -> None: ...
 
     @property
     def unseen(self) -> int:
@@ -53,141 +55,18 @@ class Sampler(Protocol):
         """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
 
     def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
-        """Return (N,) whether rays lie at a label boundary; see :mod:`omniscv.compose.label_edges`."""
+        """Return (N,) whether rays lie at a label boundary; see
+        :func:`omniscv.compose.nearest.label_edges`."""
 
     def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        """Return (N, 3) unit vectors; see :mod:`omniscv.compose.directions`."""
+        """Return (N, 3) unit vectors; see :func:`omniscv.compose.nearest.sample_directions`."""
 
     def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
-        """Return (N, 3) normals of planes that are fitted to depth; see the same module."""
+        """Return (N, 3) normals; see :func:`omniscv.compose.depth.normals_from_depth`."""
 
     @property
     def nbytes(self) -> int:
-        """What is held in memory."""
-
-
-class PointSampling:
-    """Samples an atlas at one point a ray.
-
-    Args:
-        filter: ``bilinear`` or ``bicubic``.
-        lookup: of N rays.
-        views: all of one size.
-        row: rays in a row of the image; 0 where they are in none.
-        atlas: of the views; made for the rays if not given.
-    """
-
-    def __init__(
-        self, filter: str, lookup: RayLookup, views: Sequence[View], row: int, atlas: Atlas | None = None
-    ) -> None:
-        self._filter, self._row = filter, row
-        self._atlas = atlas or point_atlas(filter, lookup.margin, views)
-        self._x, self._y = self._atlas.coordinates(lookup)
-
-    def sample(self, faces: Sequence[Pixels]) -> Pixels:
-        """Return (N, ...) values of the views' pixels."""
-        with self._atlas.picture(faces) as picture:
-            return self.read(picture)
-
-    def read(self, picture: Pixels) -> Pixels:
-        """Return (N, ...) values of the picture of an atlas."""
-        if self._filter == "bicubic":
-            return sample_bicubic(picture, self._x, self._y)
-        return remap(picture, self._x, self._y, self._row)
-
-    @property
-    def nbytes(self) -> int:
-        """What is held in memory."""
-        return self._atlas.nbytes + self._x.nbytes + self._y.nbytes
-
-
-class CpuSampler:
-    """Samples with OpenCV and numba.
-
-    Args:
-        rays: in a frame d.
-        R_w_d: (3, 3) from that frame to the world.
-        views: what was captured from the centre, all of one size.
-    """
-
-    def __init__(self, rays: RayBundle, R_w_d: Array, views: Sequence[View]) -> None:
-        self._rays, self._R_w_d, self._views = rays, R_w_d, tuple(views)
-        self._made: dict[str, PointSampling | AreaSampling] = {}
-
-    @cached_property
-    def lookup(self) -> RayLookup:
-        """Of the rays."""
-        return look_up(self._rays.directions, self._views, self._R_w_d)
-
-    @cached_property
-    def unseen(self) -> int:
-        """How many valid rays no view sees."""
-        return int(np.count_nonzero(self.lookup.view < 0)) - self._rays.invalid_count
-
-    @cached_property
-    def minifies(self) -> bool:
-        """Whether bilinear interpolation would pass over some of most pixels' footprints."""
-        return few_pixels_each(spanned_px(self.lookup, self._rays.steps, self._views[0]))
-
-    def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        if filter == "nearest":
-            return sample_nearest(faces, self.lookup)
-        if filter not in self._made:
-            rays, views = self._rays, self._views
-            self._made[filter] = (
-                AreaSampling(rays.footprints(), self.lookup, views, self._R_w_d)
-                if filter == "area"
-                else PointSampling(filter, self.lookup, views, rays.row)
-            )
-        return self._made[filter].sample(faces)
-
-    def sample_depth(
-        self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
-    ) -> SampledDepth:
-        return sample_depth(faces, self.lookup, self._views, filter == "nearest", precision, offsets_w)
-
-    def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
-        return label_edges(faces, self.lookup, self._views, parallax)
-
-    def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        return sample_directions(faces, self.lookup, filter == "nearest")
-
-    def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
-        return normals_from_depth(faces, self.lookup, self._views)
-
-    @property
-    def nbytes(self) -> int:
-        held: int = self.lookup.nbytes if "lookup" in self.__dict__ else 0
-        return held + sum(sampling.nbytes for sampling in list(self._made.values()))
-
-
-def point_atlas(filter: str, margin: float, views: Sequence[View]) -> Atlas:
-    """Return the atlas of ``bilinear`` or ``bicubic``, for rays whose pixels lie so far, px, from the edges
-    of their views."""
-    guttered = margin < FILTER_SUPPORT_PX
-    return Atlas(views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
-
-
-def spanned_px(lookup: RayLookup, steps: Floats, view: View, first: int = 0) -> Floats:
-    """Return how many px of a view rays' pixels span: of some, the same ones however an image is divided.
-
-    Args:
-        lookup: of N rays.
-        steps: (N,) their angles to the next ones, radians.
-        view: the size and field of view of all views.
-        first: the number of the first ray in its image.
-    """
-    start = -first % _EVERY
-    some = np.flatnonzero(lookup.view[start::_EVERY] >= 0) * _EVERY + start
-    u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
-    # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
-    # to its centre
-    return np.asarray(steps[some] * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75)
-
-
-def few_pixels_each(spanned: Floats) -> bool:
-    """Return whether most pixels of an image span more of a view's than bilinear interpolation reads."""
-    return len(spanned) > 0 and bool(np.quantile(spanned, 1 - _MOST) > _MINIFIED)
+        """Bytes held in memory."""
 
 
 SAMPLE: dict[Interpolation, Callable[[Sampler, str, Sequence[Pixels]], Pixels]] = {
@@ -196,4 +75,204 @@ SAMPLE: dict[Interpolation, Callable[[Sampler, str, Sequence[Pixels]], Pixels]] 
     "plane": lambda sampler, filter, faces: sampler.normals_from_depth(faces),
     "direction": lambda sampler, filter, faces: sampler.sample_directions(filter, faces),
 }
-"""How kinds of modalities are sampled; surfaces by :meth:`Sampler.sample_depth`, which bounds their error."""
+"""How modalities are sampled by their interpolation; surfaces by :meth:`Sampler.sample_depth`."""
+
+
+class _Coverage(NamedTuple):
+    """How views see rays.
+
+    Attributes:
+        rays: how many they are.
+        unseen: how many valid rays no view sees.
+        margin: the least distance of a ray's pixel from its view's edges, px.
+    """
+
+    rays: int
+    unseen: int
+    margin: float
+
+
+class CpuSampler:
+    """Samples with OpenCV and numba.
+
+    Args:
+        rays: in a frame d.
+        R_w_d: (3, 3) from that frame to the world.
+        views: captured from the centre, all of one size.
+    """
+
+    def __init__(self, rays: Blocks, R_w_d: Array, views: Sequence[View]) -> None:
+        self._rays, self._R_w_d, self._views = rays, R_w_d, tuple(views)
+        self._kept: _Block | None = None
+        self._atlases: dict[str, Atlas] = {}
+
+    @property
+    def unseen(self) -> int:
+        """How many valid rays no view sees."""
+        return self._coverage.unseen
+
+    @cached_property
+    def minifies(self) -> bool:
+        """Whether bilinear interpolation would pass over some of most pixels' footprints."""
+        spans = np.concatenate([_spanned_px(block, self._views[0]) for block in self._blocks()])
+        return len(spans) > 0 and bool(np.quantile(spans, 1 - _MOST) > _MINIFIED)
+
+    def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+        if filter == "nearest":
+            stack = np.stack(faces)
+            return self._values(lambda block: sample_nearest(stack, block.lookup))
+        atlas = self._atlas(filter)
+        with atlas.picture(faces) as picture:
+            return self._values(lambda block: block.sample(filter, atlas, picture))
+
+    def sample_depth(
+        self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
+    ) -> SampledDepth:
+        stack, nearest = np.stack(faces), filter == "nearest"
+
+        def sample(block: _Block) -> SampledDepth:
+            offsets = None if offsets_w is None else offsets_w[block.rays.part]
+            return sample_depth(stack, block.lookup, self._views, nearest, precision, offsets)
+
+        return SampledDepth(*self._sampled(sample))
+
+    def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
+        def sample(block: _Block) -> Mask:
+            near = None if parallax is None else parallax[block.rays.part]
+            return label_edges(faces, block.lookup, self._views, near)
+
+        return self._values(sample)
+
+    def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+        stack, nearest = np.stack(faces), filter == "nearest"
+        return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
+
+    def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
+        stack = np.stack(faces)
+        return self._values(lambda block: normals_from_depth(stack, block.lookup, self._views))
+
+    @property
+    def nbytes(self) -> int:
+        kept = 0 if self._kept is None else self._kept.nbytes
+        return kept + sum(atlas.nbytes for atlas in list(self._atlases.values()))
+
+    def _blocks(self) -> Iterator["_Block"]:
+        """Yield the rays' blocks, looked up; the only one is kept."""
+        if self._kept is not None:
+            yield self._kept
+            return
+        for rays in self._rays():
+            block = _Block(rays, self._R_w_d, self._views)
+            if rays.kept:
+                self._kept = block
+            yield block
+
+    @cached_property
+    def _coverage(self) -> _Coverage:
+        count, unseen, margin = 0, 0, np.inf
+        for block in self._blocks():
+            view = block.lookup.view
+            count += len(view)
+            unseen += int(np.count_nonzero(view < 0)) - block.rays.invalid_count
+            margin = min(margin, block.lookup.margin)
+        return _Coverage(count, unseen, float(margin))
+
+    def _values(self, sample: Callable[["_Block"], Pixels]) -> Pixels:
+        """Return (N, ...) values that a function returns for a block, for all rays."""
+        return np.asarray(self._sampled(lambda block: (sample(block),))[0])
+
+    def _sampled(self, sample: Callable[["_Block"], Sequence[Any]]) -> list[Any]:
+        """Return what a function returns for a block, arrays of its rays or None, for all rays."""
+        whole: list[Any] = []
+        for block in self._blocks():
+            values = sample(block)
+            if block.rays.kept:
+                return list(values)
+            whole = whole or [
+                None if each is None else np.empty((self._coverage.rays, *each.shape[1:]), each.dtype)
+                for each in values
+            ]
+            for out, each in zip(whole, values, strict=True):
+                if out is not None:
+                    out[block.rays.part] = each
+        return whole
+
+    def _atlas(self, filter: str) -> Atlas:
+        """Return the atlas of a filter; kept with the rays."""
+        if filter in self._atlases:
+            return self._atlases[filter]
+        if filter == "area":
+            sampled = [block.area for block in self._blocks()]
+            levels = [each.levels for each in sampled if each.levels]
+            first = min((each.start for each in levels), default=0)
+            last = max((each.stop for each in levels), default=1)
+            atlas = Atlas(self._views, range(first, last), max(each.support for each in sampled))
+        else:
+            guttered = self._coverage.margin < FILTER_SUPPORT_PX
+            support = FILTER_SUPPORT_PX if guttered else 0
+            atlas = Atlas(self._views, range(1), support, filter == "bicubic")
+        if self._kept is not None:
+            self._atlases[filter] = atlas
+        return atlas
+
+
+class _Block:
+    """A block of rays, looked up in views.
+
+    Args:
+        rays: in a frame d.
+        R_w_d, views: as :class:`CpuSampler`.
+    """
+
+    def __init__(self, rays: RayBlock, R_w_d: Array, views: tuple[View, ...]) -> None:
+        self.rays, self._R_w_d, self._views = rays, R_w_d, views
+        self._coordinates: dict[str, tuple[Floats, Floats]] = {}
+
+    @cached_property
+    def lookup(self) -> RayLookup:
+        """Of the rays."""
+        return look_up(self.rays.directions, self._views, self._R_w_d)
+
+    @cached_property
+    def area(self) -> AreaSampling:
+        """How ``area`` samples the rays' pixels."""
+        return AreaSampling(self.rays.footprints(), self.lookup, self._views, self._R_w_d)
+
+    def sample(self, filter: str, atlas: Atlas, picture: Pixels) -> Pixels:
+        """Return (N, ...) blended values of the picture of an atlas."""
+        if filter not in self._coordinates:
+            self._coordinates[filter] = (
+                self.area.coordinates(atlas) if filter == "area" else atlas.coordinates(self.lookup)
+            )
+        x, y = self._coordinates[filter]
+        if filter == "area":
+            return self.area.sample(picture, x, y)
+        if filter == "bicubic":
+            return sample_bicubic(picture, x, y)
+        return sample_bilinear(picture, x, y, self.rays.row)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held in memory."""
+        own = self.__dict__
+        made = [own[name] for name in ("lookup", "area") if name in own]
+        made += [each for both in list(self._coordinates.values()) for each in both]
+        return sum(each.nbytes for each in made)
+
+
+def _spanned_px(block: _Block, view: View) -> Floats:
+    """Return how many px of a view the pixels of some rays span: of the same rays however an image is
+    divided.
+
+    Args:
+        block: the rays.
+        view: the size and field of view of all views.
+    """
+    lookup, start = block.lookup, -block.rays.first % _EVERY
+    some = np.flatnonzero(lookup.view[start::_EVERY] >= 0) * _EVERY + start
+    u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
+    # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
+    # to its centre
+    return np.asarray(
+        block.rays.steps[some] * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75
+    )

@@ -1,9 +1,10 @@
-"""Checks of a dataset: every fault as one line; no line where it is as it was made."""
+"""Check a dataset, one line for each fault; count what it holds."""
 
 from __future__ import annotations
 
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -11,13 +12,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omniscv import storage
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import modalities, storage
 from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
 from omniscv.dataset.exporting import EXPORTS, Export, placed, write_into
-from omniscv.dataset.layer_checks import layer_faults
 from omniscv.dataset.manifest import Manifest
-from omniscv.errors import DatasetError, MissingFileError, OmniscvError
+from omniscv.errors import ArgumentError, DatasetError, MissingFileError, OmniscvError
 from omniscv.frame import Frame, FrameFiles
 from omniscv.parallel import side_by_side
 from omniscv.storage import Folder
@@ -26,6 +29,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _FETCHES = 16  # at a time
+_UNIT = 1e-3  # how far the length of a normal may be off 1, or off 0
 
 
 def check(out: str | Path | Folder, deep: bool = False, format: str | None = None) -> list[str]:
@@ -111,7 +115,7 @@ def _local_faults(folder: Path, whole: Manifest, frame: Frame, deep: bool) -> It
     except (DatasetError, OSError) as wrong:
         yield str(wrong)
     if deep:
-        yield from layer_faults(frame)
+        yield from _layer_faults(frame)
         yield from _record_faults(frame)
 
 
@@ -145,6 +149,67 @@ def _values(record: Any, key: str) -> Iterator[Any]:
             yield record[key]
     for part in parts:
         yield from _values(part, key)
+
+
+# -- layers -----------------------------------------------------------------------------------------------
+
+
+def _layer_faults(frame: Frame) -> Iterator[str]:
+    """Yield a line for every fault of a frame's layers."""
+    layers: dict[str, NDArray[Any]] = {}
+    size = (frame.camera.height, frame.camera.width)
+    for row in modalities.layers():
+        if row.name not in frame.files:
+            continue
+        try:
+            layers[row.name] = frame.layer(row.name)
+        except ArgumentError as wrong:
+            yield str(wrong)
+            continue
+        if layers[row.name].shape[:2] != size:
+            yield f"{frame.key}: {row.name}: expected {size} pixels, got {layers.pop(row.name).shape[:2]}"
+    for name, faults in _CHECKS.items():
+        if name in layers:
+            for fault in faults(frame, layers):
+                yield f"{frame.key}: {name}: {fault}"
+
+
+def _depth(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
+    depth, valid = layers["depth"], frame.valid
+    yield from _count(np.isnan(depth) | (depth < 0), "metres >= 0, or inf")
+    yield from _count(valid & (depth == 0), "more than 0 m inside the field of view")
+    yield from _count(~valid & (depth != 0), "0 outside the field of view")
+
+
+def _labels(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
+    known = np.zeros(1 << 16, bool)
+    known[[0, *frame.instances.values()]] = True
+    yield from _count(~known[layers["labels"]], "instance ids of the dataset")
+    yield from _count(~frame.valid & (layers["labels"] != 0), "0 outside the field of view")
+
+
+def _classes(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
+    if frame.classes is None or "labels" not in layers:
+        yield "expected no such layer without labels, and classes in the manifest"
+        return
+    wanted = frame.classes.ids(frame.instances)[layers["labels"]]
+    yield from _count(layers["classes"] != wanted, "the class of the object in labels")
+
+
+def _normals(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
+    length = np.linalg.norm(layers["normals"].astype(np.float64), axis=-1)
+    yield from _count(~((np.abs(length - 1) <= _UNIT) | (length <= _UNIT)), "unit vectors, or 0")
+
+
+def _count(wrong: NDArray[np.bool_], wanted: str) -> Iterator[str]:
+    if count := int(np.count_nonzero(wrong)):
+        yield f"expected {wanted}, got {count} other pixels"
+
+
+_CHECKS = {"depth": _depth, "labels": _labels, "classes": _classes, "normals": _normals}
+
+
+# -- exports ----------------------------------------------------------------------------------------------
 
 
 def _export_faults(folder: Folder, frames: list[Frame], wanted: Export, deep: bool) -> list[str]:
@@ -204,3 +269,42 @@ def _differences(wanted: Path, got: Path) -> Iterator[str]:
             yield f"{name}: expected a file, it is missing"
         elif (got / name).read_bytes() != (wanted / name).read_bytes():
             yield f"{name}: expected what the frames give, got other bytes"
+
+
+# -- counts -----------------------------------------------------------------------------------------------
+
+
+def info(out: str | Path | Folder) -> dict[str, Any]:
+    """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind of file.
+
+    Raises:
+        ArgumentError: no dataset is there.
+        DatasetError: its manifest is damaged.
+    """
+    folder = storage.folder(out)
+    whole = manifest.read(folder)
+    there = set(folder.names())
+    complete = manifest.FRAMES in there
+    frames = manifest.read_frames(folder, whole) if complete else []
+    sizes: Counter[str] = Counter()
+    missing: Counter[str] = Counter()
+    for frame in frames:
+        for kind, file in frame.entries.items():
+            sizes[kind] += file.bytes
+            missing[kind] += file.path not in there
+    classes = whole.classes
+    objects = Counter() if classes is None else Counter(classes.of_object.values())
+    return {
+        "complete": complete,
+        "frames": len(frames),
+        "cameras": dict(Counter(frame.camera_name for frame in frames)),
+        "splits": dict(sorted(Counter(frame.split for frame in frames if frame.split).items())),
+        "places": len({frame.place for frame in frames if frame.place}),
+        "objects": len(whole.names),
+        "taxonomy": None if classes is None else classes.taxonomy,
+        "classes": {} if classes is None else {name: objects[name] for name in classes.classes},
+        "exports": [each["out"] for each in whole.settings["exports"]],
+        "bytes": dict(sorted(sizes.items())),
+        "missing": {kind: count for kind, count in sorted(missing.items()) if count},
+        "versions": dict(whole.versions),
+    }

@@ -1,18 +1,30 @@
-"""The frames of a dataset as sequences: those of each camera, in their order."""
+"""The frames of a dataset over time: those of each camera in order, and rigs of cameras that move
+together."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from omniscv.arguments import within
+from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
+
+_SAME = 1e-6
+"""Metres, and parts of unit vectors, that a camera may move in its rig."""
 
 
 def by_camera(frames: Sequence[Frame]) -> dict[str, list[Frame]]:
-    """Return the frames of each camera, by its name: by time where all of them have one, else by key."""
-    found: dict[str, list[Frame]] = {}
+    """Return the frames of each camera, by its name: ordered by time if all of them have one, else by key."""
+    cameras: dict[str, list[Frame]] = {}
     for frame in sorted(frames, key=lambda frame: frame.key):
-        found.setdefault(frame.camera_name, []).append(frame)
-    return {each: sorted(mine, key=_time) if timed(mine) else mine for each, mine in found.items()}
+        cameras.setdefault(frame.camera_name, []).append(frame)
+    return {name: sorted(frames, key=_time) if timed(frames) else frames for name, frames in cameras.items()}
 
 
 def timed(frames: Sequence[Frame]) -> bool:
@@ -21,7 +33,7 @@ def timed(frames: Sequence[Frame]) -> bool:
 
 
 def trajectory(frames: Sequence[Frame]) -> Trajectory:
-    """Return the poses of one camera's frames, with their times where all have one.
+    """Return the poses of one camera's frames, with their times if all have one.
 
     Raises:
         ArgumentError: no frame, or two at one time.
@@ -33,3 +45,78 @@ def trajectory(frames: Sequence[Frame]) -> Trajectory:
 
 def _time(frame: Frame) -> float:
     return 0.0 if frame.time is None else frame.time
+
+
+Moment = dict[str, Frame]
+"""The frames of one moment, by camera name."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigFrames:
+    """The frames of cameras that move together.
+
+    Attributes:
+        rig: the cameras, in the frame of the first one.
+        moments: its frames, and the pose of the rig in the world.
+    """
+
+    rig: Rig
+    moments: tuple[tuple[Moment, Pose], ...]
+
+
+def rigs(frames: Sequence[Frame]) -> list[RigFrames]:
+    """Return the rigs of frames: each camera is in exactly one, alone if it moves relative to all others.
+
+    Frames are of one moment if their keys differ only in the camera's name, as those of a job do. With other
+    keys they are of one moment if their times are the same, or, without times, their poses.
+
+    Raises:
+        ArgumentError: two frames of a camera in one moment.
+    """
+    moments: dict[object, Moment] = {}
+    sequences = by_camera(frames)
+    for name, sequence in sequences.items():
+        for frame in sequence:
+            moment = moments.setdefault(_moment(frame), {})
+            if name in moment:
+                wanted = "expected one frame of a camera in a moment"
+                raise ArgumentError(f"{name}: {wanted}, got {moment[name].key} and {frame.key}")
+            moment[name] = frame
+    rigs: list[dict[str, RigCamera]] = []
+    for name, (first, *_) in sequences.items():
+        for rig in rigs:
+            if pose := _relative_pose(next(iter(rig)), name, moments.values()):
+                rig[name] = RigCamera(first.camera, pose)
+                break
+        else:
+            rigs.append({name: RigCamera(first.camera)})
+    return [RigFrames(Rig(rig), tuple(_posed(rig, moments.values()))) for rig in rigs]
+
+
+def _moment(frame: Frame) -> object:
+    if frame.key == frame.camera_name or frame.key.startswith(f"{frame.camera_name}-"):
+        return frame.key.removeprefix(frame.camera_name)
+    if frame.time is not None:
+        return frame.time
+    return (*frame.pose.position.tolist(), *frame.pose.rotation.ravel().tolist())
+
+
+def _relative_pose(reference: str, name: str, moments: Iterable[Moment]) -> Pose | None:
+    """Return the pose of a camera in the frame of another one, the same in all moments with both; None if it
+    moves, or no moment has both."""
+    shared = [moment for moment in moments if reference in moment and name in moment]
+    poses = [moment[reference].pose.inverse() @ moment[name].pose for moment in shared]
+    for pose in poses[1:]:
+        moved = np.abs(pose.position - poses[0].position).max()
+        if max(moved, np.abs(pose.rotation - poses[0].rotation).max()) > _SAME:
+            return None
+    return poses[0] if poses else None
+
+
+def _posed(rig: Mapping[str, RigCamera], moments: Iterable[Moment]) -> Iterable[tuple[Moment, Pose]]:
+    """Yield the rig's frames of each moment, and the rig's pose."""
+    for moment in moments:
+        frames = {name: moment[name] for name in rig if name in moment}
+        if frames:
+            name, frame = next(iter(frames.items()))
+            yield frames, frame.pose @ rig[name].pose.inverse()

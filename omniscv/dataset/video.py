@@ -12,7 +12,7 @@ from typing import Any
 from omniscv import storage
 from omniscv.arguments import number, whole_number
 from omniscv.compose.pictures import uint8_colors
-from omniscv.dataset import photo_sphere, spherical_video
+from omniscv.dataset import spherical_metadata
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 
@@ -52,8 +52,8 @@ def write_video(
         wanted = "expected an even width and height, as H.264 needs"
         raise ArgumentError(f"video: {wanted}, got {camera.width} x {camera.height}")
     data = _encoded(frames, rate, quality, progress)
-    if photo_sphere.refuses(camera) is None:
-        data = spherical_video.tagged(data)
+    if spherical_metadata.refuses(camera) is None:
+        data = spherical_metadata.with_video_boxes(data)
     place = storage.file_at(path)
     place.folder.put(place.name, data)
     return path

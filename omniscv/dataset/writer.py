@@ -18,7 +18,7 @@ from omniscv.arguments import optional_number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import OBJECTS, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
-from omniscv.dataset import manifest, photo_sphere, stored
+from omniscv.dataset import manifest, spherical_metadata, stored
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.errors import ArgumentError, DatasetError
@@ -65,8 +65,8 @@ class Writer:
     ) -> None:
         check_format(image_format)
         self._media = {"xmp": False, "north": 0.0, **(media or {})}
-        if self._media["xmp"] and image_format not in photo_sphere.SUFFIXES:
-            suffixes = " or ".join(photo_sphere.SUFFIXES)
+        if self._media["xmp"] and image_format not in spherical_metadata.PICTURE_SUFFIXES:
+            suffixes = " or ".join(spherical_metadata.PICTURE_SUFFIXES)
             raise ArgumentError(f"media.xmp: expected image_format {suffixes}, got {image_format}")
         self._folder, self._image_format, self._closed = storage.folder(out), image_format, closed
         self._lock = Lock()
@@ -186,8 +186,8 @@ class Writer:
             self._written.add(frame.key)
         with stored.workplace(self._folder) as scratch:
             files = write_layers(image.layers, scratch, frame.key, self._image_format)
-            if self._media["xmp"] and "lit" in files and photo_sphere.refuses(frame.camera) is None:
-                photo_sphere.tag(files["lit"], frame.camera, frame.pose, self._media["north"])
+            if self._media["xmp"] and "lit" in files and spherical_metadata.refuses(frame.camera) is None:
+                spherical_metadata.tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])
             for kind, record in records.items():
                 # Not indented: curves are long lists.
                 files[kind] = write_json(scratch / f"{frame.key}.{kind}.json", record, indent=None)

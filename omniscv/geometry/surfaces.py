@@ -1,8 +1,20 @@
-"""Surfaces in a picture of planar depth: which pixels lie on one, and where it runs between them.
+"""Depth between the pixels of a picture of planar depth.
 
-On a plane 1 / (planar depth) is linear in the pixel, so bilinear interpolation of it is exact. Across the
-edge of an object it would put points in the air: there the nearest
-pixel's own surface is continued.
+A picture shows a point ``p = z (u, v, 1)`` at the pixel ``(f u, f v)`` from its principal point. On a plane
+``m . p = 1`` with ``m = (a, b, e)``::
+
+    1 / z = a u + b v + e
+
+So inverse planar depth is linear in the pixel, and bilinear interpolation of it is exact on planes. Its
+change per pixel is ``across = a / f`` and ``down = b / f``; hence :func:`plane_of`. Three things follow:
+
+- depth along a ray is ``z |(u, v, 1)|`` (:mod:`omniscv.geometry.surface_sampling`);
+- the normal of the plane is ``-m / |m|`` (the same module);
+- a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.geometry.ray_marching`).
+
+Neighbouring pixels show one surface if inverse depth continues linearly on either side of the step between
+them (:func:`_continues`). Across the edge of an object interpolation would put points into the air: there the
+nearest pixel's own surface is continued by its own slope.
 """
 
 import math
@@ -12,21 +24,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import njit
+from omniscv.geometry.arrays import Floats
 
-_STEP_M = 0.004
-_STEP_RELATIVE = 0.001
-"""How far neighbours may lie off the line through the other two and still be one surface: less than a
-phantom would be seen by (2 cm), more than half floats jump (0.05 %)."""
-_CONTINUED_M = 0.01
-_CONTINUED_RELATIVE = 0.002
+STEP_M = 0.004
+STEP_RELATIVE = 0.001
+"""How far neighbours on one surface may lie off the line through the other two: less than a phantom point
+would be noticed by (2 cm), more than half floats jump (0.05 %)."""
+CONTINUED_M = 0.01
+CONTINUED_RELATIVE = 0.002
 """How far a surface is continued in depth beyond the last pixel that shows it: it may end there."""
-_ROUNDINGS = 1.0
-"""The second difference of rounded values is mostly less than so many of their largest errors."""
-_FLOAT32 = 2.0**-25
-_EXPONENT = 0x7FF << 52
-"""The bits of a float64 that hold its power of two; math.frexp is a call, and takes longer."""
-_LEAST_M = 1e-6
-"""A server may send a depth of 0."""
+_FLOAT32 = 2.0**-25  # relative rounding error
+_EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
+_LEAST_M = 1e-6  # a server may send a depth of 0
 
 
 class Precision(NamedTuple):
@@ -36,7 +45,7 @@ class Precision(NamedTuple):
         unit_m: of the stored values, metres.
         digits: significant binary digits: 11 of half floats, 24 of floats.
         along_ray: whether distances to the optical centre were stored, not planar depth.
-        largest_m: what is farther cannot be told from no surface.
+        largest_m: farther surfaces are stored as no surface.
     """
 
     unit_m: float = 1.0
@@ -46,13 +55,13 @@ class Precision(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A surface where a picture shows it, between pixels.
+    """The surface at a continuous pixel.
 
     Attributes:
-        inverse: 1 / planar depth, 1/m.
-        across, down: its change per pixel, 1/m.
-        error: the largest error of ``inverse`` on one surface, 1/m.
-        jump: metres of planar depth to what neighbouring pixels show, where those are other surfaces; else 0.
+        inverse: 1 / planar depth, 1/m; 0: no surface.
+        across, down: change of ``inverse`` per pixel, 1/m.
+        error: bound on the error of ``inverse`` on this surface, 1/m.
+        jump: difference in planar depth to neighbouring pixels that show other surfaces, metres; else 0.
     """
 
     inverse: float
@@ -80,7 +89,7 @@ class Cell(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, precision: Precision) -> Point:
+def surface_point(face: Floats, x: float, y: float, focal: float, precision: Precision) -> Point:
     """Return the surface at continuous pixel (x, y) of a picture of planar depth (h, w), metres.
 
     Where there is none ``inverse`` is 0.
@@ -101,21 +110,42 @@ def surface_point(face: NDArray[np.float32], x: float, y: float, focal: float, p
         point = interpolated(cell, px - c, py - r, length, max(height, width), precision)
         if point.inverse > 0.0:
             return point  # type: ignore[no-any-return]
-    c = min(max(int(np.floor(x)), 0), width - 1)
-    r = min(max(int(np.floor(y)), 0), height - 1)
+    r, c = nearest_pixel(face.shape, x, y)
     return _continued(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def nearest_pixel(shape: tuple[int, int], x: float, y: float) -> tuple[int, int]:
+    """Return row and column of the pixel that holds (x, y), or of the nearest one at the border."""
+    c = min(max(int(np.floor(x)), 0), shape[1] - 1)
+    r = min(max(int(np.floor(y)), 0), shape[0] - 1)
+    return r, c
+
+
+@njit(cache=True, nogil=True)
+def plane_of(
+    inverse: float, across: float, down: float, dx: float, dy: float, focal: float
+) -> tuple[float, float, float]:
+    """Return m of the plane ``m . p = 1`` through a surface, in the picture's frame, 1/m.
+
+    Args:
+        inverse, across, down: as :class:`Point`.
+        dx, dy: px from the principal point.
+        focal: px.
+    """
+    return across * focal, down * focal, inverse - across * dx - down * dy
 
 
 @njit(nogil=True, error_model="numpy", cache=True, forceinline=True)
 def interpolated(cell: Cell, a: float, b: float, length: float, size: int, precision: Precision) -> Point:
     """Return the surface between the 2 x 2 pixels of a cell; ``inverse`` is 0 if they are not one surface.
 
-    There is no branch in it, so that it compiles to vector instructions.
+    It has no branch, so that it compiles to vector instructions.
 
     Args:
-        cell: what the pixels show.
-        a, b: from the first pixel to the point, across and down, px in 0 to 1.
-        length: of :func:`stored_length` there.
+        cell: the pixels' inverse depths.
+        a, b: px from the first pixel, across and down, 0 to 1.
+        length: :func:`stored_length` there.
         size: px of the longer side of the picture.
         precision: of the picture.
     """
@@ -131,12 +161,11 @@ def interpolated(cell: Cell, a: float, b: float, length: float, size: int, preci
     near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
     at_near, at_far = rounding(1.0 / near, length, precision), rounding(1.0 / far, length, precision)
     stored = max(near * near * at_near, far * far * at_far)
-    noise = 2.0 * _ROUNDINGS * stored
+    noise = 2.0 * stored  # second differences of rounded values are mostly smaller
     bent_across = max(_bend(w0, i00, i01, e0), _bend(w1, i10, i11, e1))
     bent_down = max(_bend(n0, i00, i10, s0), _bend(n1, i01, i11, s1))
     bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
-    # Coordinates are float32: an error of a part in 2^24 of the width.
-    placed = (abs(across) + abs(down)) * _FLOAT32 * size
+    placed = (abs(across) + abs(down)) * _FLOAT32 * size  # coordinates are float32
     return Point(inverse if one_surface else 0.0, across, down, stored + bend + placed, 0.0)
 
 
@@ -147,8 +176,8 @@ def inverse_depth(z: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def discontinuities(face: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return (h, w) 0 at pixels beside another surface than their own, 255 elsewhere."""
+def discontinuities(face: Floats) -> NDArray[np.uint8]:
+    """Return (h, w) uint8: 0 at pixels beside another surface than their own, 255 elsewhere."""
     height, width = face.shape
     out = np.full((height, width), 255, np.uint8)
     for r in range(height):
@@ -166,7 +195,7 @@ def discontinuities(face: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 @njit(cache=True, nogil=True)
 def _same(before: float, a: float, b: float, after: float) -> bool:
-    """Whether a and b are both no surface, or one."""
+    """Return whether neighbouring depths a and b are both no surface, or one."""
     if a == np.inf and b == np.inf:
         return True
     return bool(_continues(inverse_depth(before), inverse_depth(a), inverse_depth(b), inverse_depth(after)))
@@ -174,7 +203,7 @@ def _same(before: float, a: float, b: float, after: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision) -> float:
-    """Return what was stored of a planar depth of 1 at pixel (r, c)."""
+    """Return the stored value of a planar depth of 1 m at pixel (r, c), metres."""
     if not precision.along_ray:
         return 1.0
     u, v = (c + 0.5 - shape[1] / 2) / focal, (r + 0.5 - shape[0] / 2) / focal
@@ -183,17 +212,19 @@ def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precisio
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def rounding(z: float, length: float, precision: Precision) -> float:
-    """Return the largest error, metres, that a stored planar depth has; ``length`` is its stored length."""
+    """Return the largest error of a stored planar depth z, metres; ``length`` is its
+    :func:`stored_length`."""
     # Slightly more: 128 cm is stored with the step above it, and comes as 1.28 m rounded down.
     stored = z * length / precision.unit_m * (1.0 + 8 * _FLOAT32)
-    power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)  # of two, not above it
+    # 2^floor(log2(stored)). math.frexp is a call, which keeps loops from being vectorized: 3 times slower.
+    power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)
     step = precision.unit_m / np.float64(np.int64(1) << precision.digits) * power
     return float(step / length + _FLOAT32 * z)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _bend(before: float, a: float, b: float, after: float) -> float:
-    """What a curve or a crease may lie off the chord between a and b, at most 1/4 of it; all 1/z."""
+    """Return how far a curve or a crease may lie off the chord between a and b, times 4; all 1/z."""
     left = abs(2.0 * a - b - before) if before > 0.0 else 0.0
     right = abs(2.0 * b - a - after) if after > 0.0 else 0.0
     return left + right
@@ -201,9 +232,9 @@ def _bend(before: float, a: float, b: float, after: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _continued(
-    face: NDArray[np.float32], r: int, c: int, dx: float, dy: float, focal: float, precision: Precision
+    face: Floats, r: int, c: int, dx: float, dy: float, focal: float, precision: Precision
 ) -> Point:
-    """The surface of pixel (r, c), continued to (dx, dy) from its centre by the slope that it has there."""
+    """Return the surface of pixel (r, c), continued by its own slope to (dx, dy) from the pixel's centre."""
     z = max(float(face[r, c]), _LEAST_M)
     jump = _jump(face, r, c)
     if not z < np.inf:
@@ -213,7 +244,7 @@ def _continued(
     across, known_across = _slope(row, dx)
     down, known_down = _slope(column, dy)
     inverse = 1.0 / z + across * dx + down * dy
-    most = _CONTINUED_M + _CONTINUED_RELATIVE * z
+    most = CONTINUED_M + CONTINUED_RELATIVE * z
     limited = min(max(inverse, 1.0 / (z + most)), 1.0 / max(z - most, 0.5 * z))
     length = stored_length(r, c, face.shape, focal, precision)
     error = 3.0 * rounding(z, length, precision) / (z * z) + abs(inverse - limited)
@@ -223,14 +254,14 @@ def _continued(
 
 
 @njit(cache=True, nogil=True)
-def _at(face: NDArray[np.float32], r: int, c: int) -> float:
-    """Planar depth at a pixel; +inf beyond the picture."""
+def _at(face: Floats, r: int, c: int) -> float:
+    """Return planar depth at a pixel; +inf beyond the picture."""
     return float(face[r, c]) if 0 <= r < face.shape[0] and 0 <= c < face.shape[1] else np.inf
 
 
 @njit(cache=True, nogil=True)
-def _jump(face: NDArray[np.float32], r: int, c: int) -> float:
-    """The largest difference to a neighbour's depth, metres."""
+def _jump(face: Floats, r: int, c: int) -> float:
+    """Return the largest difference to a neighbour's depth, metres."""
     z, most = face[r, c], 0.0
     for j in range(max(r - 1, 0), min(r + 2, face.shape[0])):
         for k in range(max(c - 1, 0), min(c + 2, face.shape[1])):
@@ -241,7 +272,10 @@ def _jump(face: NDArray[np.float32], r: int, c: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _slope(line: tuple[float, float, float, float, float], toward: float) -> tuple[float, bool]:
-    """The slope of 1/z at the middle of five pixels, from a side where the surface goes on; else 0, False."""
+    """Return the slope of 1/z at the middle of five pixels, and whether it is known.
+
+    It is taken from a side where the surface continues, from the side of ``toward`` if both sides differ.
+    """
     here = line[2]
     allowed = allowed_step(here)
     left, has_left = _one_sided(here, line[1], line[0], allowed)
@@ -257,7 +291,7 @@ def _slope(line: tuple[float, float, float, float, float], toward: float) -> tup
 
 @njit(cache=True, nogil=True)
 def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tuple[float, bool]:
-    """1/z of the next pixel less that of this one, and whether both lie on one surface."""
+    """Return 1/z of the next pixel less that of this one, and whether both lie on one surface."""
     if not next_ < np.inf:
         return 0.0, False
     step = inverse_depth(next_) - inverse_depth(here)
@@ -267,17 +301,60 @@ def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tupl
 
 
 @njit(cache=True, nogil=True)
-def allowed_step(near: float) -> float:
-    """How far 1/z may be off a line through neighbours on the same surface."""
-    inverse = inverse_depth(near)
-    return float((_STEP_M * inverse + _STEP_RELATIVE) * inverse)
+def allowed_step(z: float) -> float:
+    """Return how far 1/z may be off a line through neighbours on the same surface."""
+    inverse = inverse_depth(z)
+    return float((STEP_M * inverse + STEP_RELATIVE) * inverse)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _continues(before: float, a: float, b: float, after: float) -> bool:
-    """Whether a and b lie on one line with a neighbour on either side, to a tolerance in metres; all 1/z."""
+    """Return whether a and b lie on one line with the neighbours on both sides, or are nearly equal; all
+    1/z."""
     near = max(a, b)
-    step, allowed = b - a, _STEP_M * near * near + _STEP_RELATIVE * near
+    step, allowed = b - a, STEP_M * near * near + STEP_RELATIVE * near
     from_left = (before > 0.0) & (abs(step - (a - before)) <= allowed)
     from_right = (after > 0.0) & (abs(step - (after - b)) <= allowed)
     return bool((a > 0.0) & (b > 0.0) & ((abs(step) <= allowed) | (from_left & from_right)))
+
+
+@njit(cache=True, nogil=True)
+def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float, float, bool]:
+    """Return 1/z at a pixel, its change across and down, and whether these are known.
+
+    Least squares over the pixels within ``reach`` that continue the pixel's surface.
+    """
+    across, down = _smaller_step(face, r, c, 0, 1), _smaller_step(face, r, c, 1, 0)
+    here, allowed = inverse_depth(face[r, c]), allowed_step(face[r, c])
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    count = 0
+    for j in range(max(r - reach, 0), min(r + reach + 1, face.shape[0])):
+        for k in range(max(c - reach, 0), min(c + reach + 1, face.shape[1])):
+            dx, dy, value = float(k - c), float(j - r), inverse_depth(face[j, k])
+            steps = max(1.0, abs(dx), abs(dy))
+            if abs(value - here - across * dx - down * dy) > allowed * steps:
+                continue
+            count += 1
+            row = (1.0, dx, dy)
+            for p in range(3):
+                right[p] += row[p] * value
+                for q in range(3):
+                    normal[p, q] += row[p] * row[q]
+    if count < 3 or abs(np.linalg.det(normal)) < 0.5:  # whole numbers: 0 where the pixels lie on a line
+        return here, 0.0, 0.0, False
+    fitted = np.linalg.solve(normal, right)
+    return fitted[0], fitted[1], fitted[2], True
+
+
+@njit(cache=True, nogil=True)
+def _smaller_step(face: Floats, r: int, c: int, down: int, across: int) -> float:
+    """Return the smaller change of 1/z to a neighbour along an axis: that one is on the pixel's own
+    surface."""
+    least, slope = np.inf, 0.0
+    for sign in (-1, 1):
+        j, k = r + sign * down, c + sign * across
+        if 0 <= j < face.shape[0] and 0 <= k < face.shape[1] and face[j, k] < np.inf:
+            step = inverse_depth(face[j, k]) - inverse_depth(face[r, c])
+            if abs(step) < least:
+                least, slope = abs(step), sign * step
+    return slope

@@ -23,7 +23,7 @@ from omniscv.job import Job
 from omniscv.make.contents import check
 from omniscv.make.moments import images_of, moments, renderer_at
 from omniscv.make.source import opened
-from omniscv.planning import CameraRays, Kept, Round, Task, drive
+from omniscv.planning import ImageRays, Kept, Plan, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.sources.base import Request, Source, View
@@ -119,18 +119,18 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                         renderer_then.task(camera, pose, job.options, border_px=border_px)
                         for camera, pose in take.views
                     ]
-                    modes = planning.sampled(take.modes, job.options)
-                    tasks, _ = planning.together(views, modes)
-                    fresh = _Capturing(tasks, modes, needed, part)
-                    needed |= planning.proven(renderer_then.source, modes, fresh)
+                    modes = job.options.sampled(take.modes)
+                    plans = planning.share_captures(views, modes)
+                    fresh = _Capturing(plans, modes, needed, part)
+                    needed |= planning.verify_still(renderer_then.source, modes, fresh)
     return len(needed)
 
 
 class _Capturing:
-    """Captures what tasks need, but for what was captured before.
+    """Captures what plans need, but for what was captured before.
 
     Args:
-        tasks: of one instant.
+        plans: of one instant.
         modes: of their images.
         before: what is not captured again.
         report: called after each viewpoint and task.
@@ -138,19 +138,19 @@ class _Capturing:
 
     def __init__(
         self,
-        tasks: Sequence[Task],
+        plans: Sequence[Plan],
         modes: tuple[str, ...],
         before: dict[Request, None],
         report: Report,
     ) -> None:
-        self._tasks, self._modes, self._before, self._report = tasks, modes, before, report
+        self._plans, self._modes, self._before, self._report = plans, modes, before, report
 
     def __call__(self, source: Source) -> dict[Request, None]:
         """Capture from a source; return what was captured."""
         fresh: dict[Request, None] = {}
         self._progress = Progress()
-        for task in self._tasks:
-            drive(planning.rounds(task), partial(self._round, source, fresh))
+        for plan in self._plans:
+            drive(plan.rounds(), partial(self._round, source, fresh))
             self._add(Progress(images=1))
         return fresh
 
@@ -186,7 +186,7 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
     check(job)
     capabilities = known_capabilities(job.sources[0])
     if capabilities is not None and not measure and job.sampling is None:
-        rays = cache(CameraRays)
+        rays = cache(ImageRays)
         planned = _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         seconds_per_request = _TICK_S
     else:
@@ -211,7 +211,7 @@ def _planned(
         for take in moment.takes:
             tasks = [task_of(camera, pose) for camera, pose in take.views]
             found.setdefault((take.instant.state, take.modes), []).append(tasks)
-    return [(planning.sampled(modes, job.options), frames) for (_, modes), frames in found.items()]
+    return [(job.options.sampled(modes), frames) for (_, modes), frames in found.items()]
 
 
 def _request_seconds(source: Source) -> float:

@@ -1,35 +1,42 @@
 """From a camera and a pose to the views that its image needs."""
 
-from omniscv.planning.base import (
-    FILTERS,
-    Filter,
-    FoundDepth,
+from omniscv.planning.ray_marching import KnownDepth
+from omniscv.planning.rays import ImageRays, RayGroup
+from omniscv.planning.recorded_views import RecordedViews
+from omniscv.planning.reproject import Adaptive, Reproject
+from omniscv.planning.rounds import (
     Kept,
-    RenderKeywords,
-    RenderOptions,
     Round,
     Rounds,
-    Strategy,
-    Task,
     Viewpoint,
     captured,
     captured_progress,
     drive,
-    sampled,
 )
-from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints, strip_viewpoints
-from omniscv.planning.recorded_faces import RecordedViews
-from omniscv.planning.registry import get, names, register, rounds
-from omniscv.planning.sharing import together
-from omniscv.planning.stillness import proven
-from omniscv.planning.viewpoints import CameraRays, RayGroup
+from omniscv.planning.sharing import Plan, share_captures
+from omniscv.planning.stillness import verify_still
+from omniscv.planning.strategies import (
+    Auto,
+    Cube,
+    Faces,
+    Strips,
+    cheapest_viewpoints,
+    face_viewpoints,
+    strip_viewpoints,
+)
+from omniscv.planning.strategy import Strategy, Task, get, names, register, rounds
+from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
+
+for _strategy in (Auto, Cube, Faces, Strips, Reproject, Adaptive):
+    register(_strategy)
 
 __all__ = [
     "FILTERS",
-    "CameraRays",
     "Filter",
-    "FoundDepth",
+    "ImageRays",
     "Kept",
+    "KnownDepth",
+    "Plan",
     "RayGroup",
     "RecordedViews",
     "RenderKeywords",
@@ -46,10 +53,9 @@ __all__ = [
     "face_viewpoints",
     "get",
     "names",
-    "proven",
     "register",
     "rounds",
-    "sampled",
+    "share_captures",
     "strip_viewpoints",
-    "together",
+    "verify_still",
 ]

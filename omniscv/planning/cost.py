@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import Any
@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from omniscv import modalities
-from omniscv.planning.base import Round, Task, Viewpoint, drive
-from omniscv.planning.registry import get, rounds
-from omniscv.planning.sharing import together
+from omniscv.planning.sharing import Plan, share_captures
+from omniscv.planning.strategy import Task, get
 from omniscv.sources.base import Request
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a strategy asks of a source. Where that depends on what is captured, an estimate, and the most.
+    """Captures and time that a strategy needs. Where they depend on captured depth, an estimate, and the
+    most.
 
     Attributes:
         strategy: its name.
@@ -56,9 +56,9 @@ def cost(
     """Return the cost of images whose views are captured once each.
 
     Args:
-        strategy: its name; in place of the one that the tasks' options have.
-        frames: of each moment one task an image; these share captures.
-        modes: what is captured.
+        strategy: its name; used instead of the strategy in the tasks' options.
+        frames: for each moment its tasks, which share captures.
+        modes: of the captures.
         seconds_per_request: of the source.
 
     Raises:
@@ -67,16 +67,10 @@ def cost(
     requests: dict[Request, None] = {}
     further = most = 0
     displacement_m = 0.0
-    for task in chain.from_iterable(_with_strategy(strategy, frame, modes) for frame in frames):
-        serving: list[Viewpoint] = []
-
-        def plan(round_: Round, serving: list[Viewpoint] = serving) -> None:
-            requests.update(dict.fromkeys(round_.requests(modes)))
-            serving += round_.viewpoints
-
-        drive(rounds(task), plan)
-        displacement_m = max([displacement_m, *(_displacement_m(task, each) for each in serving)])
-        estimate, limit = get(strategy).further_views(task)
+    for plan in chain.from_iterable(_plans(strategy, tasks, modes) for tasks in frames):
+        requests |= plan.requests
+        displacement_m = max([displacement_m, *_displacements_m(plan)])
+        estimate, limit = get(strategy).further_views(plan.task)
         further, most = further + estimate, most + limit
     each = len({*modes, "depth"}) if further else len(modes)
     areas = [request.view.width * request.view.height for request in requests]
@@ -98,18 +92,24 @@ def cost(
     )
 
 
-def _with_strategy(strategy: str, frame: Sequence[Task], modes: Sequence[str]) -> list[Task]:
-    """The tasks of a moment with a strategy, and with options by which they share captures."""
+def _plans(strategy: str, tasks: Sequence[Task], modes: Sequence[str]) -> list[Plan]:
+    """Return the plans of a moment's tasks with a strategy, by which they share captures."""
     changes: dict[str, Any] = {"strategy": strategy}
     if not get(strategy).approximate:
         changes["max_error_px"] = None
-    return together([replace(task, options=replace(task.options, **changes)) for task in frame], modes)[0]
+    changed = [replace(task, options=replace(task.options, **changes)) for task in tasks]
+    return [plan if plan.requests else Plan.make(plan.task, modes) for plan in share_captures(changed, modes)]
 
 
-def _displacement_m(task: Task, viewpoint: Viewpoint) -> float:
-    """How far from its own optical centre a pixel is captured, at most; marched rays are not."""
-    origins = task.rays.origins
-    if origins is None or viewpoint.toward_w is not None or not len(viewpoint.pixels):
-        return 0.0
-    own_w = task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels])
-    return float(np.linalg.norm(own_w - viewpoint.center_w, axis=1).max())
+def _displacements_m(plan: Plan) -> Iterator[float]:
+    """Yield for each viewpoint how far from its own optical centre a pixel is captured, at most.
+
+    Rays that are marched are captured from their own.
+    """
+    task, origins = plan.task, plan.task.rays.origins
+    if origins is None:
+        return
+    for viewpoint in (each for round_ in plan.planned or () for each in round_.viewpoints):
+        if viewpoint.toward_w is None and len(viewpoint.pixels):
+            own_w = task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels])
+            yield float(np.linalg.norm(own_w - viewpoint.center_w, axis=1).max())

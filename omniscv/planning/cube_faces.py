@@ -1,6 +1,6 @@
 """Cube maps: faces aligned with the world at an optical centre.
 
-World-aligned, so that one set of captures serves every orientation of a camera at that place.
+They are world-aligned, so that one set of captures serves every orientation of a camera at that centre.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from omniscv.compiled import njit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.parallel import blocks
-from omniscv.planning.base import Task
+from omniscv.planning.strategy import Task
 from omniscv.sources.base import View
 
 ROTATIONS = tuple(R_w_c for _, R_w_c in cube_rotations())
@@ -22,16 +22,16 @@ FACE_BORDER_PX = 4
 """The filter support beyond a ray's pixel, and two for good measure."""
 
 _EVERY = 101
-"""Of how many rays one is enough to find that an image that looks everywhere hits all faces."""
+"""One of so many rays is tested first: an image that looks everywhere hits all faces already with these."""
 
 
 class CubeFaces:
-    """The faces that a task's source captures, as near as it can to those that are wanted.
+    """Cube faces in the size and field of view that a task's source can capture.
 
     Args:
-        task: what is planned for.
-        edge: px of a 90 degree face.
-        border_px: how much wider than 90 degrees they are wanted on every side.
+        task: the image.
+        edge: wanted px of a 90 degree face.
+        border_px: how much wider than 90 degrees faces should be on every side.
 
     Raises:
         ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them.
@@ -58,25 +58,26 @@ class CubeFaces:
                     f"faces: expected pictures of at least 90 degrees both ways, got {width} x {height} of "
                     f"{fov_deg:g} degrees across; set the server to a square size and a field of view of 90"
                 )
-        self._kind = fov_deg, width, height
+        self._shape = fov_deg, width, height
 
     def views(self, center_w: Array, hit: NDArray[np.bool_]) -> tuple[View, ...]:
         """Return the views at a centre that show the faces that are hit, in the order of :func:`faces_hit`.
 
-        Of a recording, faces of other sizes than the wanted ones are taken where it has no such.
+        Of a recording, faces of another size are taken where it lacks these.
         """
-        six = tuple(View(Pose(center_w, R_w_c), *self._kind) for R_w_c in ROTATIONS)
+        six = tuple(View(Pose(center_w, R_w_c), *self._shape) for R_w_c in ROTATIONS)
         if self._task.recorded is not None:
             six = self._task.recorded.faces(center_w, six, self._task.options.truth_scale)
-        covers = [self._task.cover(view) for view, wanted in zip(six, hit, strict=True) if wanted]
+        covers = [self._task.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
         return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
 
 
 def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
-    """Return (6,) bool, the faces that rays hit, in the order of ``ROTATIONS``; on an edge both sides are.
+    """Return (6,) bool, the faces that rays hit, in the order of ``ROTATIONS``; on an edge both faces are
+    hit.
 
     Args:
-        directions: (N, 3) in a frame d.
+        directions: (N, 3) in a frame d; NaN for no ray.
         R_w_d: (3, 3) from that frame to the world.
     """
     axes_w = np.array([R_w_c[:, 2] for R_w_c in ROTATIONS])

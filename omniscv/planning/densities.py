@@ -1,31 +1,41 @@
-"""How finely a camera samples the sphere, and the views that keep up with it.
+"""How finely a camera samples the sphere of directions, and the views that keep up with it.
 
-Two things ask for pixels. Detail in colours: views sample as densely as the camera does, along the coarser of
+Two things need pixels. Detail in colours: views sample as densely as the camera does, along the coarser of
 its axes (the finer one, where both differ, adds nothing by measurement). And edges in masks and depth, which
 are not blended: there a pixel is wrong if an edge runs between its ray and the nearest of the view's, so that
 the wrong part of an image is the length of the edges per solid angle times the angle between the view's
 pixels, whatever the camera's own sampling. Small images of much of a room need views finer than they are.
 """
 
+import math
+from dataclasses import dataclass, replace
+
+import cv2
 import numpy as np
 
+from omniscv.cameras import Camera, Rays
+from omniscv.compiled import njit
 from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats, Ints, Mask, run
+from omniscv.parallel import blocks
+from omniscv.render_options import LARGEST_FACE_PX
 
+SMALLEST, LARGEST = 384, LARGEST_FACE_PX
+"""px of a 90 degree face. With the smallest, 0.8 % of the labels are wrong at most in rooms, and points lie
+within 16 mm of a surface (test_enough_pixels.py); a capture takes about as long as one of a single pixel."""
 _QUANTILE = 0.98  # of the pixels, by how finely they sample
 _MULTIPLE = 8
 _OVERSAMPLING = 1.2
 """By measurement: with less, faces of twice the size gain a tenth and more (test_face_size.py)."""
-SMALLEST, LARGEST = 384, 8192
-"""px of a 90 degree face. With the smallest, 0.8 % of the labels are wrong at most in rooms, and points lie
-within 16 mm of a surface (test_enough_pixels.py); a capture takes about as long as one of a single pixel."""
-
-
 _PARALLEL_M = 2.0
-"""From where a step between parallel rays is seen as an angle, metres: about as far are surfaces in rooms."""
+"""Distance at which a step between parallel rays counts as an angle, metres: about as far are surfaces in
+rooms."""
+_SUBRAYS = 8
+"""Rays per axis of a pixel at the rim, to find its part inside the field of view."""
 
 
 def steps(directions: Array, origins: Array | None = None) -> Array:
-    """(H, W) angle in radians from each pixel's ray to the next one's, along the coarser of the two axes.
+    """Return (H, W) the angle in radians from each pixel's ray to the next one's, along the coarser axis.
 
     NaN where a pixel has no valid neighbour. Near the poles of a panorama columns crowd, but rows, and so
     detail, do not: hence the coarser. The step between parallel rays is that between their origins, seen
@@ -35,7 +45,7 @@ def steps(directions: Array, origins: Array | None = None) -> Array:
         directions: (H, W, 3) unit, NaN where not valid.
         origins: (H, W, 3) metres; None: one for all.
     """
-    found = []
+    by_axis = []
     for axis in (0, 1):
         lines = np.moveaxis(directions, axis, 0)
         angle = np.full(lines.shape[:-1], np.nan)
@@ -45,8 +55,8 @@ def steps(directions: Array, origins: Array | None = None) -> Array:
                 apart = np.linalg.norm(np.diff(origins, axis=axis), axis=-1) / _PARALLEL_M
                 angle[:-1] = np.where(angle[:-1] == 0, np.moveaxis(apart, axis, 0), angle[:-1])
             angle[-1] = angle[-2]
-        found.append(np.moveaxis(angle, 0, axis))
-    return np.asarray(np.fmax(*found))
+        by_axis.append(np.moveaxis(angle, 0, axis))
+    return np.asarray(np.fmax(*by_axis))
 
 
 def focal_px(steps: Array, smallest: int = SMALLEST) -> float:
@@ -59,13 +69,148 @@ def focal_px(steps: Array, smallest: int = SMALLEST) -> float:
         steps: of a camera's pixels, or of those that a view shows.
         smallest: px of a 90 degree face that edges take.
     """
-    found = steps[np.isfinite(steps) & (steps > 0)]
-    if not found.size:
+    known = steps[np.isfinite(steps) & (steps > 0)]
+    if not known.size:
         return smallest / 2
-    dense = 1 / np.quantile(found, 1 - _QUANTILE, overwrite_input=True)  # px per radian where it is fine
+    dense = 1 / np.quantile(known, 1 - _QUANTILE, overwrite_input=True)  # px per radian where it is fine
     return max(smallest / 2, _OVERSAMPLING * float(dense))
 
 
 def face_size(steps: Array, smallest: int = SMALLEST) -> int:
     """Return the edge in px of the smallest 90 degree face with that focal length, at most LARGEST."""
     return min(int(_MULTIPLE * np.ceil(2 * focal_px(steps, smallest) / _MULTIPLE)), LARGEST)
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """The pixels that the end of the field of view cuts.
+
+    Attributes:
+        pixels: (M,) int64 flat indices, ascending.
+        centers: (M, 3) rays through the middle of each pixel's part inside, camera frame.
+        turns: (M, 2, 2) float32, from a pixel's edges to those of a box with the second moments of that part.
+    """
+
+    pixels: Ints
+    centers: Array
+    turns: Floats
+
+    def moved(self, first: int) -> "Rim":
+        """Return the rim with indices that count from pixel ``first`` on."""
+        return replace(self, pixels=self.pixels - first) if first else self
+
+
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """What N pixels span on the sphere of directions.
+
+    Attributes:
+        edges: (N, 2, 3) float32, the change of the unit ray across the pixel, along u and along v.
+        rim: (M,) indices of pixels that the end of the field of view cuts; their edges span the part inside.
+        centers: (M, 3) rays through the middle of that part.
+    """
+
+    edges: Floats
+    rim: Ints
+    centers: Array
+
+
+def footprints_of(pixels: Ints, rays: Array, rim: Rim) -> Footprints:
+    """Return what pixels span.
+
+    Args:
+        pixels: (N,) flat indices into ``rays``.
+        rays: (h, W, 3) of these pixels and of their neighbours, NaN where not valid.
+        rim: of the image, with flat indices into ``rays``.
+    """
+    edges = np.empty((len(pixels), 2, 3), np.float32)
+    run(_measure, (pixels, edges), rays)
+    at = np.searchsorted(rim.pixels, pixels)
+    known = rim.pixels[np.minimum(at, len(rim.pixels) - 1)] == pixels if len(rim.pixels) else at < 0
+    cut = np.flatnonzero(known)
+    edges[cut] = rim.turns[at[cut]] @ edges[cut]
+    return Footprints(edges, cut, rim.centers[at[cut]])
+
+
+def squares(directions: Array, steps: Floats) -> Footprints:
+    """Return square footprints, whose edges are (N,) radians long, around (N, 3) rays of any length."""
+    least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    edges = np.empty((len(directions), 2, 3))
+    edges[:, 0] = np.cross(directions, least)
+    edges[:, 1] = np.cross(directions, edges[:, 0])
+    edges *= (steps[:, None] / np.linalg.norm(edges, axis=-1))[..., None]
+    return Footprints(edges.astype(np.float32), np.empty(0, np.int64), np.empty((0, 3)))
+
+
+def rim_of(camera: Camera, valid: Mask) -> Rim:
+    """Return the rim of an image, from 8 x 8 rays in each pixel beside an invalid one.
+
+    Args:
+        camera: of the image.
+        valid: (H, W).
+    """
+    inner = cv2.erode(valid.astype(np.uint8), np.ones((3, 3)), borderValue=1)
+    pixels = np.flatnonzero(valid.ravel() & (inner.ravel() == 0))
+    at = (np.arange(_SUBRAYS) + 0.5) / _SUBRAYS - 0.5
+    offsets = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+    middles = np.stack(np.divmod(pixels, valid.shape[1])[::-1], axis=-1) + 0.5
+    rays = unproject(camera, middles[:, None] + offsets)
+    some = rays.valid.any(axis=1)
+    pixels, inside = pixels[some], rays.valid[some, :, None]
+    share = inside / inside.sum(axis=1, keepdims=True)
+    centers = (share * np.where(inside, rays.directions[some], 0)).sum(axis=1)
+    apart = offsets - (share * offsets).sum(axis=1, keepdims=True)
+    moments = np.einsum("nki,nkj->nij", share * apart, apart) / np.mean(at**2)
+    spread, axes = np.linalg.eigh(moments)
+    turns = np.sqrt(np.maximum(spread, 0))[:, :, None] * np.swapaxes(axes, 1, 2)
+    return Rim(pixels, centers, turns.astype(np.float32))
+
+
+def unproject(camera: Camera, pixels: Array) -> Rays:
+    """Return the rays of (H, W, 2) pixels, computed in blocks of rows on all cores.
+
+    Arrays are row-major, because rays are looked up by flat indices. A central camera's origins are 0 where
+    not valid, too.
+    """
+    shape = pixels.shape[:-1]
+    whole = Rays(np.zeros((*shape, 3)), np.empty((*shape, 3)), np.empty(shape, np.bool_))
+
+    def fill(rows: slice) -> None:
+        part = camera.unproject(pixels[rows])
+        whole.directions[rows], whole.valid[rows] = part.directions, part.valid
+        if not camera.central:  # zeros that are never written take no time
+            whole.origins[rows] = part.origins
+
+    blocks(fill, len(pixels), pixels[..., 0].size)
+    return whole
+
+
+@njit(cache=True, nogil=True)
+def _measure(pixels: Ints, edges: Floats, directions: Array) -> None:
+    """Write the edges of pixels: the mean change to both neighbours along an axis.
+
+    Where rays jump, only the change to the nearer neighbour counts; at the border, to the only one.
+    """
+    height, width = directions.shape[:2]
+    changes, lengths = np.empty((2, 3)), np.empty(2)
+    for i in range(pixels.shape[0]):
+        row, column = pixels[i] // width, pixels[i] % width
+        for axis in range(2):
+            down, across = axis, 1 - axis
+            for side in range(2):
+                sign = 2 * side - 1
+                r, c = row + sign * down, column + sign * across
+                lengths[side], squares = np.inf, 0.0
+                if 0 <= r < height and 0 <= c < width and not math.isnan(directions[r, c, 0]):
+                    for k in range(3):
+                        changes[side, k] = sign * (directions[r, c, k] - directions[row, column, k])
+                        squares += changes[side, k] ** 2
+                    lengths[side] = math.sqrt(squares)
+            least = min(lengths[0], lengths[1])
+            for k in range(3):
+                total, used = 0.0, 0
+                for side in range(2):
+                    if lengths[side] <= 2.0 * least and lengths[side] < np.inf:
+                        total += changes[side, k]
+                        used += 1
+                edges[i, axis, k] = total / max(used, 1)

@@ -1,8 +1,8 @@
 """Non-central images from few optical centres: every ray finds its point in depth captured elsewhere.
 
 Rays are marched through the depth captured at the nearest centres until one certifies that all of the way
-is free (:mod:`omniscv.planning.depth_marching`): the pixel is then looked up there, in the direction of the
-point that the ray meets. What no depth map serves is captured exactly, from the ray's own centre.
+is free (:mod:`omniscv.planning.ray_marching`): the pixel is then looked up there, in the direction of the
+point that the ray meets. Rays that no depth map serves are captured exactly, from their own centre.
 
 Where it fails: objects thinner than a pixel of a capture, which a ray may pass unnoticed; mirrors, glass
 and gloss, whose lit colour depends on the viewpoint; a rim of half a capture's pixel around silhouettes,
@@ -16,27 +16,33 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.geometry import Array
-from omniscv.planning.base import FoundDepth, Round, Rounds, Strategy, Task, Viewpoint
+from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_marching import Met, march
-from omniscv.planning.depth_shell import DepthShell, depth_shell
-from omniscv.planning.exact import cheapest_viewpoints, face_viewpoints
-from omniscv.planning.viewpoints import Groups, ray_group
-from omniscv.planning.visibility import look_around, visible
+from omniscv.planning.occlusion import capture_around, visible
+from omniscv.planning.ray_marching import DepthShell, Hits, KnownDepth, depth_shell, march
+from omniscv.planning.rays import Groups, RayGroup
+from omniscv.planning.rounds import Round, Rounds, Viewpoint
+from omniscv.planning.strategies import cheapest_viewpoints, face_viewpoints
+from omniscv.planning.strategy import Strategy, Task
 from omniscv.sources.base import Capture
 
-INITIAL_VIEWPOINTS = 8
+_INITIAL_VIEWPOINTS = 8
 _DEFAULT_ERROR_PX = 0.5
 _TRIES = 4
-"""Through how many centres, nearest first, a ray is marched."""
+"""Number of centres, nearest first, through which a ray is marched."""
 _ON_SURFACE = 0.003
-"""Of the reach: rays that end nearer to each other than this meet the same surface."""
+"""Relative to the reach: rays that end nearer to each other than this meet the same surface."""
 _SAMPLED_RAYS = 20_000
 _ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
 _FAR = 1e6  # metres: where the direction to a point of the sky is the ray's own
+
+# Of ``adaptive``:
+_ENOUGH = 0.003  # part of the rays that may stay uncertified
+_MOST_ADDED = 8  # centres that a round adds at most
+_NEIGHBOURHOODS = 128
+_WORTH = 100  # rays that a new centre must promise to resolve: fewer are cheaper left unsure
 
 
 class Reproject(Strategy):
@@ -47,38 +53,74 @@ class Reproject(Strategy):
     max_rounds: ClassVar[int] = 1
 
     def rounds(self, task: Task) -> Rounds:
-        groups = task.groups(None if task.rays.camera.central else INITIAL_VIEWPOINTS)
-        around = yield from look_around(task, groups)
+        groups = task.groups(None if task.rays.camera.central else _INITIAL_VIEWPOINTS)
+        around = yield from capture_around(task, groups)
         if len(groups) < 2:
             yield Round(face_viewpoints(task, groups, around))
             return
-        rays = MarchedRays(task, groups)
+        search = Search(task, groups)
         centers_w = [task.pose.to_world(group.center_c) for group in groups]
         for _ in range(self.max_rounds):
-            viewpoints = tuple(rays.depth_viewpoint(center_w) for center_w in centers_w)
+            viewpoints = tuple(search.depth_viewpoint(center_w) for center_w in centers_w)
             kept = yield Round(viewpoints)
             if kept is None:  # only a plan: as if every centre served a pixel
-                known = FoundDepth(*np.zeros((5, 0)))
-                yield Round(tuple(replace(v, modes=None, keep=False, found=known) for v in viewpoints))
+                known = KnownDepth(*np.zeros((5, 0)))
+                yield Round(tuple(replace(v, modes=None, keep=False, known_depth=known) for v in viewpoints))
                 return
-            rays.march([each["depth"] for each in kept])
-            centers_w = self.next_centers(rays)
+            search.march([captures["depth"] for captures in kept])
+            centers_w = self.next_centers(search)
             if not centers_w:
                 break
-        yield Round((*rays.found(around), *rays.exact(around)))
+        yield Round((*search.viewpoints(around), *search.exact_viewpoints(around)))
 
-    def next_centers(self, rays: MarchedRays) -> list[Array]:
+    def next_centers(self, search: Search) -> list[Array]:
         """Return where to capture depth next, (3,) world frame each."""
         return []
 
 
-class MarchedRays:
-    """The image's valid rays, in the world, and what is known of each.
+class Adaptive(Reproject):
+    """Add centres at the origins of the rays whose neighbourhoods hold the most uncertified ones.
+
+    Until almost none is left, or more centres hardly help.
+    """
+
+    name = "adaptive"
+    max_rounds = 5
+
+    def next_centers(self, search: Search) -> list[Array]:
+        unsure = ~search.hits.sure
+        if unsure.mean() <= _ENOUGH:
+            return []
+        groups = int(search.center_of.max()) + 1
+        reach = max(1, groups // _NEIGHBOURHOODS)
+        count = np.bincount(search.center_of[unsure], minlength=groups).astype(np.float64)
+        before = np.concatenate([[0.0], np.cumsum(count)])
+        at = np.arange(groups)
+        around = before[np.minimum(at + reach + 1, groups)] - before[np.maximum(at - reach, 0)]
+        last_of = np.full(groups, -1)
+        last_of[search.center_of] = np.arange(len(search.center_of))
+        centers_w: list[Array] = []
+        while len(centers_w) < _MOST_ADDED and around.max() >= _WORTH:
+            best = int(np.argmax(around))
+            centers_w.append(search.origins_w[last_of[best]])
+            around[max(0, best - 2 * reach) : best + 2 * reach + 1] = 0
+        return centers_w
+
+    def further_views(self, task: Task) -> tuple[int, int]:
+        if len(task.groups(_INITIAL_VIEWPOINTS)) < 2:
+            return 0, 0
+        # An estimate: one round's centres; at most: all rounds', and every one of the camera's own.
+        added, own = 6 * _MOST_ADDED, 6 * len(task.rays.own_viewpoints.centers)
+        return added, (self.max_rounds - 1) * added + own
+
+
+class Search:
+    """The image's valid rays in the world, and what each is known to meet.
 
     Attributes:
         origins_w, directions_w: (N, 3), unit directions.
-        own: (N,) the row of the optical centre among the camera's own viewpoints.
-        met: what each ray meets, as far as it is known.
+        center_of: (N,) the row of the optical centre among the camera's own viewpoints.
+        hits: of the rays, as far as they are known.
     """
 
     def __init__(self, task: Task, groups: Groups) -> None:
@@ -86,16 +128,14 @@ class MarchedRays:
         assert origins is not None
         self._task = task
         self._pixels = np.flatnonzero(rays.valid)
-        self._directions_c = rays.directions.reshape(-1, 3)[self._pixels]
         self.origins_w = task.pose.to_world(origins.reshape(-1, 3)[self._pixels])
-        self.directions_w = self._directions_c @ task.pose.R_w_c.T
-        own = rays.own
-        self.own, self._own_centers_c = own.index.ravel()[self._pixels].astype(np.int64), own.centers
+        self.directions_w = rays.directions.reshape(-1, 3)[self._pixels] @ task.pose.R_w_c.T
+        own = rays.own_viewpoints
+        self.center_of, self._centers_c = own.index.ravel()[self._pixels].astype(np.int64), own.centers
         steps = rays.steps.ravel()[self._pixels]
         self._steps = np.where(steps > 0, steps, np.nanmedian(steps))  # unknown for a rim's single pixels
-        count = len(self._pixels)
-        self._shell_of = np.full(count, -1)
-        self.met = Met.nothing(count)
+        self._shell_of = np.full(len(self._pixels), -1)
+        self.hits = Hits.unknown(len(self._pixels))
         self._shells: list[DepthShell] = []
         self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
@@ -108,8 +148,8 @@ class MarchedRays:
         views = self._faces.views(center_w, self._hit)
         return Viewpoint(center_w, views, np.zeros(0, np.int64), modes=("depth",), keep=True)
 
-    def _faces_on_the_way(self, center_w: Array) -> NDArray[np.bool_]:
-        """(6,) which faces of a centre see parts of the rays' way."""
+    def _faces_on_the_way(self, center_w: Array) -> Mask:
+        """Return (6,) which faces of a centre see parts of the rays' way."""
         some = slice(None, None, max(1, len(self.origins_w) // _SAMPLED_RAYS))
         offset, directions_w = self.origins_w[some] - center_w, self.directions_w[some]
         away = np.linalg.norm(offset, axis=1, keepdims=True)
@@ -117,81 +157,84 @@ class MarchedRays:
         return np.asarray(np.any(ways, axis=0))
 
     def march(self, depth: Sequence[Sequence[Capture]]) -> None:
-        """March the rays that are not yet certified through the nearest centres, the new ones only."""
+        """March the rays that are not yet certified through the nearest of all centres, if these are new.
+
+        Args:
+            depth: captures at each new centre.
+        """
         first = len(self._shells)
         self._shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
         centers_w = np.array([shell.center_w for shell in self._shells])
-        open_ = np.flatnonzero(~self.met.sure)
-        x, y, z = (self.origins_w[open_].T[:, :, None] - centers_w.T[:, None]) ** 2
+        unsure = np.flatnonzero(~self.hits.sure)
+        x, y, z = (self.origins_w[unsure].T[:, :, None] - centers_w.T[:, None]) ** 2
         away = x + y + z  # a sum over an axis of three takes twice as long
         nearest = np.argsort(away, axis=1, kind="stable")[:, :_TRIES]
         for rank in range(nearest.shape[1]):
             for number in range(first, len(self._shells)):
-                mine = open_[(nearest[:, rank] == number) & ~self.met.sure[open_]]
-                if len(mine):
-                    self._march_through(number, mine)
+                rows = unsure[(nearest[:, rank] == number) & ~self.hits.sure[unsure]]
+                if len(rows):
+                    self._march_through(number, rows)
 
-    def _march_through(self, number: int, mine: NDArray[np.int64]) -> None:
-        met = march(self._shells[number], self.origins_w[mine], self.directions_w[mine])
+    def _march_through(self, number: int, rows: Ints) -> None:
+        hits = march(self._shells[number], self.origins_w[rows], self.directions_w[rows])
         limit = self._task.options.max_error_px
-        behind = met.reach <= 0  # a hit counts only in front of the ray's origin
-        error_px = met.direction_error / self._steps[mine]
-        met.reach[behind] = np.nan
+        behind = hits.reach <= 0  # a hit counts only in front of the ray's origin
+        error_px = hits.direction_error / self._steps[rows]
+        hits.reach[behind] = np.nan
         wrong = ~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)) | behind
-        met.sure[wrong], met.hidden_from[wrong], met.hidden_to[wrong] = False, 0.0, np.inf
-        self._join(mine, met)
+        hits.sure[wrong], hits.hidden_from[wrong], hits.hidden_to[wrong] = False, 0.0, np.inf
+        self._join(rows, hits)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
-        better = met.sure | (np.isnan(self.met.reach[mine]) & ~np.isnan(met.reach))
-        chosen = mine[better]
+        better = hits.sure | (np.isnan(self.hits.reach[rows]) & ~np.isnan(hits.reach))
+        chosen = rows[better]
         self._shell_of[chosen] = number
-        for known, new in zip(self.met, met, strict=True):
+        for known, new in zip(self.hits, hits, strict=True):
             known[chosen] = new[better]
 
-    def _join(self, mine: NDArray[np.int64], met: Met) -> None:
-        """Certify rays that several centres together see all of, and let meet the same surface."""
-        known = self.met.of(mine)
+    def _join(self, rows: Ints, hits: Hits) -> None:
+        """Certify rays that meet one surface from several centres which together see all of their way."""
+        known = self.hits.of(rows)
         with np.errstate(invalid="ignore"):
-            same = (known.reach == met.reach) | (
-                np.abs(known.reach - met.reach) <= known.error + met.error + _ON_SURFACE * known.reach
+            same = (known.reach == hits.reach) | (
+                np.abs(known.reach - hits.reach) <= known.error + hits.error + _ON_SURFACE * known.reach
             )
-        same &= ~met.sure & ~np.isnan(known.reach)
-        self.met.hidden_from[mine[same]] = np.maximum(known.hidden_from, met.hidden_from)[same]
-        self.met.hidden_to[mine[same]] = np.minimum(known.hidden_to, met.hidden_to)[same]
-        together = mine[same]
-        self.met.sure[together] = self.met.hidden_from[together] >= self.met.hidden_to[together]
-        self.met.grazes[together] |= met.grazes[same]
-        passed = mine[same & met.grazes]
-        self.met.error[passed] = np.maximum(self.met.error[passed], met.error[same & met.grazes])
+        same &= ~hits.sure & ~np.isnan(known.reach)
+        joined = rows[same]
+        self.hits.hidden_from[joined] = np.maximum(known.hidden_from, hits.hidden_from)[same]
+        self.hits.hidden_to[joined] = np.minimum(known.hidden_to, hits.hidden_to)[same]
+        self.hits.sure[joined] = self.hits.hidden_from[joined] >= self.hits.hidden_to[joined]
+        self.hits.grazes[joined] |= hits.grazes[same]
+        grazing = rows[same & hits.grazes]
+        self.hits.error[grazing] = np.maximum(self.hits.error[grazing], hits.error[same & hits.grazes])
 
-    def found(self, around: DepthShell | None) -> Iterator[Viewpoint]:
-        """Yield the centres through which rays were found, with the faces that see the points."""
+    def viewpoints(self, around: DepthShell | None) -> Iterator[Viewpoint]:
+        """Yield the centres that serve rays, with the faces that see the points which these meet."""
         occluded = None if around is None else ~visible(around, self.origins_w)
         for number, shell in enumerate(self._shells):
-            mine = np.flatnonzero(self._shell_of == number)
-            if not len(mine):
+            rows = np.flatnonzero(self._shell_of == number)
+            if not len(rows):
                 continue
-            met = self.met.of(mine)
-            reach = np.where(np.isfinite(met.reach), met.reach, _FAR)[:, None]
-            toward_w = self.origins_w[mine] + reach * self.directions_w[mine] - shell.center_w
+            hits = self.hits.of(rows)
+            reach = np.where(np.isfinite(hits.reach), hits.reach, _FAR)[:, None]
+            toward_w = self.origins_w[rows] + reach * self.directions_w[rows] - shell.center_w
             views = self._faces.views(shell.center_w, faces_hit(toward_w, np.eye(3)))
-            hidden = None if occluded is None else occluded[mine]
             yield Viewpoint(
                 shell.center_w,
                 views,
-                self._pixels[mine],
+                self._pixels[rows],
                 toward_w=toward_w,
-                found=met.found(),
-                occluded=hidden,
+                known_depth=hits.known_depth(),
+                occluded=None if occluded is None else occluded[rows],
             )
 
-    def exact(self, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        """Return the rays' own centres for those that no depth map serves."""
+    def exact_viewpoints(self, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        """Return the own centres of the rays that no depth map serves."""
         lost = np.flatnonzero(self._shell_of < 0)
-        order = lost[np.argsort(self.own[lost], kind="stable")]
-        starts = np.flatnonzero(np.diff(self.own[order], prepend=-1))
+        order = lost[np.argsort(self.center_of[lost], kind="stable")]
+        starts = np.flatnonzero(np.diff(self.center_of[order], prepend=-1))
         groups = [
-            ray_group(self._own_centers_c[self.own[mine[0]]], self._pixels[mine], self._directions_c[mine])
-            for mine in np.split(order, starts[1:])
-            if len(mine)
+            RayGroup(self._centers_c[self.center_of[rows[0]]], self._pixels[rows], self._task.rays)
+            for rows in np.split(order, starts[1:])
+            if len(rows)
         ]
         return cheapest_viewpoints(self._task, groups, around)

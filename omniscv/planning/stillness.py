@@ -1,10 +1,11 @@
-"""Proof that a world stood still while captures were made that belong together.
+"""Detect motion during a set of captures by repeating some of them.
 
-All belong together that one image shows, or the images of one moment. Where the world may move
-(:attr:`omniscv.sources.Capabilities.moves`), the first view at every optical centre is captured again, in
-depth and mask, behind the others there, and all views at the first centre are, there and at the end: so
-nothing moved that these see. If one of them differs, the world moved meanwhile: everything is captured anew,
-and given up after some tries. A source that is still pays nothing.
+The captures of one image, or of the images of one moment, must show one state of the world. Where the world
+may move (:attr:`omniscv.sources.Capabilities.moves`), depth and mask of the first view at every optical
+centre are captured again after the others there. All views at the first centre are repeated there and at the
+end. If one
+of them differs, the world moved: the set is captured again, at most ``TRIES`` times. Sources of a still world
+are not asked for more captures.
 """
 
 from __future__ import annotations
@@ -23,18 +24,18 @@ from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
 T = TypeVar("T")
 
 TRIES = 3
-"""How often a set is captured before it is given up."""
+"""How often a set is captured at most."""
 _PROOFS = ("depth", "object_mask")
-"""Modes that show where things are, and nothing that changes in a world that stands still."""
+"""Modes that show where things are, and are the same every time while nothing moves."""
 _log = logging.getLogger("omniscv")
 
 
-def proven(source: Source, modes: Sequence[str], make: Callable[[Source], T]) -> T:
-    """Return what is made of captures that belong together, and that show one instant.
+def verify_still(source: Source, modes: Sequence[str], make: Callable[[Source], T]) -> T:
+    """Return the result of a function whose captures show one instant.
 
     Args:
         source: where captures come from.
-        modes: in which they are made.
+        modes: of the captures.
         make: called with a source to capture from, again for every try.
 
     Raises:
@@ -47,9 +48,9 @@ def proven(source: Source, modes: Sequence[str], make: Callable[[Source], T]) ->
         try:
             with source.one_instant():
                 watched = StillSet(source, modes)
-                made = make(watched)
-                watched.prove()
-                return made
+                result = make(watched)
+                watched.verify()
+                return result
         except TornSetError as torn:
             if tries == TRIES:
                 raise
@@ -58,14 +59,13 @@ def proven(source: Source, modes: Sequence[str], make: Callable[[Source], T]) ->
 
 
 class StillSet(SourceWrapper):
-    """A source for captures that belong together; :meth:`prove` ends them. The source is not closed with it.
-
-    It belongs to one thread.
+    """A source for captures of one instant; :meth:`verify` ends them. For one thread; it does not close the
+    source.
 
     Args:
         source: where captures come from.
-        modes: in which most are made: where depth or masks are not among them, they are captured too, before
-            the view's others.
+        modes: of most requests. Depth and masks that are not among them are captured too, before the view's
+            others.
     """
 
     def __init__(self, source: Source, modes: Sequence[str]) -> None:
@@ -73,34 +73,35 @@ class StillSet(SourceWrapper):
         able = source.capabilities.modes
         self._proofs = tuple(mode for mode in _PROOFS if mode in able) or tuple(modes)
         self._lacking = tuple(mode for mode in self._proofs if mode not in modes)
-        self._first: dict[Any, Any] = {}  # by centre, what the first view there shows
+        self._first: dict[Any, Any] = {}  # by centre, the first view there
         self._shown: dict[Request, bytes] = {}
         self._delivered = self._visits = 0
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """As :meth:`Source.capture`; TornSetError if what is captured again differs.
+        """As :meth:`Source.capture`; TornSetError if a repeated capture differs.
 
-        Each capture comes one late, so that the last one comes when all that was captured is compared.
+        Each capture is delivered one late, so that all repeated ones are compared before the last is
+        delivered.
         """
-        wanted: deque[bool] = deque()
+        requested: deque[bool] = deque()
         late: Capture | None = None
-        for capture in self._source.capture(self._with_proofs(requests, wanted)):
+        for capture in self._source.capture(self._with_proofs(requests, requested)):
             if capture.request.again:
                 self._compare(capture)
             elif self._is_witness(capture.request.view) and capture.mode in self._proofs:
                 self._shown.setdefault(capture.request, _digest(capture))
             self._delivered += 1
-            if wanted.popleft():
+            if requested.popleft():
                 if late is not None:
                     yield late
                 late = capture
         if late is not None:
             yield late
 
-    def prove(self) -> None:
-        """Raise TornSetError unless all that the first centre shows is as it was.
+    def verify(self) -> None:
+        """Capture the first centre's views again; raise TornSetError if one differs.
 
-        What was captured in one visit there was compared at its end.
+        If no other centre was visited, they were compared at the end of the visit.
         """
         if self._visits < 2:
             return
@@ -112,10 +113,10 @@ class StillSet(SourceWrapper):
     def close(self) -> None:
         pass
 
-    def _with_proofs(self, requests: Iterable[Request], wanted: deque[bool]) -> Iterator[Request]:
-        """The requests, what is lacking before each, and what is captured again behind those of a centre.
+    def _with_proofs(self, requests: Iterable[Request], requested: deque[bool]) -> Iterator[Request]:
+        """Yield the requests, missing depth and masks before each, and repeated ones after those of a centre.
 
-        Which of them are wanted goes to ``wanted``.
+        Whether each was requested by the caller is appended to ``requested``.
         """
         for center, here in groupby(requests, lambda request: _center(request.view)):
             self._visits += 1
@@ -128,34 +129,33 @@ class StillSet(SourceWrapper):
                     extra = [each for each in extra if each not in witnesses]
                     mine = [request] if request.mode in self._proofs else []
                     witnesses.update(dict.fromkeys([*extra, *mine]))
-                wanted.extend([False] * len(extra) + [True])
+                requested.extend([False] * len(extra) + [True])
                 yield from extra
                 yield request
-            wanted.extend([False] * len(witnesses))
+            requested.extend([False] * len(witnesses))
             yield from (replace(each, again=True) for each in self._again(witnesses))
 
     def _again(self, witnesses: Iterable[Request]) -> list[Request]:
-        """The order in which views are captured again: forwards in one mode, backwards in the other.
+        """Return requests in the order of their repetition: forwards in one mode, backwards in the other.
 
-        What swings and is back after some time in one of them is elsewhere in the other.
+        An object that swings, and is back after the time of one mode, is elsewhere after the other's.
         """
-        some: list[Request] = []
-        others: list[Request] = []
-        for each in witnesses:
-            (some if each.mode == self._proofs[0] else others).append(each)
+        witnesses = list(witnesses)
+        some = [request for request in witnesses if request.mode == self._proofs[0]]
+        others = [request for request in witnesses if request.mode != self._proofs[0]]
         return some + others[::-1]
 
     def _is_witness(self, view: View) -> bool:
-        """Whether a view is captured again: all at the first centre are, and the first one elsewhere."""
+        """Return whether a view is repeated: all at the first centre are, and the first one elsewhere."""
         center = _center(view)
         return bool(center == next(iter(self._first)) or self._first[center] == _sight(view))
 
     def _compare(self, again: Capture) -> None:
         if _digest(again) != self._shown[replace(again.request, again=False)]:
             x, y, z = again.view.pose.position
-            wanted = f"expected a world that stands still while {self._delivered} captures are made"
+            expected = f"expected a world that stands still while {self._delivered} captures are made"
             got = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
-            raise TornSetError(f"{wanted}, got {got}; freeze it (--freeze, or source.at(...))")
+            raise TornSetError(f"{expected}, got {got}; freeze it (--freeze, or source.at(...))")
 
 
 def _center(view: View) -> Any:
@@ -163,7 +163,7 @@ def _center(view: View) -> Any:
 
 
 def _sight(view: View) -> Any:
-    """Where a view looks from and to, whatever its size: ground truth may be finer."""
+    """Return a view's pose and field of view, whatever its size: ground truth may be finer."""
     return view.key()._replace(width=0, height=0)
 
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from omniscv.compose.atlas import Atlas
-from omniscv.compose.gutter import FILTER_SUPPORT_PX
+from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
 from omniscv.modalities import Interpolation
 from omniscv.sources import View
 from omniscv.torch.lookup import Lookup
@@ -41,7 +40,7 @@ class Tiles(Protocol):
 
 class Blended:
     """Values between pixels are bilinear, of the captured values as they are: of sRGB in 8 bits where a
-    server sends that. Beyond a view's edge lies the gutter of :mod:`omniscv.compose.gutter`."""
+    server sends that. Beyond a view's edge lies the gutter of :mod:`omniscv.compose.atlas`."""
 
     def __init__(self, views: Sequence[View], faces: Pictures, device: torch.device) -> None:
         border = min(min(view.width, view.height) / 2 - view.focal_px for view in views)

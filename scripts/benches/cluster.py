@@ -23,8 +23,8 @@ import dask
 from distributed import Client, LocalCluster, Worker, as_completed
 
 from benches import Figure, Reference
-from omniscv.cluster.places import RESOURCE, settings
 from omniscv.cluster.tasks import HOW
+from omniscv.cluster.workers import RESOURCE, settings
 
 EACH = 5  # parts of a worker
 ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own

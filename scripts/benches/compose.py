@@ -14,9 +14,8 @@ from benches._faces import Noise, made_map
 from omniscv import Renderer, RenderOptions, cameras
 from omniscv.cameras import Camera
 from omniscv.chart.peers import peers
-from omniscv.compose.ray_bundle import ImageRays
 from omniscv.geometry import Pose, cube_rotations
-from omniscv.planning import CameraRays, Filter
+from omniscv.planning import Filter, ImageRays
 from omniscv.sources import Request
 
 POSE = Pose.from_angles((0, 0, 1.5), yaw_deg=20, pitch_deg=5)
@@ -51,8 +50,7 @@ def ways(camera: Camera, face_size: int) -> dict[str, Callable[[], object]]:
         renderer, options = Renderer(source), RenderOptions("cube", face_size=face_size, filter=filter)
         return lambda: renderer.render(camera, POSE, ("lit",), options)
 
-    rays = CameraRays(camera)
-    views, atlas, x, y = made_map(rays, ImageRays(rays), POSE, face_size)
+    views, atlas, x, y = made_map(ImageRays(camera), POSE, face_size)
     faces = [capture.pixels for capture in source.capture(Request(view, "lit") for view in views)]
     with atlas.picture(faces) as laid_out:
         picture = laid_out.copy()

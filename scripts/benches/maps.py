@@ -13,9 +13,8 @@ from benches import Figure, Reference, best_ms
 from benches._faces import Noise, made_map
 from omniscv import Renderer, RenderOptions, cameras
 from omniscv.cameras import Camera
-from omniscv.compose.ray_bundle import ImageRays
 from omniscv.geometry import Pose
-from omniscv.planning import CameraRays
+from omniscv.planning import ImageRays
 
 FISHEYES = ("fisheye-equidistant", "fisheye-stereographic", "fisheye-equisolid", "fisheye-orthographic")
 POSES = 6
@@ -39,21 +38,16 @@ def maps(width: int) -> dict[str, Callable[[], object]]:
     """Return what makes maps; each call has an orientation of its own."""
     turn = count()
 
-    def camera() -> CameraRays:
-        return CameraRays(cameras.create("equirectangular", width=width, height=width // 2))
+    def unprojected() -> ImageRays:
+        return ImageRays(cameras.create("equirectangular", width=width, height=width // 2))
 
-    def make(rays: CameraRays, image_rays: ImageRays) -> object:
-        return made_map(rays, image_rays, Pose.from_angles((0, 0, 1.5), yaw_deg=0.1 * next(turn)), width // 2)
+    def make(rays: ImageRays) -> object:
+        return made_map(rays, Pose.from_angles((0, 0, 1.5), yaw_deg=0.1 * next(turn)), width // 2)
 
-    def from_nothing() -> object:
-        rays = camera()
-        return make(rays, ImageRays(rays))
-
-    rays = camera()
-    image_rays = ImageRays(rays)
+    rays = unprojected()
     return {
-        "new orientation of a known camera": lambda: make(rays, image_rays),
-        "camera never seen": from_nothing,
+        "new orientation of a known camera": lambda: make(rays),
+        "camera never seen": lambda: make(unprojected()),
     }
 
 

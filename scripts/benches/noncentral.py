@@ -16,7 +16,7 @@ import omniscv
 from benches import Figure, Reference
 from omniscv import Pose, RenderOptions
 from omniscv.cameras import Camera, create
-from omniscv.planning import CameraRays
+from omniscv.planning import ImageRays
 from omniscv.sources import Capture, Request
 from omniscv.sources.base import Source, SourceWrapper
 from omniscv.sources.scene import SceneSource
@@ -46,7 +46,7 @@ def measure(quick: bool) -> Iterator[Figure]:
     title = f"cube of {2 * width} x {width} in depth"
     yield Figure(title, "most memory", "MB", peak_mb(), Reference("before", before))
     whole, part = panorama(width, width // 2), panorama(width // share, width // 2)
-    edge = 16 if quick else CameraRays(whole).face_size
+    edge = 16 if quick else ImageRays(whole).face_size
     title = f"noncentral-panorama {width} x {width // 2}, three modes"
     cube = share * captured(part, "cube", edge, latencies)
     for strategy in ("strips", "adaptive"):

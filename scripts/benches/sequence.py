@@ -21,8 +21,8 @@ from unittest.mock import patch
 
 import cv2
 
+import omniscv.compose.composition
 import omniscv.compose.files
-import omniscv.compose.image
 import omniscv.compose.samplers
 import omniscv.sources.recording.rows
 from benches import Figure, Reference
@@ -41,7 +41,7 @@ PARTS = (
     (Atlas, "coordinates", "map"),
     (CpuSampler, "sample", "sample"),
     (CpuSampler, "sample_depth", "sample"),
-    (omniscv.compose.image, "labels_of", "labels"),
+    (omniscv.compose.composition, "labels_of", "labels"),
     (omniscv.compose.files, "write_picture", "encode"),
     (Path, "write_bytes", "write"),
 )

@@ -10,7 +10,7 @@ from support.datasets import job_file, tree
 
 import omniscv
 from omniscv import cluster, jobs
-from omniscv.cluster.places import RESOURCE
+from omniscv.cluster.workers import RESOURCE
 from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
 from omniscv.make import parts_of
 from omniscv.sources.base import SourceWrapper

@@ -10,7 +10,7 @@ from support.datasets import job_file, tree
 from support.fake_slurm import install
 
 from omniscv import cli
-from omniscv.cluster.places import Address, place, settings
+from omniscv.cluster.workers import Address, settings, workers_of
 from omniscv.errors import ArgumentError, ClusterError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slurm-array.sh"
@@ -68,7 +68,7 @@ def test_workers_start_without_dasks_profiler_unless_the_user_says_so(given, tmp
         monkeypatch.setenv(name, given)
     path = tmp_path / "slurm.yaml"
     path.write_text(SLURM)
-    with place(f"slurm:{path}").cluster() as cluster:
+    with workers_of(f"slurm:{path}").cluster() as cluster:
         script = cluster.job_script()
     before, _, _ = script.partition("\nmodule load unreal\n")
     assert (f"\nexport {name}=False" in before) == (given is None)
@@ -78,7 +78,7 @@ def test_workers_start_without_dasks_profiler_unless_the_user_says_so(given, tmp
 def test_the_job_of_a_worker_ends_before_its_time(tmp_path):
     path = tmp_path / "slurm.yaml"
     path.write_text(SLURM)
-    found = place(f"slurm:{path}")
+    found = workers_of(f"slurm:{path}")
     assert found.workers == 2
     with found.cluster() as cluster:
         script = cluster.job_script()
@@ -111,14 +111,14 @@ def test_what_slurm_refuses_is_one_line(tmp_path, monkeypatch):
     refusing.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     with pytest.raises(ClusterError, match=r"expected SLURM to take a job, got: .*invalid partition"):
-        place(f"slurm:{path}").client(["mock://four-wall"]).__enter__()
+        workers_of(f"slurm:{path}").client(["mock://four-wall"]).__enter__()
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("workers: 2", "expected"),
-        (SLURM + "gpus: 2", "expected fields among"),
+        ("workers: 2", "missing key 'walltime'"),
+        (SLURM + "gpus: 2", "unknown key 'gpus'; known keys: workers, walltime"),
         (SLURM.replace('"01:00:00"', "60"), "walltime: expected a text"),
         (SLURM.replace("01:00:00", "1h"), "walltime: expected hours:minutes:seconds, at least 10 minutes"),
         (SLURM.replace("01:00:00", "00:05:00"), "walltime: expected hours:minutes:seconds"),
@@ -130,7 +130,7 @@ def test_a_wrong_file_is_one_line(text, says, tmp_path):
     path = tmp_path / "slurm.yaml"
     path.write_text(text)
     with pytest.raises(ArgumentError) as failed:
-        place(f"slurm:{path}")
+        workers_of(f"slurm:{path}")
     assert says in str(failed.value)
     assert str(path)[:20] in str(failed.value)
 
@@ -138,7 +138,7 @@ def test_a_wrong_file_is_one_line(text, says, tmp_path):
 @pytest.mark.parametrize("text", ["local:0", "local:x", "slurm:", "somewhere", "http://node:8786", ""])
 def test_a_place_that_is_none_is_refused(text):
     with pytest.raises(ArgumentError, match=r"--cluster: expected local, local:N, slurm:FILE\.yaml or"):
-        place(text)
+        workers_of(text)
 
 
 def test_no_scheduler_is_one_line():

@@ -8,7 +8,7 @@ import omniscv
 from mock_server import load_scene
 from omniscv.chart.truth import traced_mean
 from omniscv.geometry import Pose
-from omniscv.planning import CameraRays, densities
+from omniscv.planning import ImageRays, densities
 
 POSES = [
     Pose.from_angles(
@@ -30,7 +30,7 @@ def test_twice_the_size_gains_less_than_a_tenth(name):
     have a knee; the automatic size is no smaller than the edges in masks and depth take.
     """
     camera = CAMERAS[name]
-    knee = densities.face_size(CameraRays(camera).steps, smallest=8)
+    knee = densities.face_size(ImageRays(camera).steps, smallest=8)
     square = dict.fromkeys((0.25, 1, 2), 0.0)
     for pose in POSES:
         truth = traced_mean(SCENE, camera, pose, across=3)
@@ -45,15 +45,15 @@ def test_twice_the_size_gains_less_than_a_tenth(name):
 
 def test_the_density_of_a_panorama_is_that_of_its_equator():
     camera = omniscv.cameras.create("equirectangular", width=2048, height=1024)
-    assert CameraRays(camera).face_size == pytest.approx(1.2 * 2048 / np.pi, abs=8)
+    assert ImageRays(camera).face_size == pytest.approx(1.2 * 2048 / np.pi, abs=8)
 
 
 def test_the_density_of_a_pinhole_is_its_focal_length():
     """At the image's middle a step is 1 / f; the finest is towards the corners, by 1 / cos^2 at most."""
     camera = omniscv.cameras.create("pinhole", width=512, height=512, fov_deg=90)
-    assert 1.2 * 512 <= CameraRays(camera).face_size <= 1.2 * 2 * 512
+    assert 1.2 * 512 <= ImageRays(camera).face_size <= 1.2 * 2 * 512
 
 
 def test_the_size_of_a_small_image_is_what_edges_take():
     camera = omniscv.cameras.create("equirectangular", width=64, height=32)
-    assert CameraRays(camera).face_size == densities.SMALLEST
+    assert ImageRays(camera).face_size == densities.SMALLEST

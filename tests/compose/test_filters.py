@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omniscv.compose.bicubic import sample_bicubic
-from omniscv.compose.folding import remap
-from omniscv.compose.gutter import FILTER_SUPPORT_PX, Gutter
+from omniscv.compose.atlas import FILTER_SUPPORT_PX, Gutter
+from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import View
 
@@ -54,10 +53,10 @@ def test_remap_takes_any_number_of_points(count, row):
     """cv2.remap itself takes no row of 32767 px."""
     rng = np.random.default_rng(count)
     x, y = (rng.uniform(0, size - 1, count).astype(np.float32) for size in (WIDTH, HEIGHT))
-    found = remap(COLUMNS + 100 * ROWS, x, y, row)
+    found = sample_bilinear(COLUMNS + 100 * ROWS, x, y, row)
     assert found.shape == (count,)
     np.testing.assert_allclose(found, x + 100 * y, atol=3.2)  # 1/32 px of the steeper axis
-    assert remap(np.ones((4, 4, 3), np.uint8), x - 100, y, row).max() == 0
+    assert sample_bilinear(np.ones((4, 4, 3), np.uint8), x - 100, y, row).max() == 0
 
 
 def directions(view, level=0):

@@ -12,8 +12,7 @@ from mock_server import load_scene
 from omniscv import cameras
 from omniscv.geometry import Pose
 from omniscv.planning import FILTERS
-from omniscv.planning.tiled_rays import BYTES_PER_RAY, TiledRays
-from omniscv.planning.viewpoints import CameraRays
+from omniscv.planning.rays import BYTES_PER_RAY, ImageRays
 from omniscv.sources.scene import SceneSource
 from tests.cameras.examples import example_cameras
 from tests.support.cases import cases
@@ -66,7 +65,7 @@ def test_tiles_of_any_height_show_the_same(camera, rows, filter, strategy, face_
 @pytest.mark.parametrize("camera", CENTRAL, ids=lambda camera: camera.name)
 def test_what_plans_need_of_the_rays_is_the_same(camera):
     """Face sizes and single views decide what is requested: a recording must hold the same."""
-    tiled, whole = TiledRays(camera, 3 * camera.width * BYTES_PER_RAY), CameraRays(camera)
+    tiled, whole = ImageRays(camera, 3 * camera.width * BYTES_PER_RAY), ImageRays(camera)
     assert np.array_equal(tiled.steps, whole.steps, equal_nan=True)
     assert np.array_equal(tiled.directions, whole.directions, equal_nan=True)
     assert (tiled.face_size, tiled.typical_step) == (whole.face_size, whole.typical_step)
@@ -99,8 +98,8 @@ def test_a_tiled_image_never_holds_its_map():
 
 def test_face_sizes_are_found_with_less_than_the_rays():
     camera = cameras.create("equirectangular", width=1024, height=512)
-    peak, rays = peak_bytes(lambda: TiledRays(camera, 1 << 20))
+    peak, rays = peak_bytes(lambda: ImageRays(camera, 1 << 20))
     found, size = peak_bytes(lambda: rays.face_size)
     assert peak < 8 * rays.valid.size
     assert found < 32 * rays.valid.size
-    assert size == CameraRays(camera).face_size
+    assert size == ImageRays(camera).face_size

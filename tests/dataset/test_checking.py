@@ -9,7 +9,7 @@ import pytest
 from omniscv import cli, dataset, modalities, storage
 from omniscv.compose.files import write_picture
 from omniscv.dataset import manifest
-from omniscv.dataset.summary import info
+from omniscv.dataset.checking import info
 from omniscv.errors import OmniscvError
 from omniscv.frame import FileEntry
 

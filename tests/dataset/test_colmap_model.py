@@ -9,7 +9,7 @@ from support.traced_frames import frame_of, traced_frame
 import mock_server
 from omniscv import Pose, cameras
 from omniscv.dataset import get
-from omniscv.dataset.rigs import rigs
+from omniscv.dataset.sequences import rigs
 from omniscv.errors import ArgumentError
 
 SCENE = mock_server.load_scene("four-wall")

@@ -9,7 +9,7 @@ from PIL import Image
 
 import omniscv
 from omniscv import dataset
-from omniscv.dataset import photo_sphere
+from omniscv.dataset.spherical_metadata import photo_sphere_fields, with_photo_sphere
 from omniscv.errors import ArgumentError
 
 CAMERA = omniscv.cameras.create("equirectangular", width=64, height=32)
@@ -27,10 +27,10 @@ def encoded(image_format, **options):
 def test_other_programs_read_the_fields_and_the_same_pixels(tmp_path, image_format):
     plain = encoded(image_format)
     path = tmp_path / f"a.{image_format.lower()}"
-    path.write_bytes(photo_sphere.tagged(plain, CAMERA, POSE))
+    path.write_bytes(with_photo_sphere(plain, CAMERA, POSE))
     with pyexiv2.Image(str(path)) as file:
         found = {key.removeprefix("Xmp.GPano."): value for key, value in file.read_xmp().items()}
-    assert found == photo_sphere.fields(CAMERA, POSE)
+    assert found == photo_sphere_fields(CAMERA, POSE)
     assert {
         "ProjectionType": "equirectangular",
         "FullPanoWidthPixels": "64",
@@ -51,15 +51,15 @@ def test_other_programs_read_the_fields_and_the_same_pixels(tmp_path, image_form
 @pytest.mark.parametrize(("north_deg", "heading"), [(0, "0"), (90, "90"), (-90, "270"), (725, "5")])
 def test_headings_count_from_north(north_deg, heading):
     pose = omniscv.Pose.from_angles((0, 0, 0))
-    assert photo_sphere.fields(CAMERA, pose, north_deg)["PoseHeadingDegrees"] == heading
+    assert photo_sphere_fields(CAMERA, pose, north_deg)["PoseHeadingDegrees"] == heading
 
 
 def test_other_cameras_and_files_are_refused():
     fisheye = omniscv.cameras.create("fisheye-equidistant", width=32, height=32, fov_deg=180)
     with pytest.raises(ArgumentError, match="expected an equirectangular camera, got fisheye-equidistant"):
-        photo_sphere.fields(fisheye, POSE)
+        photo_sphere_fields(fisheye, POSE)
     with pytest.raises(ArgumentError, match="expected a PNG or JPEG file, got one that starts with b'GIF"):
-        photo_sphere.tagged(encoded("GIF"), CAMERA, POSE)
+        with_photo_sphere(encoded("GIF"), CAMERA, POSE)
 
 
 def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):

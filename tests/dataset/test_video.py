@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import omniscv
-from omniscv.dataset import Frame, spherical_video
+from omniscv.dataset import Frame
+from omniscv.dataset.spherical_metadata import video_boxes, with_video_boxes
 from omniscv.dataset.video import write_video
 from omniscv.errors import ArgumentError
 
@@ -69,7 +70,7 @@ def test_the_boxes_are_those_of_the_specification():
         "0000001c6571756900000000"
         "00000000000000000000000000000000"
     )
-    assert spherical_video.metadata().hex() == expected
+    assert video_boxes().hex() == expected
 
 
 def test_panoramas_are_spheres_and_their_frames_the_same(tmp_path):
@@ -102,7 +103,7 @@ def test_tags_do_not_touch_the_pictures(tmp_path, faststart):
         container.mux(stream.encode())
     plain = path.read_bytes()
     assert (plain.index(b"moov") < plain.index(b"mdat")) == faststart
-    before, after = decoded(plain), decoded(spherical_video.tagged(plain, "top-bottom"))
+    before, after = decoded(plain), decoded(with_video_boxes(plain))
     for (one, _), (other, side_data) in zip(before, after, strict=True):
         np.testing.assert_array_equal(one, other)
         assert "STEREO3D" in {each.type.name for each in side_data}
@@ -115,7 +116,7 @@ def test_other_cameras_have_no_sphere(tmp_path):
 
 def test_what_is_no_video_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected an MP4 file with a video track, got none"):
-        spherical_video.tagged(b"\0\0\0\x10moov\0\0\0\x08trak")
+        with_video_boxes(b"\0\0\0\x10moov\0\0\0\x08trak")
     with pytest.raises(ArgumentError, match="expected the frames of one camera, got none"):
         write_video([], tmp_path / "a.mp4")
     with pytest.raises(ArgumentError, match="expected an even width and height"):

@@ -7,8 +7,7 @@ import mock_server
 import omniscv
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.lines import evaluation as lines
-from omniscv.evaluate.lines.boundaries import boundary, outline
-from omniscv.evaluate.lines.true_edges import room_edges, seen_edges
+from omniscv.evaluate.lines.true_edges import boundary, room_edges, seen_edges
 from omniscv.evaluate.registry import Settings, run
 
 
@@ -17,7 +16,7 @@ def test_boundaries_lie_between_the_pixels_of_two_labels():
     assert sorted(map(tuple, boundary(labels, 1, 2))) == [(2.0, 0.5), (3.0, 2.5)]
     assert sorted(map(tuple, boundary(labels, 3, 1))) == [(1.0, 1.5), (1.5, 1.0), (1.5, 2.0), (2.5, 2.0)]
     assert len(boundary(labels, 1, 4)) == 0
-    assert sorted(map(tuple, outline(labels, 2))) == [(2.0, 0.5), (2.5, 1.0), (3.0, 1.5), (3.0, 2.5)]
+    assert sorted(map(tuple, boundary(labels, 2))) == [(2.0, 0.5), (2.5, 1.0), (3.0, 1.5), (3.0, 2.5)]
 
 
 def traced(camera, pose, scene):
@@ -31,7 +30,7 @@ def traced(camera, pose, scene):
 def shot():
     """The paper's panorama."""
     camera = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
-    return lines.Shot("panorama-1", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
+    return lines.Setup("panorama-1", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def seen(shot):
 def rows(seen, shot):
     """The errors of the lines that those of the room give."""
     of_room = [each for each in seen if each[0].of == "room"]
-    return list(lines.scored(of_room, lines.reconstructed(of_room, shot), shot))
+    return list(lines.score(of_room, lines.reconstruct(of_room, shot), shot))
 
 
 def of(rows, **wanted):
@@ -102,7 +101,7 @@ def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
         "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
     )
     for camera, *angles in ((panorama, 20, 10, 0), (panorama, 130, 8, -6), (cone, 20, 80, 0)):
-        shot = lines.Shot("", camera, omniscv.Pose.from_angles((0, 0, 1.2), *angles))
+        shot = lines.Setup("", camera, omniscv.Pose.from_angles((0, 0, 1.2), *angles))
         found = [off for baseline, off in lines.exact_errors(room, shot) if baseline >= 0.05]
         assert len(found) >= 2
         assert max(found) <= 1e-9
@@ -121,5 +120,5 @@ def test_edges_of_an_l_shaped_room_go_once_around():
 
 
 def test_a_source_without_a_room_is_refused(tmp_path):
-    with pytest.raises(ArgumentError, match="source: expected one that knows its room, got one without"):
+    with pytest.raises(ArgumentError, match="source: expected one with a known room, got none"):
         run("lines", Settings(tmp_path, quick=True, source="scene://direction"))

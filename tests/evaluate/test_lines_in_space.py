@@ -7,10 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 import omniscv
-from omniscv.evaluate.lines import plucker
-from omniscv.evaluate.lines import priors as line_priors
-from omniscv.evaluate.lines.noncentral import effective_baseline, free_line, level_line, line_along
-from omniscv.evaluate.lines.refinement import ObservedLine
+from omniscv.evaluate.lines import plucker, reconstruction
+from omniscv.evaluate.lines.plucker import effective_baseline, free_line, level_line, line_along
+from omniscv.evaluate.lines.reconstruction import ObservedLine
 
 PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
 CAMERAS = {
@@ -64,7 +63,7 @@ def test_exact_rays_give_the_exact_line(name, count):
         found = free_line(observed.rows, np.array(CAMERAS[name][1]))
         assert off(found, points) <= 1e-9
         assert plucker.angle_deg(found[:3], line[:3]) <= 1e-7
-        assert off(observed.refined(found, np.linalg.svd(found[None, :3])[2][1:]), points) <= 1e-9
+        assert off(observed.refine(found, np.linalg.svd(found[None, :3])[2][1:]), points) <= 1e-9
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -99,7 +98,7 @@ def test_a_line_meets_its_rays_and_points_are_nearest():
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     found = plucker.nearest_to_rays(line, origins, directions)
     assert plucker.distance_to(line, found) == pytest.approx(0, abs=1e-12)
-    base = plucker.nearest_to_origin(line)
+    base = np.cross(line[:3], line[3:])
     assert plucker.distance_to(line, base[None]) == pytest.approx(0, abs=1e-12)
     for point, origin, direction in zip(found, origins, directions, strict=True):
 
@@ -140,9 +139,9 @@ def test_refinement_and_priors_each_bring_the_line_nearer():
     for seed in range(5):
         observed = noisy(*WIDE, seed)
         algebraic = free_line(observed.rows, np.array([0, 1.0, 0]))
-        free = line_priors.free(observed, np.array([0, 1.0, 0]))
-        level = line_priors.with_gravity(observed, gravity)
-        known = line_priors.along(observed, direction)
+        free = reconstruction.free(observed, np.array([0, 1.0, 0]))
+        level = reconstruction.with_gravity(observed, gravity)
+        known = reconstruction.along(observed, direction)
         errors.append([off(each, np.array(WIDE)) for each in (algebraic, free, level, known)])
     algebraic, free, level, known = np.median(errors, axis=0)
     assert free < algebraic
@@ -165,10 +164,10 @@ def test_upright_and_level_lines_are_told_apart_by_their_image():
     up = -GRAVITY
     foot = np.array([1.5, 1.0, 2.6])
     upright = noisy(foot, foot + 1.8 * up, 1, px=0.2)
-    assert plucker.angle_deg(line_priors.with_gravity(upright, GRAVITY)[:3], up) <= 1e-9
+    assert plucker.angle_deg(reconstruction.with_gravity(upright, GRAVITY)[:3], up) <= 1e-9
     across = np.cross(up, [1.0, 0, 0.4])
     level = noisy(foot, foot - 3 * across, 2, px=0.2)
-    assert plucker.angle_deg(line_priors.with_gravity(level, GRAVITY)[:3], up) == pytest.approx(90)
+    assert plucker.angle_deg(reconstruction.with_gravity(level, GRAVITY)[:3], up) == pytest.approx(90)
 
 
 def test_a_rooms_directions_come_from_its_level_lines():
@@ -178,8 +177,8 @@ def test_a_rooms_directions_come_from_its_level_lines():
     corner = -1.0 * GRAVITY - 2.0 * x - 2.0 * y
     ends = [(corner, corner + 4 * x), (corner, corner + 4 * y), (corner + 4 * y, corner + 4 * x + 4 * y)]
     observed = [noisy(*each, seed, px=0.3) for seed, each in enumerate(ends)]
-    level = [line_priors.with_gravity(each, GRAVITY) for each in observed]
-    found = line_priors.manhattan(observed, level, GRAVITY)
+    level = [reconstruction.with_gravity(each, GRAVITY) for each in observed]
+    found = reconstruction.manhattan(observed, level, GRAVITY)
     assert plucker.angle_deg(found[0][:3], found[1][:3]) == pytest.approx(90)
     assert plucker.angle_deg(found[0][:3], found[2][:3]) == pytest.approx(0, abs=1e-5)
     for line, direction, points in zip(found, (x, y, x), ends, strict=True):

@@ -15,8 +15,8 @@ from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.evaluate import registry
 from omniscv.evaluate.odometry import evaluation as odometry
 from omniscv.evaluate.odometry import sequence
-from omniscv.evaluate.odometry.features import detect, inner_mask
-from omniscv.evaluate.odometry.structure_from_motion import reconstruct
+from omniscv.evaluate.odometry.features import detect
+from omniscv.evaluate.odometry.pose_estimation import inner_mask, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors
 from omniscv.evaluate.registry import Settings
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
@@ -35,7 +35,7 @@ RIG = Rig(
 def images(tmp_path_factory):
     with open_source("scene://four-wall") as source:
         done = []
-        yield sequence.shoot(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
+        yield sequence.render(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
     assert done == [1, 2, 3, 4, 5]
 
 
@@ -137,7 +137,7 @@ def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
     script = (
         "import os, signal, sys\n"
         "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))\n"
-        "from omniscv.evaluate.odometry.structure_from_motion import load_pycolmap\n"
+        "from omniscv.evaluate.odometry.pose_estimation import load_pycolmap\n"
         "load_pycolmap()\n"
         "os.kill(os.getpid(), signal.SIGTERM)\n"
     )
@@ -152,7 +152,7 @@ def test_a_trajectory_that_is_none(tmp_path):
 
 def test_colours_of_floating_point_are_refused(tmp_path):
     with open_source("scene://four-wall?lit=float32") as source, pytest.raises(ArgumentError, match="bytes"):
-        sequence.shoot(RIG, ARC[:1], source, tmp_path, lambda done: None)
+        sequence.render(RIG, ARC[:1], source, tmp_path, lambda done: None)
 
 
 @pytest.mark.soak

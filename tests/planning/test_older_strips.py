@@ -7,7 +7,7 @@ import omniscv
 from omniscv.cameras import create
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Pose
-from omniscv.planning.strip_views import strip_size, strip_views
+from omniscv.planning.strips import strip_size, strip_views
 from omniscv.sources import Request
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=20.0)

@@ -12,7 +12,7 @@ from support.datasets import made, tree
 from support.stores import BUCKET, failing_store
 
 from omniscv import cli, dataset, storage
-from omniscv.dataset.summary import info
+from omniscv.dataset.checking import info
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
 from omniscv.sources import recording
 from omniscv.viewing.look import look

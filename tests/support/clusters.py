@@ -80,7 +80,7 @@ def scheduler(said):
         import dask
         from distributed import Scheduler
 
-        from omniscv.cluster.places import SETTINGS
+        from omniscv.cluster.workers import SETTINGS
 
         with dask.config.set(SETTINGS):
             async with Scheduler(host="127.0.0.1", port=0, dashboard=False) as started:
@@ -96,7 +96,7 @@ def worker(said, address, name):
     async def run():
         from distributed import Worker
 
-        from omniscv.cluster.places import RESOURCE
+        from omniscv.cluster.workers import RESOURCE
 
         async with Worker(address, nthreads=1, name=name, resources=RESOURCE, host="127.0.0.1") as started:
             say(said, started.address)
@@ -120,7 +120,7 @@ def make(said, job, address):
     from omniscv.errors import OmniscvError
 
     try:
-        made = cluster.make(jobs.load(Path(job)), cluster.place(address))
+        made = cluster.make(jobs.load(Path(job)), cluster.workers_of(address))
         say(said, [made.written, made.kept])
     except OmniscvError as error:
         say(said, f"{type(error).__name__}: {error}")

@@ -1,11 +1,11 @@
 """Plans made without captures: what a strategy yields when it is sent nothing."""
 
-from omniscv.planning import CameraRays, RenderOptions, Task, drive, rounds
+from omniscv.planning import ImageRays, RenderOptions, Task, drive, rounds
 from omniscv.sources import Capabilities
 
 
 def task_of(camera, pose, capabilities=None, *, border_px=None, cover=lambda view: (view,), **options):
-    rays, chosen = CameraRays(camera), RenderOptions(**options)
+    rays, chosen = ImageRays(camera), RenderOptions(**options)
     return Task(rays, pose, capabilities or Capabilities(), chosen, cover, border_px=border_px)
 
 

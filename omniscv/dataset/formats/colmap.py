@@ -2,7 +2,8 @@
 
 ``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them.
 COLMAP before 3.12 has no rigs and does not open their two files. Cameras with a constant pose relative to
-each other are a rig; see :mod:`omniscv.dataset.rigs`. Poses are from the world to the camera, in metres, in
+each other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres,
+in
 our world frame: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view, is
 written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
 """
@@ -18,12 +19,11 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, one_of
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.dataset.cubemaps import faces
-from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
+from omniscv.dataset.pictures import copy_lit, faces, without_limit, write_mask
 from omniscv.dataset.registry import Format, register
-from omniscv.dataset.rigs import RigFrames, rigs
+from omniscv.dataset.sequences import RigFrames, rigs
 from omniscv.frame import Frame
-from omniscv.planning.viewpoints import unproject
+from omniscv.planning.densities import unproject
 from omniscv.records import checked, record
 from omniscv.storage.local import write_text
 from omniscv.truth.point_cloud import Points, merged, points_of

@@ -33,7 +33,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
-from omniscv.planning.viewpoints import unproject
+from omniscv.planning.densities import unproject
 from omniscv.records import named, nested
 from omniscv.storage.local import whole_file
 from omniscv.truth.optical_flow import INVALID, Flow, FlowOptions, flow, motion

@@ -1,9 +1,9 @@
 """Kalibr's ``camchain.yaml``: the cameras of a rig, each with its pose relative to the one before it.
 
-Cameras with a constant pose relative to each other are a rig (:mod:`omniscv.dataset.rigs`). Each of several
-rigs has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ... in the
-order of their names, which ``rostopic`` holds. ``cam_overlaps`` lists the cameras that see some of the same
-directions. :mod:`omniscv.calibration.kalibr` describes the other keys.
+Cameras with a constant pose relative to each other are a rig (:mod:`omniscv.dataset.sequences`). Each of
+several rigs has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``, ...
+in the order of their names, which ``rostopic`` holds. ``cam_overlaps`` lists the cameras that see some of the
+same directions. :mod:`omniscv.calibration.kalibr` describes the other keys.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from omniscv.calibration import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.dataset.registry import Format, register
-from omniscv.dataset.rigs import rigs
+from omniscv.dataset.sequences import rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array

@@ -19,7 +19,7 @@ from omniscv.cameras import Camera, Rays
 from omniscv.dataset.registry import Format, register
 from omniscv.errors import printable
 from omniscv.frame import Frame
-from omniscv.planning.viewpoints import unproject
+from omniscv.planning.densities import unproject
 from omniscv.records import checked, record
 from omniscv.storage.local import whole_file
 from omniscv.truth.point_cloud import Points, merged, points_of

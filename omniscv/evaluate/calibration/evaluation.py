@@ -1,26 +1,24 @@
-"""Calibration from the images of straight lines, for six models: the paper's section Uncalibtoolbox.
+"""The evaluation ``calibration``: r_vl from the images of straight lines, for six models of cameras.
 
 For ten values of r_vl the parameter is estimated from five images each, and their mean compared with the
 truth: from exact points of lines, from noisy ones, and from edges found in rendered rooms, where the
-algorithm is given nothing but the picture, its middle and the kind of camera.
+algorithm knows only the picture, its middle and the model. The paper's section Uncalibtoolbox.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
-from omniscv.evaluate.calibration import chart as calibration_chart
-from omniscv.evaluate.calibration.edges import find_edges
+from omniscv.evaluate.calibration.edges import find_edges, group_by_line
 from omniscv.evaluate.calibration.estimation import calibrate
-from omniscv.evaluate.calibration.grouping import group_lines
 from omniscv.evaluate.calibration.line_images import LineImages, models
 from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import Figure, Report
+from omniscv.evaluate.report import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, Figure, Report, Row, chart
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.planning import RenderOptions
@@ -28,14 +26,14 @@ from omniscv.sources.registry import open_source
 
 OPTIONS: frozenset[str] = frozenset()
 
-Kind = Literal["exact", "noisy", "rendered"]
+Triple = tuple[float, float, float]
 
 NOISE_PX = 0.5
 _LINES, _POINTS = 8, 60
 _LEAST_NZ = 0.15
-_SOUGHT = (0.3, 2.0)  # times the unit: where r_vl is looked for
-_LEAST_SHARE = 0.1  # of the unit, in points of a line
-_PLACES: tuple[tuple[str, tuple[float, float, float], tuple[float, float, float]], ...] = (
+_SOUGHT = (0.3, 2.0)  # bounds of r_vl, in units
+_LEAST_SHARE = 0.1  # number of points of a line, in units
+_VIEWPOINTS: tuple[tuple[str, Triple, Triple], ...] = (
     ("scene://four-wall", (0.3, -0.4, 1.5), (35, -20, 10)),
     ("scene://four-wall", (-0.4, 0.3, 1.2), (160, 15, -12)),
     ("scene://four-wall", (0.2, -0.5, 1.7), (-70, -10, 20)),
@@ -44,9 +42,12 @@ _PLACES: tuple[tuple[str, tuple[float, float, float], tuple[float, float, float]
 )
 """Scenes, positions in metres, and yaw, pitch, roll in degrees of the axis that the image's middle sees."""
 
+_COLORS, _MARKERS = (BLUE, ORANGE, GREEN, RED, SKY, PINK), "osD^vX"
+_TOLERANCE_PERCENT = 2.0  # shaded in the chart
+
 
 class Extent(NamedTuple):
-    """How much is done.
+    """Sizes and numbers of images.
 
     Attributes:
         unit_px: the unit of r_vl: the image circle's radius.
@@ -60,51 +61,57 @@ class Extent(NamedTuple):
 
     @property
     def sought(self) -> tuple[float, float]:
+        """Bounds of r_vl, px."""
         return _SOUGHT[0] * self.unit_px, _SOUGHT[1] * self.unit_px
 
 
 _FULL = Extent(512, tuple(np.linspace(0.55, 1.45, 10).round(2).tolist()), 5)
 _QUICK = Extent(384, (0.6, 1.0, 1.4), 1)
 
-Row = Mapping[str, Any]
-
 
 def evaluate(settings: Settings) -> Report:
     """Calibrate, and compare with the truth.
 
     Args:
-        settings: with a source, all images are of it, around its origin.
+        settings: with a source, all images show it from the same viewpoints.
 
     Raises:
         OmniscvError: of the source.
     """
     extent = _QUICK if settings.quick else _FULL
     cases = [(model, value) for model in models(extent.unit_px).values() for value in extent.values]
-    total, done = len(cases) * (1 + extent.images), 0
-    rows: list[Row] = []
-    rng = np.random.default_rng(0)
-    for model, value in cases:
-        for image in range(extent.images):
-            exact = line_points(model.camera(2 * extent.unit_px, value * extent.unit_px), rng)
-            noisy = [each + NOISE_PX * rng.normal(size=each.shape) for each in exact]
-            for kind, lines in (("exact", exact), ("noisy", noisy)):
-                rows.append(_row(kind, model, value, image, calibrate(lines, model, *extent.sought), extent))
-        done += 1
-        settings.progress(done, total)
-    for row in _rendered(cases, extent, settings.source):
-        rows.append(row)
-        done += 1
-        settings.progress(done, total)
-    chart = settings.out / "calibration.png"
-    calibration_chart.draw(rows, chart)
+    steps = chain(_from_points(cases, extent), _from_images(cases, extent, settings.source))
+    rows = list[Row]()
+    for done, found in enumerate(steps, start=1):
+        rows += found
+        settings.progress(done, len(cases) * (1 + extent.images))
     about = {"unit_px": extent.unit_px, "noise_px": NOISE_PX, "lines": _LINES, "points_of_a_line": _POINTS}
-    return Report(figures(rows), rows, about, [chart])
+    return Report(figures(rows), rows, about, [draw(rows, settings.out / "calibration.png")])
+
+
+def figures(rows: Sequence[Row]) -> list[Figure]:
+    """Return, for each kind of input and each model, the largest error of the means of the images."""
+    found = []
+    for source, model in dict.fromkeys((row["input"], row["model"]) for row in rows):
+        value, mean, _ = means_of(rows, source, model).T
+        count = sum(row["input"] == source and row["model"] == model for row in rows)
+        worst = float(np.abs(100 * (mean / value - 1)).max())
+        found.append(Figure(f"r_vl error, {model}, {source}", worst, "%", n=count))
+    return found
+
+
+def means_of(rows: Sequence[Row], source: str, model: str) -> Array:
+    """Return (V, 3) r_vl, mean and standard deviation of its estimates, in units; NaN where one failed."""
+    mine = [row for row in rows if row["input"] == source and row["model"] == model]
+    values = dict.fromkeys(row["r_vl"] for row in mine)
+    estimates = [[row["estimate"] for row in mine if row["r_vl"] == value] for value in values]
+    return np.array([(v, np.mean(found), np.std(found)) for v, found in zip(values, estimates, strict=True)])
 
 
 def line_points(camera: Camera, rng: np.random.Generator) -> list[Array]:
     """Return points, (60, 2) px from the image's middle, of eight lines that a camera sees."""
-    found: list[Array] = []
-    while len(found) < _LINES:
+    lines = list[Array]()
+    while len(lines) < _LINES:
         normal = rng.normal(size=3)
         normal /= np.linalg.norm(normal)
         if abs(normal[2]) < _LEAST_NZ:
@@ -116,69 +123,103 @@ def line_points(camera: Camera, rng: np.random.Generator) -> list[Array]:
         pixels, seen = camera.project(points)
         if seen.sum() >= 2 * _POINTS:
             chosen = np.linspace(0, seen.sum() - 1, _POINTS).astype(int)
-            found.append(pixels[seen][chosen] - camera.center)
-    return found
+            lines.append(pixels[seen][chosen] - camera.center)
+    return lines
 
 
-def figures(rows: Sequence[Row]) -> list[Figure]:
-    """Return, for each kind of input and each model, the largest error of the means of the images."""
-    found = []
-    for kind, model in dict.fromkeys((row["input"], row["model"]) for row in rows):
-        means = means_of(rows, kind, model)
-        worst = float(np.max([abs(100 * (mean / value - 1)) for value, mean, _ in means]))
-        count = sum(row["input"] == kind and row["model"] == model for row in rows)
-        found.append(Figure(f"r_vl error, {model}, {kind}", worst, "%", n=count))
-    return found
+def calibrate_image(
+    renderer: Renderer, camera: Camera, pose: Pose, model: LineImages, extent: Extent, options: RenderOptions
+) -> float:
+    """Return r_vl, px, from a rendered image. Of the camera only the image's middle is used."""
+    image = renderer.render(camera, pose, ("lit",), options)
+    chains = [chain - camera.center for chain in find_edges(image["lit"], image.valid)]
+    lines = group_by_line(chains, model, extent.sought, int(_LEAST_SHARE * extent.unit_px))
+    return calibrate(lines, model, *extent.sought)
 
 
-def means_of(rows: Sequence[Row], kind: Kind, model: str) -> list[tuple[float, float, float]]:
-    """Return (r_vl, mean and standard deviation of its estimates), in units, by r_vl; NaN where an image gave
-    none."""
-    mine = [row for row in rows if row["input"] == kind and row["model"] == model]
-    found = []
-    for value in dict.fromkeys(row["r_vl"] for row in mine):
-        estimates = [row["estimate"] for row in mine if row["r_vl"] == value]
-        found.append((value, float(np.mean(estimates)), float(np.std(estimates))))
-    return found
+def _from_points(cases: Sequence[tuple[LineImages, float]], extent: Extent) -> Iterator[list[Row]]:
+    """Estimates from exact and from noisy points of lines, by case."""
+    rng = np.random.default_rng(0)
+    for model, value in cases:
+        rows = []
+        for image in range(extent.images):
+            exact = line_points(model.camera(2 * extent.unit_px, value * extent.unit_px), rng)
+            noisy = [points + NOISE_PX * rng.normal(size=points.shape) for points in exact]
+            for source, lines in (("exact", exact), ("noisy", noisy)):
+                estimate = calibrate(lines, model, *extent.sought)
+                rows.append(_row(source, model, value, image, estimate, extent))
+        yield rows
 
 
-def _rendered(cases: Sequence[tuple[LineImages, float]], extent: Extent, source: str | None) -> Iterator[Row]:
-    """Estimates from pictures of rooms. All cameras of a place share its captures."""
+def _from_images(
+    cases: Sequence[tuple[LineImages, float]], extent: Extent, source: str | None
+) -> Iterator[list[Row]]:
+    """Estimates from pictures of rooms. All cameras of a viewpoint share its captures."""
     options = RenderOptions(strategy="cube", face_size=2 * extent.unit_px)
-    for image, (address, position, angles) in enumerate(_PLACES[: extent.images]):
+    for image, (address, position, angles) in enumerate(_VIEWPOINTS[: extent.images]):
         with open_source(source or address) as opened:
             renderer = Renderer(opened)
             for model, value in cases:
                 camera = model.camera(2 * extent.unit_px, value * extent.unit_px)
-                pose = _facing(camera, position, angles)
-                estimate = calibrated_image(renderer, camera, pose, model, extent, options)
-                yield _row("rendered", model, value, image, estimate, extent)
+                pose = facing(camera, position, angles)
+                estimate = calibrate_image(renderer, camera, pose, model, extent, options)
+                yield [_row("rendered", model, value, image, estimate, extent)]
 
 
-def calibrated_image(
-    renderer: Renderer,
-    camera: Camera,
-    pose: Pose,
-    model: LineImages,
-    extent: Extent,
-    options: RenderOptions,
-) -> float:
-    """Return r_vl, px, of a rendered image. Of the camera only the image's middle is used."""
-    image = renderer.render(camera, pose, ("lit",), options)
-    edges = find_edges(image["lit"], image.valid)
-    lines = group_lines(edges, camera.center, model, extent.sought, int(_LEAST_SHARE * extent.unit_px))
-    return calibrate(lines, model, *extent.sought)
+def facing(camera: Camera, position: Triple, angles: Triple) -> Pose:
+    """Return the pose in which the image's middle sees in a direction, which of mirrors is backwards.
 
-
-def _facing(camera: Camera, position: tuple[float, float, float], angles: tuple[float, float, float]) -> Pose:
-    """The pose in which the image's middle sees in a direction: a mirror's shows what is behind."""
+    Args:
+        camera: any.
+        position: metres.
+        angles: yaw, pitch, roll of the direction, degrees.
+    """
     yaw, pitch, roll = angles
     if camera.unproject(camera.center + 0.5).directions[2] < 0:
         yaw, pitch, roll = yaw + 180, -pitch, -roll
     return Pose.from_angles(position, yaw, pitch, roll)
 
 
-def _row(kind: str, model: LineImages, value: float, image: int, estimate: float, extent: Extent) -> Row:
+def _row(source: str, model: LineImages, value: float, image: int, estimate: float, extent: Extent) -> Row:
     found = estimate / extent.unit_px
-    row = {"input": kind, "model": model.name, "r_vl": value, "image": image, "estimate": found}
+    row = {"input": source, "model": model.name, "r_vl": value, "image": image, "estimate": found}
     return {**row, "error_percent": 100 * (found / value - 1)}
+
+
+def draw(rows: Sequence[Row], path: Path) -> Path:
+    """Draw the paper's plot for rendered images: estimated over true r_vl, and the error; return the path.
+
+    Dots are means of a value's images, bars their standard deviations.
+    """
+    rendered = [row for row in rows if row["input"] == "rendered"]
+    names = list(dict.fromkeys(row["model"] for row in rendered))
+    images = 1 + max(row["image"] for row in rendered)
+    worst = max((figure.value for figure in figures(rendered)), key=lambda value: (np.isnan(value), value))
+    with chart(path, 1000, 480) as drawing:
+        axes, errors = drawing.subplots(1, 2, width_ratios=(1, 1.15))
+        values = [row["r_vl"] for row in rendered]
+        ends = [min(values) - 0.1, max(values) + 0.1]
+        axes.plot(ends, ends, color=INK, lw=1, label="truth")
+        errors.axhspan(-_TOLERANCE_PERCENT, _TOLERANCE_PERCENT, color="#9aa3b2", alpha=0.2, lw=0)
+        errors.axhline(0, color=INK, lw=1)
+        for i, name in enumerate(names):
+            true, mean, spread = means_of(rows, "rendered", name).T
+            style: dict[str, Any] = {"color": _COLORS[i], "marker": _MARKERS[i], "ms": 5, "ls": ""}
+            style |= {"capsize": 2, "elinewidth": 1}
+            axes.errorbar(true, mean, spread, label=name, **style)
+            shifted = true + 0.008 * (i - (len(names) - 1) / 2)
+            errors.errorbar(shifted, 100 * (mean / true - 1), 100 * spread / true, **style)
+        unit = "image circle's radius"
+        axes.set(xlabel=f"true $r_{{vl}}$ / {unit}", ylabel=f"estimated $r_{{vl}}$ / {unit}", aspect="equal")
+        errors.set(xlabel=f"true $r_{{vl}}$ / {unit}", ylabel="error of the mean, %")
+        errors.set_title(f"grey: within {_TOLERANCE_PERCENT:g} %; bars: standard deviation", size=9)
+        axes.legend(fontsize=8)
+        for panel in (axes, errors):
+            panel.grid(True, lw=0.4, alpha=0.5)
+        finding = (
+            f"Lines in rendered rooms give r_vl within {worst:.1f} % for {len(names)} camera models"
+            if np.isfinite(worst)
+            else "Lines in rendered images do not give r_vl everywhere"
+        )
+        drawing.suptitle(f"{finding}\n({images} image{'s' * (images > 1)} a value)", size=11)
+    return path

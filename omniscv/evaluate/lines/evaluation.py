@@ -1,13 +1,12 @@
-"""Lines in space from one non-central image: the paper's section on 3D line reconstruction.
+"""The evaluation ``lines``: lines in space from one non-central image.
 
 The edges of a room, where the exact labels of an image change, are reconstructed from that image alone and
-compared with the truth: free, with known gravity, and along the directions of a Manhattan world.
+compared with the truth: free, with known gravity, and along the directions of a Manhattan world. The paper's
+section on 3D line reconstruction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +14,11 @@ from omniscv import cameras
 from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.lines import chart as lines_chart
-from omniscv.evaluate.lines import plucker, priors
-from omniscv.evaluate.lines.noncentral import effective_baseline, free_line
+from omniscv.evaluate.lines import plucker, reconstruction
+from omniscv.evaluate.lines.chart import Segment, draw_cloud, draw_errors
 from omniscv.evaluate.lines.true_edges import Seen, room_edges, seen_edges
 from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import Figure, Report
+from omniscv.evaluate.report import Figure, Report, Row
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -33,20 +31,18 @@ _SCENE = "scene://four-wall"
 _EXACT_POINTS = 60
 _DOWN_W = np.array([0.0, 0.0, -1.0])
 _AXIS = {"noncentral-panorama": np.array([0.0, 1.0, 0.0]), "noncentral-conical-mirror": np.array([0, 0, 1.0])}
-_WELL = {
+_BASELINES_M = {
     ("panorama", "vertical"): 0.05,
     ("panorama", "horizontal"): 0.4,
     ("cone", "vertical"): 0.05,
     ("cone", "horizontal"): 0.1,
 }
-"""Effective baselines, metres, from which on a room's edge counts in the figures."""
-_EXACT_FROM_M = _DRAWN_M = 0.05
-
-Row = Mapping[str, Any]
+"""Effective baselines from which on a room's edge counts in the figures."""
+_LEAST_BASELINE_M = 0.05  # of edges from exact points, and of drawn ones
 
 
-class Shot(NamedTuple):
-    """An image to take: its camera, and from where."""
+class Setup(NamedTuple):
+    """A camera and its pose."""
 
     name: str
     camera: Camera
@@ -54,10 +50,12 @@ class Shot(NamedTuple):
 
     @property
     def axis(self) -> Array:
+        """(3,) unit, of the camera's revolution, camera frame."""
         return _AXIS[self.camera.name]
 
     @property
     def gravity(self) -> Array:
+        """(3,) unit, camera frame."""
         return _DOWN_W @ self.pose.R_w_c
 
 
@@ -65,131 +63,132 @@ def evaluate(settings: Settings) -> Report:
     """Reconstruct, and compare with the truth.
 
     Args:
-        settings: with a source, images are taken around its origin; it knows its room.
+        settings: with a source that knows its room, images are taken around its origin.
 
     Raises:
-        ArgumentError: a source without a room.
+        ArgumentError: a source without a known room.
         OmniscvError: of the source.
     """
-    shots = _shots(settings.quick)
-    rows: list[Row] = []
-    exact: list[tuple[float, float]] = []
-    chart, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
+    setups = _setups(settings.quick)
+    rows, exact = list[Row](), list[tuple[float, float]]()
+    errors, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
     with open_source(settings.source or _SCENE) as source:
         geometry, names = source.geometry(), source.objects().names()
-        room = geometry.room
-        if room is None:
-            raise ArgumentError(
-                "source: expected one that knows its room, got one without; try scene://four-wall"
-            )
+        if geometry.room is None:
+            raise ArgumentError("source: expected one with a known room, got none; try scene://four-wall")
         renderer = Renderer(source)
         options = RenderOptions(strategy="auto" if settings.source else "strips")
-        for done, shot in enumerate(shots):
-            exact += exact_errors(room, shot)
-            image = renderer.render(shot.camera, shot.pose, ("lit", "object_mask", "depth"), options)
-            seen = seen_edges(geometry, shot.camera, shot.pose, image["labels"], names)
-            found = reconstructed(seen, shot)
-            rows += scored(seen, found, shot)
-            if done == 0:
-                lines_chart.draw_cloud(image, _segments(seen, found), cloud)
-            settings.progress(done + 1, len(shots))
-    lines_chart.draw_errors(rows, chart)
-    about = {shot.name: {"camera": shot.camera.to_dict(), "pose": shot.pose.to_dict()} for shot in shots}
-    return Report([_exact_figure(exact), *figures(rows)], rows, about, [chart, cloud])
+        for done, setup in enumerate(setups, start=1):
+            exact += exact_errors(geometry.room, setup)
+            image = renderer.render(setup.camera, setup.pose, ("lit", "object_mask", "depth"), options)
+            seen = seen_edges(geometry, setup.camera, setup.pose, image["labels"], names)
+            lines = reconstruct(seen, setup)
+            rows += score(seen, lines, setup)
+            if done == 1:
+                draw_cloud(image, _segments(seen, lines["gravity"]), cloud)
+            settings.progress(done, len(setups))
+    draw_errors(rows, errors)
+    about = {setup.name: {"camera": setup.camera.to_dict(), "pose": setup.pose.to_dict()} for setup in setups}
+    return Report([_exact_figure(exact), *figures(rows)], rows, about, [errors, cloud])
 
 
-def reconstructed(seen: Seen, shot: Shot) -> Mapping[str, list[Array]]:
-    """Return the lines (6,), camera frame, by what is known beforehand."""
-    observed = [each for _, each in seen]
-    level = [priors.with_gravity(each, shot.gravity) for each in observed]
+def reconstruct(seen: Seen, setup: Setup) -> Mapping[str, list[Array]]:
+    """Return the lines (6,), camera frame, by prior knowledge: free, gravity, Manhattan."""
+    observed = [line for _, line in seen]
+    level = [reconstruction.with_gravity(line, setup.gravity) for line in observed]
     return {
-        "free": [priors.free(each, shot.axis) for each in observed],
+        "free": [reconstruction.free(line, setup.axis) for line in observed],
         "gravity": level,
-        "Manhattan": priors.manhattan(observed, level, shot.gravity),
+        "Manhattan": reconstruction.manhattan(observed, level, setup.gravity),
     }
 
 
-def scored(seen: Seen, found: Mapping[str, list[Array]], shot: Shot) -> Iterator[Row]:
-    """Yield the errors of all lines; distances are between the points of the line that was found and of the
-    true one which the same pixel sees, the largest of all pixels."""
-    for prior, lines in found.items():
-        for (edge, observed), line in zip(seen, lines, strict=True):
-            true = edge.line_c(shot.pose)
+def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterator[Row]:
+    """Yield the errors of all lines.
+
+    Distances are between the points of the reconstructed and of the true line that the same pixel sees, the
+    largest of all pixels.
+    """
+    for prior, found in lines.items():
+        for (edge, observed), line in zip(seen, found, strict=True):
+            true = edge.line_c(setup.pose)
             rays = observed.origins, observed.directions
             off = plucker.nearest_to_rays(line, *rays) - plucker.nearest_to_rays(true, *rays)
             yield {
-                "image": shot.name,
-                "camera": shot.name.split("-")[0],
+                "image": setup.name,
+                "camera": setup.name.split("-")[0],
                 "prior": prior,
                 "kind": edge.kind,
                 "of": edge.of,
                 "edge": edge.name,
                 "points": len(observed.pixels),
-                "baseline_m": effective_baseline(*rays),
+                "baseline_m": plucker.effective_baseline(*rays),
                 "direction_deg": plucker.angle_deg(line[:3], true[:3]),
                 "distance_m": float(np.linalg.norm(off, axis=1).max()),
                 "rms_px": observed.rms_px(line),
             }
 
 
-def exact_errors(room: Room, shot: Shot) -> list[tuple[float, float]]:
+def exact_errors(room: Room, setup: Setup) -> list[tuple[float, float]]:
     """Return (effective baseline, largest distance), metres, of lines from exact points of the edges."""
-    found = []
+    errors = []
     for edge, _ in room_edges(room):
-        points = edge.points_c(shot.pose, _EXACT_POINTS)
-        pixels, valid = shot.camera.project(points)
-        rays = shot.camera.unproject(pixels[valid])
+        points = edge.points_c(setup.pose, _EXACT_POINTS)
+        pixels, valid = setup.camera.project(points)
+        rays = setup.camera.unproject(pixels[valid])
         if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
-            line = free_line(plucker.incidence(rays.origins, rays.directions), shot.axis)
-            baseline = effective_baseline(rays.origins, rays.directions)
-            found.append((baseline, float(plucker.distance_to(line, points[valid]).max())))
-    return found
+            line = plucker.free_line(plucker.incidence(rays.origins, rays.directions), setup.axis)
+            baseline = plucker.effective_baseline(rays.origins, rays.directions)
+            errors.append((baseline, float(plucker.distance_to(line, points[valid]).max())))
+    return errors
 
 
 def figures(rows: Sequence[Row]) -> list[Figure]:
-    """Return the worst errors of a room's edges of a sufficient effective baseline."""
-    found = []
-    for (camera, kind), least in _WELL.items():
+    """Return the worst errors of a room's edges with a sufficient effective baseline."""
+    worst = []
+    for (camera, kind), least in _BASELINES_M.items():
         for prior in dict.fromkeys(row["prior"] for row in rows):
-            wanted = camera, kind, prior, "room"
-            mine = [r for r in rows if (r["camera"], r["kind"], r["prior"], r["of"]) == wanted]
-            well = [row for row in mine if row["baseline_m"] >= least]
-            for key, unit in (("distance_m", "m"), ("direction_deg", "deg")) if well else ():
+            group = camera, kind, prior, "room"
+            mine = [r for r in rows if (r["camera"], r["kind"], r["prior"], r["of"]) == group]
+            mine = [row for row in mine if row["baseline_m"] >= least]
+            for key, unit in (("distance_m", "m"), ("direction_deg", "deg")) if mine else ():
                 name = f"{camera}, {kind} >= {least:g} m, {prior}: {key.split('_')[0]}"
-                found.append(Figure(name, max(row[key] for row in well), unit, n=len(well)))
-    return found
+                worst.append(Figure(name, max(row[key] for row in mine), unit, n=len(mine)))
+    return worst
 
 
 def _exact_figure(exact: Sequence[tuple[float, float]]) -> Figure:
-    well = [distance for baseline, distance in exact if baseline >= _EXACT_FROM_M]
-    return Figure("exact points >= 0.05 m, free: distance", max(well, default=float("nan")), "m", n=len(well))
+    distances = [distance for baseline, distance in exact if baseline >= _LEAST_BASELINE_M]
+    worst = max(distances, default=float("nan"))
+    return Figure("exact points >= 0.05 m, free: distance", worst, "m", n=len(distances))
 
 
-def _segments(seen: Seen, found: Mapping[str, list[Array]]) -> list[lines_chart.Segment]:
-    """What is drawn: of the lines with gravity those of a sufficient effective baseline, from the first to
-    the last of their points that the image shows."""
+def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
+    """The lines with a sufficient effective baseline, between their outermost points in the image."""
     segments = []
-    for (edge, observed), line in zip(seen, found["gravity"], strict=True):
+    for (edge, observed), line in zip(seen, lines, strict=True):
         rays = observed.origins, observed.directions
         points = plucker.nearest_to_rays(line, *rays)
         along = points @ line[:3]
-        if effective_baseline(*rays) >= _DRAWN_M:
+        if plucker.effective_baseline(*rays) >= _LEAST_BASELINE_M:
             ends = points[[along.argmin(), along.argmax()]]
-            segments.append(lines_chart.Segment(ends, edge.ends_w, observed.pixels))
+            segments.append(Segment(ends, edge.ends_w, observed.pixels))
     return segments
 
 
-def _shots(quick: bool) -> list[Shot]:
+def _setups(quick: bool) -> list[Setup]:
     """The paper's panorama, tilted by 10 degrees, and a cone above a camera that looks up, whose reflections
-    in it lie on a circle of R_c = 0.47 m."""
+    lie on a circle of R_c = 0.47 m."""
     width = 640 if quick else 2048
     panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
-    shots = [Shot("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))]
+    first = Setup("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))
     if quick:
-        return shots
-    cone = cameras.create(
-        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
-    )
-    shots.append(Shot("panorama-2", panorama, Pose.from_angles((-0.3, 0.2, 1.3), 75, 10, 0)))
-    shots.append(Shot("panorama-3", panorama, Pose.from_angles((0.2, -0.2, 1.6), 130, 8, -6)))
-    return [*shots, Shot("cone", cone, Pose.from_angles((0.0, 0.0, 1.0), 20, 80, 0))]
+        return [first]
+    shape = {"half_angle_deg": 55, "distance": 0.5}
+    cone = cameras.create("noncentral-conical-mirror", width=1024, height=1024, **shape)
+    return [
+        first,
+        Setup("panorama-2", panorama, Pose.from_angles((-0.3, 0.2, 1.3), 75, 10, 0)),
+        Setup("panorama-3", panorama, Pose.from_angles((0.2, -0.2, 1.6), 130, 8, -6)),
+        Setup("cone", cone, Pose.from_angles((0.0, 0.0, 1.0), 20, 80, 0)),
+    ]

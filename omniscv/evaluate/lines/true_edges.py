@@ -1,28 +1,29 @@
-"""The straight edges of a scene, and where the exact labels of an image show them."""
-
-from __future__ import annotations
+"""The straight edges of a scene, and the pixels where the exact labels of an image show them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from omniscv.cameras import Camera
 from omniscv.evaluate.lines import plucker
-from omniscv.evaluate.lines.boundaries import Labels, boundary, outline
-from omniscv.evaluate.lines.refinement import ObservedLine
+from omniscv.evaluate.lines.reconstruction import ObservedLine
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import BOX_EDGES, Room, SceneGeometry
 
 _LEAST_POINTS = 40
 _SAMPLES = 400
-_NEAR_PX = 1.0  # an outline so near to a box's edge is the edge's
-_APART_PX = 4.0  # where another edge of the box is nearer than that, neither is known
-_LEAST_SHARE = 0.5  # of a box's edge, for it to be one of the object: many objects do not fill their box
+_NEAR_PX = 1.0  # distance within which an outline follows a box's edge
+_APART_PX = 4.0  # from the box's other edges; nearer points are ambiguous
+_LEAST_SHARE = 0.5  # of a box's edge that the outline follows: many objects do not fill their box
 _LEVEL = 1e-6
+
+Labels = NDArray[np.uint16]
+Owner = Literal["room", "object"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Edge:
     """
 
     kind: Literal["vertical", "horizontal", "oblique"]
-    of: Literal["room", "object"]
+    of: Owner
     name: str
     ends_w: Array
 
@@ -49,7 +50,7 @@ class Edge:
     def points_c(self, pose: Pose, count: int) -> Array:
         """Return (count, 3) points along the edge, camera frame, metres."""
         start, end = pose.to_camera(self.ends_w)
-        return np.asarray(start + np.linspace(0, 1, count)[:, None] * (end - start))
+        return np.linspace(start, end, count)
 
 
 Seen = list[tuple[Edge, ObservedLine]]
@@ -77,43 +78,54 @@ def seen_edges(
     Args:
         geometry: of the scene, with a room.
         camera, pose: of the image.
-        labels: (H, W) the image's.
+        labels: (H, W) of the image.
         names: of the labels from 1 on.
     """
-    label = {name: 1 + i for i, name in enumerate(names)}
+    label = {name: i for i, name in enumerate(names, start=1)}
     found: Seen = []
-    if geometry.room is not None:
-        for edge, (one, other) in room_edges(geometry.room):
-            pixels = boundary(labels, label.get(one, 0), label.get(other, 0))
-            if one in label and other in label and len(pixels) >= _LEAST_POINTS:
-                found.append((edge, ObservedLine(camera, pixels)))
+    for edge, (a, b) in room_edges(geometry.room) if geometry.room is not None else ():
+        if a in label and b in label and len(pixels := boundary(labels, label[a], label[b])) >= _LEAST_POINTS:
+            found.append((edge, ObservedLine(camera, pixels)))
     surfaces = geometry.room.surfaces if geometry.room is not None else ()
     for name in sorted(set(geometry.boxes) & set(label) - set(surfaces)):
         corners = geometry.boxes[name].corners_w()
         edges = [_edge("object", f"{name} {i}", corners[pair]) for i, pair in enumerate(BOX_EDGES)]
-        found += _seen_of_box(edges, camera, pose, outline(labels, label[name]))
+        found += _seen_of_box(edges, camera, pose, boundary(labels, label[name]))
     return found
 
 
+def boundary(labels: Labels, a: int, b: int | None = None) -> Array:
+    """Return (N, 2) px the midpoints of neighbouring pixels, one with label ``a``, the other with ``b``.
+
+    Without ``b``: with any other label, which gives the outline of ``a``.
+    """
+    is_a = labels == a
+    is_b = ~is_a if b is None else labels == b
+    beside = is_a[:, :-1] & is_b[:, 1:] | is_b[:, :-1] & is_a[:, 1:]
+    below = is_a[:-1] & is_b[1:] | is_b[:-1] & is_a[1:]
+    points = np.argwhere(beside) + np.array([0.5, 1.0]), np.argwhere(below) + np.array([1.0, 0.5])
+    return np.concatenate(points)[:, ::-1]
+
+
 def _seen_of_box(edges: Sequence[Edge], camera: Camera, pose: Pose, pixels: Array) -> Seen:
-    """What an object's outline (N, 2) px shows of its box's edges: where it follows one, and no other."""
+    """The edges of a box that an object's outline (N, 2) px follows, with their pixels."""
     curves = [camera.project(edge.points_c(pose, _SAMPLES)) for edge in edges]
     if not all(valid.any() for _, valid in curves) or not len(pixels):
         return []
     away = np.array([cKDTree(curve[valid]).query(pixels)[0] for curve, valid in curves])
-    order = np.sort(away, axis=0)
-    clear = (order[0] <= _NEAR_PX) & (order[1] >= _APART_PX)
+    nearest, second = np.sort(away, axis=0)[:2]
+    clear = (nearest <= _NEAR_PX) & (second >= _APART_PX)
     found: Seen = []
     for i, (edge, (curve, valid)) in enumerate(zip(edges, curves, strict=True)):
         mine = pixels[clear & (away.argmin(axis=0) == i)]
         if len(mine) >= _LEAST_POINTS:
-            shown = np.asarray(cKDTree(mine).query(curve[valid])[0])
-            if (shown <= 2 * _NEAR_PX).mean() >= _LEAST_SHARE:
+            gaps = np.asarray(cKDTree(mine).query(curve[valid])[0])
+            if (gaps <= 2 * _NEAR_PX).mean() >= _LEAST_SHARE:
                 found.append((edge, ObservedLine(camera, mine)))
     return found
 
 
-def _edge(of: Literal["room", "object"], name: str, ends_w: Array) -> Edge:
+def _edge(of: Owner, name: str, ends_w: Array) -> Edge:
     rise, run = abs(ends_w[1, 2] - ends_w[0, 2]), np.linalg.norm(ends_w[1, :2] - ends_w[0, :2])
-    upright: Literal["vertical", "oblique"] = "vertical" if run <= _LEVEL else "oblique"
-    return Edge("horizontal" if rise <= _LEVEL else upright, of, name, ends_w)
+    kind: Literal["vertical", "horizontal", "oblique"] = "vertical" if run <= _LEVEL else "oblique"
+    return Edge("horizontal" if rise <= _LEVEL else kind, of, name, ends_w)

@@ -1,35 +1,32 @@
-"""Poses and points that agree best with the bearings they were seen along: resection, triangulation, bundle
-adjustment, with one residual for all central cameras.
+"""Poses and points that agree best with observed bearings, for all central cameras.
 
 The residual of a bearing b of a point at X, seen by a camera at c turned by R, has two numbers:
 ``B^T q/|q|``, ``q = R^T (X - c)``, where the columns of B are a basis of the plane across b: the sine of the
-angle between b and q, in two directions. Gauss-Newton steps with Levenberg's damping; weights of Huber.
+angle between b and q, in two directions. In the sums of squares, residuals beyond a limit count linearly
+(Huber).
 
 Source: B. Triggs et al., "Bundle adjustment, a modern synthesis", 1999.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import spsolve
+from scipy.optimize import least_squares
+from scipy.sparse import coo_array, hstack, kron
 from scipy.spatial.transform import Rotation
 
 from omniscv.geometry import Array, Pose
 
-_STEPS = 12
-_ENOUGH = 1e-4  # relative gain below which no further step is taken
-_BEHIND = 2.0  # residual of a point in the wrong half of the view: more than any sine
+_MOST_STEPS = 20
+_LEAST_GAIN = 1e-4  # of the cost; a smaller one ends the adjustment
+_BEHIND = 2.0  # residual of a point behind the camera: more than any sine
 _TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """M bearings, of which camera and point.
+    """M bearings of points.
 
     Attributes:
         camera, point: (M,) indices.
@@ -46,7 +43,7 @@ def meeting_points(origins: Array, directions: Array, index: NDArray[np.int64], 
 
     Args:
         origins, directions: (M, 3), unit directions.
-        index: (M,) which bundle a ray belongs to.
+        index: (M,) the bundle of each ray.
         count: of bundles.
     """
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
@@ -57,103 +54,70 @@ def meeting_points(origins: Array, directions: Array, index: NDArray[np.int64], 
 
 
 def residuals(R_w_c: Array, t_w_c: Array, points_w: Array, seen: Observations) -> Array:
-    """Return (M, 2) residuals; see the module. Of points behind, both are larger than any sine.
+    """Return (M, 2) residuals; see the module. For points behind the camera both exceed any sine.
 
     Args:
         R_w_c, t_w_c: (K, 3, 3) and (K, 3), of all cameras.
         points_w: (P, 3).
+        seen: the observations.
     """
-    q = _rotated(R_w_c, t_w_c, points_w, seen)
+    q = np.einsum("nji,nj->ni", R_w_c[seen.camera], points_w[seen.point] - t_w_c[seen.camera])
     unit = q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), _TINY)
     off = (_across(seen.bearings) * unit[:, :, None]).sum(axis=1)
     return np.where((unit * seen.bearings).sum(axis=1)[:, None] > 0, off, _BEHIND)
 
 
 def adjust(
-    poses: list[Pose], points_w: Array, seen: Observations, limit_rad: float, held: int = 2
+    poses: list[Pose], points_w: Array, seen: Observations, limit_rad: float, fixed: int = 2
 ) -> tuple[list[Pose], Array]:
-    """Return poses and points with smaller residuals.
+    """Return poses and points with smaller residuals: bundle adjustment.
 
     Args:
         poses: (K) of the cameras.
-        points_w: (P, 3); each seen at least once. With ``held`` = K - 1 and points that shall not move, see
-            :func:`resect`.
-        seen: who saw what.
+        points_w: (P, 3), each seen at least once.
+        seen: the observations.
         limit_rad: residuals beyond it count linearly.
-        held: so many of the first cameras keep their poses; two hold the frame and the scale.
+        fixed: number of first cameras that keep their poses; two determine the frame and the scale.
     """
-    return _minimise(poses, points_w, seen, limit_rad, held, move_points=True)
+    R, t = np.array([pose.R_w_c for pose in poses]), np.array([pose.position for pose in poses])
+    free, split = len(poses) - fixed, 6 * (len(poses) - fixed)
+
+    def moved(x: Array) -> tuple[Array, Array, Array]:
+        turns, moves = x[:split].reshape(-1, 2, 3).swapaxes(0, 1)
+        R_free = R[fixed:] @ Rotation.from_rotvec(turns).as_matrix()
+        points = points_w + x[split:].reshape(-1, 3)
+        return np.concatenate([R[:fixed], R_free]), np.concatenate([t[:fixed], t[fixed:] + moves]), points
+
+    row, moving = np.arange(len(seen.point)), seen.camera >= fixed
+    of_camera = coo_array(
+        (np.ones(moving.sum()), (row[moving], seen.camera[moving] - fixed)), (len(row), free)
+    )
+    of_point = coo_array((np.ones(len(row)), (row, seen.point)), (len(row), len(points_w)))
+
+    def off(x: Array) -> Array:
+        return _robust(residuals(*moved(x), seen), limit_rad)
+
+    found = least_squares(
+        off,
+        np.zeros(split + points_w.size),
+        jac_sparsity=hstack([kron(of_camera, np.ones((2, 6))), kron(of_point, np.ones((2, 3)))]),
+        x_scale="jac",
+        ftol=_LEAST_GAIN,
+        max_nfev=_MOST_STEPS,
+        tr_options={"regularize": False},
+    )
+    R, t, points = moved(found.x)
+    return [Pose(position, rotation) for position, rotation in zip(t, R, strict=True)], points
 
 
-def resect(pose: Pose, points_w: Array, bearings: Array, limit_rad: float) -> Pose:
-    """Return the pose, near a given one, from which points (N, 3) are seen along bearings (N, 3)."""
-    each = np.arange(len(points_w))
-    seen = Observations(np.zeros_like(each), each, bearings)
-    return _minimise([pose], points_w, seen, limit_rad, held=0, move_points=False)[0][0]
+def _robust(off: Array, limit: float) -> Array:
+    """(2M,) residuals (M, 2), scaled so that their squares are Huber's loss of their norms.
 
-
-def _minimise(
-    poses: list[Pose], points_w: Array, seen: Observations, limit_rad: float, held: int, move_points: bool
-) -> tuple[list[Pose], Array]:
-    R, t, X = np.array([p.R_w_c for p in poses]), np.array([p.position for p in poses]), points_w
-    damping = 1e-6
-    off = residuals(R, t, X, seen)
-    cost = _huber(off, limit_rad)
-    for _ in range(_STEPS):
-        J = _jacobian(R, t, X, seen, held, move_points)
-        weights = np.repeat(np.sqrt(limit_rad / np.maximum(np.linalg.norm(off, axis=1), limit_rad)), 2)
-        weighted = csc_array(J.multiply(weights[:, None]))
-        normal = csc_array(weighted.T @ weighted)
-        normal.setdiag(normal.diagonal() * (1 + damping) + _TINY)
-        step = -spsolve(normal, weighted.T @ (weights * off.ravel()))
-        cameras = 6 * (len(R) - held)
-        turns, moves = step[:cameras].reshape(-1, 2, 3).transpose(1, 0, 2)
-        R_new, t_new = R.copy(), t.copy()
-        R_new[held:] = R[held:] @ Rotation.from_rotvec(turns).as_matrix()
-        t_new[held:] += moves
-        X_new = X + step[cameras:].reshape(-1, 3) if move_points else X
-        off_new = residuals(R_new, t_new, X_new, seen)
-        cost_new = _huber(off_new, limit_rad)
-        if not cost_new < cost:
-            damping *= 100
-            continue
-        gain, damping = (cost - cost_new) / cost, max(damping / 10, 1e-9)
-        R, t, X, off, cost = R_new, t_new, X_new, off_new, cost_new
-        if gain < _ENOUGH:
-            break
-    return [Pose(position, rotation) for position, rotation in zip(t, R, strict=True)], X
-
-
-def _jacobian(R: Array, t: Array, X: Array, seen: Observations, held: int, move_points: bool) -> coo_array:
-    """(2M, N) of turns in the camera's frame and moves in the world's of each camera, then of the points."""
-    q = _rotated(R, t, X, seen)
-    length = np.maximum(np.linalg.norm(q, axis=1), _TINY)[:, None, None]
-    unit = q[:, :, None] / length
-    by_q = np.swapaxes(_across(seen.bearings), 1, 2) @ (np.eye(3) - unit @ np.swapaxes(unit, 1, 2)) / length
-    by_point = by_q @ np.swapaxes(R[seen.camera], 1, 2)
-    by_camera = np.concatenate([by_q @ _cross_matrices(q), -by_point], axis=2)
-    free = seen.camera >= held
-    parts = [_entries(by_camera[free], np.flatnonzero(free), 6 * (seen.camera[free] - held))]
-    cameras = 6 * (len(R) - held)
-    if move_points:
-        parts.append(_entries(by_point, np.arange(len(q)), cameras + 3 * seen.point))
-    values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return coo_array((values, (rows, columns)), shape=(2 * len(q), cameras + 3 * len(X) * move_points))
-
-
-def _entries(
-    blocks: Array, observation: NDArray[np.int64], column: NDArray[np.int64]
-) -> tuple[NDArray[Any], ...]:
-    """Values, rows, columns of blocks (M, 2, N) that begin at columns."""
-    _, height, width = blocks.shape
-    rows = (2 * observation[:, None, None] + np.arange(height)[:, None]) + np.zeros(width, np.int64)
-    columns = (column[:, None, None] + np.arange(width)) + np.zeros((height, 1), np.int64)
-    return blocks.ravel(), rows.ravel(), columns.ravel()
-
-
-def _rotated(R: Array, t: Array, X: Array, seen: Observations) -> Array:
-    """(M, 3) the points in the frames of the cameras that see them."""
-    return np.asarray(np.einsum("nji,nj->ni", R[seen.camera], X[seen.point] - t[seen.camera]))
+    SciPy's own ``loss="huber"`` has no curvature beyond the limit, and converges badly.
+    """
+    size = np.maximum(np.linalg.norm(off, axis=1, keepdims=True), _TINY)
+    loss = np.where(size < limit, size**2, 2 * limit * size - limit**2)
+    return np.asarray(off * np.sqrt(loss) / size).ravel()
 
 
 def _across(bearings: Array) -> Array:
@@ -162,13 +126,3 @@ def _across(bearings: Array) -> Array:
     first = np.cross(bearings, least)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(bearings, first)], axis=2)
-
-
-def _cross_matrices(v: Array) -> Array:
-    """(M, 3, 3) such that the product with w is v x w."""
-    return np.asarray(np.cross(v[:, None, :], np.eye(3)).swapaxes(1, 2))
-
-
-def _huber(off: Array, limit: float) -> float:
-    size = np.linalg.norm(off, axis=1)
-    return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).sum())

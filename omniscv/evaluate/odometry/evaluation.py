@@ -1,8 +1,9 @@
-"""Visual odometry on images of a flight, scored by the true poses: the paper's evaluation with OpenVSLAM.
+"""The evaluation ``odometry``: visual odometry on images of a flight, scored by the true poses.
 
-COLMAP reconstructs panoramas and fisheyes. The odometry of ``visual_odometry.py`` uses the
-bearings of these, and of a camera with a mirror, which COLMAP does not have. Cameras without a single optical
-centre are left out: both methods assume that all rays of an image start at one point.
+COLMAP reconstructs panoramas and fisheyes. The odometry of :mod:`omniscv.evaluate.odometry.visual_odometry`
+uses the bearings of these, and of a camera with a mirror, which COLMAP does not have. Non-central cameras are
+left out: both methods assume that all rays of an image start at one point. The paper's evaluation with
+OpenVSLAM.
 
 Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop in the mock's room.
 """
@@ -11,123 +12,123 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.odometry import chart as odometry_chart
 from omniscv.evaluate.odometry import sequence, visual_odometry
 from omniscv.evaluate.odometry.features import detect
-from omniscv.evaluate.odometry.structure_from_motion import load_pycolmap, reconstruct
-from omniscv.evaluate.odometry.trajectory_errors import TrajectoryErrors, path_length, rms, trajectory_errors
+from omniscv.evaluate.odometry.pose_estimation import load_pycolmap, reconstruct
+from omniscv.evaluate.odometry.trajectory_errors import (
+    TrajectoryErrors,
+    path_length,
+    rms,
+    trajectory_errors,
+)
 from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import Figure, Report
-from omniscv.geometry import Pose
+from omniscv.evaluate.report import Figure, Report, Row, chart
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.planning import densities
 from omniscv.sources.registry import open_source
 from omniscv.storage.local import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 OPTIONS = frozenset({"trajectory"})
 
 SOURCE = "scene://four-wall"
 
 PAPER_DEG = 8.0
-"""Both errors of the paper are less, over the whole flight."""
+"""Bound of both errors of the paper, over the whole flight."""
 
 _FEATURES = 2000
 _LIMIT_PX = 1.5
+_COLORS = {"panorama": "#00798c", "fisheye": "#edae49", "mirror": "#6a4c93"}
+_LEAST_DEG = 1e-3  # of the logarithmic axes
+_NO_ERRORS = TrajectoryErrors((), (), *[np.zeros(0)] * 5)
 
-Method = Callable[[Sequence[Path], Camera], dict[int, Pose]]
+Run = tuple[str, str]
+"""Camera and name of the method."""
 
 
 def odometry(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
-    """Return the poses of images of a central camera by index, up to where it is lost."""
+    """Return the poses of images of a central camera by index, until tracking is lost."""
     step_rad = float(np.nanmedian(densities.steps(camera.unproject().directions)))
     greys = (np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) for path in images)
     features = [detect(grey, camera, _FEATURES) for grey in greys]
     return visual_odometry.estimate(features, _LIMIT_PX * step_rad)
 
 
-RUNS: Mapping[tuple[str, str], Method] = {
+RUNS: Mapping[Run, Callable[[Sequence[Path], Camera], dict[int, Pose]]] = {
     ("panorama", "COLMAP"): reconstruct,
     ("panorama", "bearings"): odometry,
     ("fisheye", "COLMAP"): reconstruct,
     ("fisheye", "bearings"): odometry,
     ("mirror", "bearings"): odometry,
 }
-"""By camera and name of the method."""
 
 
 def evaluate(settings: Settings) -> Report:
     """Render the flight, estimate it by each method, and score it.
 
-    Images and trajectories stay in ``settings.out / "odometry"``, for other programs to try.
+    Images and trajectories stay in ``settings.out / "odometry"``, for use with other programs.
 
     Raises:
-        ArgumentError: a trajectory that cannot be read.
+        ArgumentError: a trajectory cannot be read.
         OmniscvError: no pycolmap; of the source.
     """
     pycolmap = load_pycolmap()
     count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
-    trajectory = _flight(settings, count)
-    rig, folder = sequence.eyes(width, edge), settings.out / "odometry"
-    total = len(trajectory) * (1 + len(RUNS))
+    truth = _flight(settings, count)
+    times = truth.times or tuple(map(float, range(len(truth))))
+    rig, folder = sequence.rig_of(width, edge), settings.out / "odometry"
+    steps = len(truth) * (1 + len(RUNS))
     with open_source(settings.source or SOURCE) as source:
-        images = sequence.shoot(rig, trajectory, source, folder, lambda done: settings.progress(done, total))
-    written = [_write(folder / "truth.tum", trajectory)]
-    scores: dict[tuple[str, str], TrajectoryErrors | None] = {}
+        images = sequence.render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
+    written = [_write(folder / "truth.tum", truth)]
+    runs: dict[Run, TrajectoryErrors] = {}
     for i, ((name, method), estimate) in enumerate(RUNS.items(), start=1):
         camera, T_cam_rig = rig.cameras[name].camera, rig.cameras[name].pose.inverse()
         found = {frame: pose @ T_cam_rig for frame, pose in estimate(images[name], camera).items()}
-        scored = scores[name, method] = _scored(trajectory, found)
-        if scored is not None:
-            written.append(_write(folder / f"{name}-{method.lower()}.tum", _estimated(trajectory, scored)))
-        settings.progress((1 + i) * len(trajectory), total)
-    path = settings.out / "odometry.png"
-    chart = odometry_chart.draw(scores, trajectory, _times(trajectory), PAPER_DEG, path)
+        errors = runs[name, method] = _score(truth, found)
+        if errors.frames:
+            aligned = Trajectory(tuple(errors.aligned), tuple(times[frame] for frame in errors.frames))
+            written.append(_write(folder / f"{name}-{method.lower()}.tum", aligned))
+        settings.progress((1 + i) * len(truth), steps)
     about = {
         "source": settings.source or SOURCE,
         "cameras": {name: mounted.camera.to_dict() for name, mounted in rig.cameras.items()},
-        "poses": len(trajectory),
-        "path_m": path_length(trajectory),
+        "poses": len(truth),
+        "path_m": path_length(truth),
         "origin of eps_t": [0.0, 0.0, 0.0],
         "pycolmap": pycolmap.__version__,
         "seed": 0,
     }
-    figures = [each for run, errors in scores.items() for each in _figures(run, trajectory, errors)]
-    rows = [row for run, errors in scores.items() for row in _rows(run, trajectory, errors)]
-    return Report(figures, rows, about, [chart, *written])
+    figures = [figure for run, errors in runs.items() for figure in _figures(run, truth, errors)]
+    rows = [row for run, errors in runs.items() for row in _rows(run, times, errors)]
+    return Report(figures, rows, about, [draw(runs, truth, times, settings.out / "odometry.png"), *written])
 
 
 def _flight(settings: Settings, count: int) -> Trajectory:
-    """The loop of so many poses, or those of a file; ``quick``: not more of these either."""
+    """The loop of ``count`` poses, or those of a file, with ``quick`` at most as many."""
     path = settings.options.get("trajectory")
     if path is None:
         return sequence.flight(count)
-    read = read_trajectory(Path(path))
-    return read[:: -(-len(read) // count)] if settings.quick else read
+    poses = read_trajectory(Path(path))
+    return poses[:: -(-len(poses) // count)] if settings.quick else poses
 
 
-def _times(trajectory: Trajectory) -> tuple[float, ...]:
-    """Seconds; numbers of the poses where they have no times."""
-    return trajectory.times or tuple(map(float, range(len(trajectory))))
-
-
-def _scored(truth: Trajectory, found: Mapping[int, Pose]) -> TrajectoryErrors | None:
-    """The errors; None where too few poses were found to align them."""
+def _score(truth: Trajectory, found: Mapping[int, Pose]) -> TrajectoryErrors:
+    """The errors; none of any frame where too few poses were found to align them."""
     try:
         return trajectory_errors(truth, found)
     except ArgumentError:
-        return None
-
-
-def _estimated(truth: Trajectory, errors: TrajectoryErrors) -> Trajectory:
-    times = _times(truth)
-    return Trajectory(tuple(errors.aligned), tuple(times[i] for i in errors.frames))
+        return _NO_ERRORS
 
 
 def _write(path: Path, trajectory: Trajectory) -> Path:
@@ -136,43 +137,89 @@ def _write(path: Path, trajectory: Trajectory) -> Path:
     return path
 
 
-def _figures(run: tuple[str, str], truth: Trajectory, errors: TrajectoryErrors | None) -> list[Figure]:
-    nothing = np.full(1, np.nan)
-    count = 0 if errors is None else len(errors.frames)
-    off, eps_t, eps_theta, step_m, step_deg = (
-        (nothing,) * 5
-        if errors is None
-        else (errors.position_m, errors.eps_t_deg, errors.eps_theta_deg, errors.step_m, errors.step_deg)
+def _figures(run: Run, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
+    count, off = len(errors.frames), rms(errors.position_m)
+    mean_turn, most_t, most_theta = (
+        float(function(values)) if count else float("nan")
+        for function, values in (
+            (np.mean, errors.eps_theta_deg),
+            (np.max, errors.eps_t_deg),
+            (np.max, errors.eps_theta_deg),
+        )
     )
-    values = [
-        ("registered", 100 * count / len(truth), "%", None),
-        ("ATE, rms", 1000 * rms(off), "mm", None),
-        ("ATE, rms, of the path", 100 * rms(off) / path_length(truth), "%", None),
-        ("RPE, rms", 1000 * rms(step_m), "mm", None),
-        ("RPE, rms, turn", rms(step_deg), "deg", None),
-        ("turn, mean", float(np.mean(eps_theta)), "deg", None),
-        ("eps_t, largest", float(np.max(eps_t)), "deg", PAPER_DEG),
-        ("eps_theta, largest", float(np.max(eps_theta)), "deg", PAPER_DEG),
-    ]
     name = ", ".join(run)
     return [
-        Figure(f"{name}: {what}", value, unit, paper, len(truth) if what == "registered" else count)
-        for what, value, unit, paper in values
+        Figure(f"{name}: registered", 100 * count / len(truth), "%", n=len(truth)),
+        Figure(f"{name}: ATE, rms", 1000 * off, "mm", n=count),
+        Figure(f"{name}: ATE, rms, of the path", 100 * off / path_length(truth), "%", n=count),
+        Figure(f"{name}: RPE, rms", 1000 * rms(errors.step_m), "mm", n=count),
+        Figure(f"{name}: RPE, rms, turn", rms(errors.step_deg), "deg", n=count),
+        Figure(f"{name}: turn, mean", mean_turn, "deg", n=count),
+        Figure(f"{name}: eps_t, largest", most_t, "deg", PAPER_DEG, count),
+        Figure(f"{name}: eps_theta, largest", most_theta, "deg", PAPER_DEG, count),
     ]
 
 
-def _rows(
-    run: tuple[str, str], truth: Trajectory, errors: TrajectoryErrors | None
-) -> Iterator[dict[str, Any]]:
-    """A row for every frame; without errors where it was not registered."""
-    index = {} if errors is None else {frame: i for i, frame in enumerate(errors.frames)}
-    for frame, time in enumerate(_times(truth)):
+def _rows(run: Run, times: Sequence[float], errors: TrajectoryErrors) -> Iterator[Row]:
+    """A row for every frame, with errors if it was registered."""
+    index = {frame: i for i, frame in enumerate(errors.frames)}
+    for frame, time in enumerate(times):
         row: dict[str, Any] = {"camera": run[0], "method": run[1], "frame": frame, "time_s": time}
         row |= dict.fromkeys(("x_m", "y_m", "z_m", "position_m", "eps_t_deg", "eps_theta_deg"))
-        if errors is not None and frame in index:
+        if frame in index:
             i = index[frame]
-            row |= dict(zip(("x_m", "y_m", "z_m"), errors.aligned[i].position.tolist(), strict=True))
-            row["position_m"] = float(errors.position_m[i])
-            row["eps_t_deg"] = float(errors.eps_t_deg[i])
-            row["eps_theta_deg"] = float(errors.eps_theta_deg[i])
+            row["x_m"], row["y_m"], row["z_m"] = errors.aligned[i].position.tolist()
+            for key in ("position_m", "eps_t_deg", "eps_theta_deg"):
+                row[key] = float(getattr(errors, key)[i])
         yield row
+
+
+def draw(
+    runs: Mapping[Run, TrajectoryErrors], truth: Sequence[Pose], times: Sequence[float], path: Path
+) -> Path:
+    """Draw both errors of each frame, and the trajectories from above; return the path.
+
+    Args:
+        runs: errors by camera and method; the second method of a camera is dashed.
+        truth: the true poses.
+        times: of these, seconds.
+        path: of the picture.
+    """
+    with chart(path, 1200, 460) as drawing:
+        position, orientation, above = drawing.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
+        above.plot(*_from_above(truth), "-", color="#d1495b", lw=4, alpha=0.5, label="truth")
+        cameras = [camera for camera, _ in runs]
+        for i, ((camera, method), errors) in enumerate(runs.items()):
+            if errors.frames:
+                style: dict[str, Any] = {"ls": "--" if camera in cameras[:i] else "-"}
+                style["color"] = _COLORS[camera]
+                at = [times[frame] for frame in errors.frames]
+                position.plot(at, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, **style)
+                orientation.plot(at, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, **style)
+                above.plot(*_from_above(errors.aligned), lw=1.2, label=f"{camera}, {method}", **style)
+        _label(position, "position error $\\varepsilon_t$ (degrees)")
+        _label(orientation, "orientation error $\\varepsilon_\\theta$ (degrees)")
+        above.set(xlabel="x (m)", ylabel="y (m)", title="trajectory from above", aspect="equal")
+        above.legend(fontsize=9, loc="center")
+        above.grid(lw=0.4, alpha=0.5)
+    return path
+
+
+def _from_above(poses: Sequence[Pose]) -> Array:
+    """(2, N) x and y."""
+    return np.array([pose.position[:2] for pose in poses]).T
+
+
+def _label(axes: Axes, title: str) -> None:
+    axes.axhline(PAPER_DEG, color="#9aa3b2", ls=":", lw=2)
+    axes.annotate(
+        f"the paper's errors are below {PAPER_DEG:g} degrees",
+        (0.02, PAPER_DEG),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -5),
+        textcoords="offset points",
+        va="top",
+        size=9,
+    )
+    axes.set(yscale="log", xlabel="time (s)", title=title, ylim=(None, 1.4 * PAPER_DEG))
+    axes.grid(lw=0.4, alpha=0.5, which="both")

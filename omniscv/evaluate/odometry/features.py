@@ -1,7 +1,7 @@
-"""Features in the images of a central camera: the bearings of points, and what they look like."""
+"""Features in the images of a central camera: bearings of points, and the tracks that follow them."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
+from omniscv.evaluate.odometry.adjustment import Observations
+from omniscv.evaluate.odometry.pose_estimation import inner_mask, relative_pose
 from omniscv.geometry import Array
+
+FEWEST = 15
+"""Matches that agree on a motion; with fewer, two frames are not linked."""
 
 _RATIO = 0.8  # D. G. Lowe, IJCV 60, 2004, 7.1
 _CONTRAST = 0.01
-_RIM_PX = 6  # SIFT finds the rim of the image circle; what is this near to it is left out
 
 
 class Features(NamedTuple):
@@ -29,20 +33,13 @@ class Features(NamedTuple):
     descriptors: NDArray[np.float32]
 
 
-def inner_mask(camera: Camera) -> NDArray[np.uint8]:
-    """(H, W) 255 where a feature cannot be the rim of the field of view, else 0."""
-    valid = np.asarray(camera.valid(), np.uint8) * 255
-    around = np.ones((2 * _RIM_PX + 1, 2 * _RIM_PX + 1), np.uint8)
-    return np.asarray(cv2.erode(valid, around, borderType=cv2.BORDER_CONSTANT, borderValue=255), np.uint8)
-
-
 def detect(grey: NDArray[np.uint8], camera: Camera, most: int) -> Features:
     """Return the SIFT features of an image.
 
     Args:
         grey: (H, W) uint8.
-        camera: that took it, central.
-        most: how many, the strongest.
+        camera: of the image, central.
+        most: number of features, the strongest.
     """
     # Without precise upscaling, OpenCV's features lie a quarter of a pixel too far to the right and below.
     sift = cv2.SIFT.create(nfeatures=most, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
@@ -60,18 +57,41 @@ def match(first: Features, second: Features) -> NDArray[np.int64]:
     if min(len(first.bearings), len(second.bearings)) < 2:
         return np.zeros((0, 2), np.int64)
     likeness = first.descriptors @ second.descriptors.T
-    forth, back = _clear_partners(likeness), likeness.argmax(axis=0)
-    rows = np.flatnonzero(forth >= 0)
-    rows = rows[back[forth[rows]] == rows]
-    return np.stack([rows, forth[rows]], axis=1)
-
-
-def _clear_partners(likeness: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(N,) of each row the column that is most alike; -1 where the second is nearly so."""
-    rows = np.arange(len(likeness))
-    best = likeness.argmax(axis=1)
+    rows, best = np.arange(len(likeness)), likeness.argmax(axis=1)
+    mutual = likeness.argmax(axis=0)[best] == rows
     distance = 2 - 2 * likeness[rows, best]  # squared, of unit vectors
-    others = likeness.copy()
-    others[rows, best] = -np.inf
-    clear = distance < _RATIO**2 * (2 - 2 * others.max(axis=1))
-    return np.where(clear, best, -1)
+    likeness[rows, best] = -np.inf
+    clear = distance < _RATIO**2 * (2 - 2 * likeness.max(axis=1))
+    return np.asarray(np.column_stack([rows, best])[mutual & clear], np.int64)
+
+
+def follow(features: Sequence[Features], limit_rad: float) -> Observations:
+    """Return the tracks of a sequence until a frame does not continue the one before.
+
+    Matches that disagree with the motion between two frames make no track.
+
+    Args:
+        features: of each frame, at least one.
+        limit_rad: tolerance of bearings.
+
+    Returns:
+        All observations of points that two frames or more see, ordered by frame; ``camera`` is the frame,
+        ``point`` the track.
+    """
+    ids = [np.arange(len(features[0].bearings))]
+    count = len(ids[0])
+    for before, after in pairwise(features):
+        pairs = match(before, after)
+        motion = relative_pose(before.bearings[pairs[:, 0]], after.bearings[pairs[:, 1]], limit_rad)
+        if motion is None or np.count_nonzero(motion[1]) < FEWEST:
+            break
+        first, second = pairs[motion[1]].T
+        new = np.arange(count, count + len(after.bearings))
+        new[second] = ids[-1][first]
+        ids.append(new)
+        count += len(after.bearings)
+    frame = np.repeat(np.arange(len(ids)), [len(part) for part in ids])
+    bearings = np.concatenate([part.bearings for part in features[: len(ids)]])
+    _, track, lengths = np.unique(np.concatenate(ids), return_inverse=True, return_counts=True)
+    long = lengths[track] > 1
+    return Observations(frame[long], np.unique(track[long], return_inverse=True)[1], bearings[long])

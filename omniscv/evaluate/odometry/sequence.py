@@ -1,6 +1,4 @@
-"""The images that odometry is fed with: a flight along a loop, seen by three cameras at one place."""
-
-from __future__ import annotations
+"""Images of a flight along a loop, by three cameras with one centre."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +19,7 @@ SECONDS = 28.0
 """Of the flight, as in the paper."""
 
 FISHEYE_FOV_DEG = 170.0
-"""Below 180: COLMAP's lenses, as those of most programs, end there."""
+"""Below 180, the bound of COLMAP's lenses."""
 
 
 def flight(count: int) -> Trajectory:
@@ -42,7 +40,7 @@ def flight(count: int) -> Trajectory:
     return Trajectory(tuple(poses), tuple((SECONDS * np.arange(count) / count).tolist()))
 
 
-def eyes(width: int, edge: int) -> Rig:
+def rig_of(width: int, edge: int) -> Rig:
     """Return a panorama and a fisheye that look ahead, and a camera below a hyperbolic mirror that looks up.
 
     Args:
@@ -58,28 +56,28 @@ def eyes(width: int, edge: int) -> Rig:
     )
 
 
-def shoot(
+def render(
     rig: Rig, trajectory: Trajectory, source: Source, folder: Path, progress: Callable[[int], None]
 ) -> dict[str, list[Path]]:
     """Write the images of each camera of a rig as ``CAMERA/0000.png`` and so on; return them by camera.
 
     Args:
-        rig, trajectory: what is where when.
+        rig: the cameras.
+        trajectory: poses of the rig.
         source: of captures.
-        folder: where the images go.
+        folder: for the images.
         progress: called with the number of poses done.
 
     Raises:
         OmniscvError: of the source; ArgumentError: colours that are not bytes.
     """
-    # One size of faces for all cameras, so that they share captures. These resolve more than the panorama and
-    # the fisheye; finer ones, or averages over pixels, changed no error beyond what it varies by anyway.
+    # With one size of faces, the cameras share captures. It exceeds the resolution of panorama and fisheye.
     options = RenderOptions(face_size=max(m.camera.width for m in rig.cameras.values()) // 2)
     renderer = Renderer(source)
     written: dict[str, list[Path]] = {name: [] for name in rig.cameras}
     for i, pose in enumerate(trajectory):
-        shots = [(mounted.camera, pose @ mounted.pose) for mounted in rig.cameras.values()]
-        images = renderer.render_together(shots, ("lit",), options)
+        cameras = [(mounted.camera, pose @ mounted.pose) for mounted in rig.cameras.values()]
+        images = renderer.render_together(cameras, ("lit",), options)
         for name, image in zip(rig.cameras, images, strict=True):
             if image.lit is None or image.lit.dtype != np.uint8:
                 raise ArgumentError("source: expected colours as bytes, got others; leave out lit=float32")

@@ -1,17 +1,15 @@
-"""How far an estimated trajectory is off the true one.
+"""Errors of an estimated trajectory.
 
-What a single moving camera cannot see is aligned first: a similarity takes the estimated positions next to
-the true ones, after S. Umeyama, "Least-squares estimation of transformation parameters between two point
-patterns", PAMI 1991. Then, of the frames that were registered:
+A similarity first aligns the estimated positions with the true ones, because a moving camera does not show
+position, orientation and scale of its world (S. Umeyama, "Least-squares estimation of transformation
+parameters between two point patterns", PAMI 1991). Then, of the frames that were registered:
 
 ATE          distance of the positions; its root mean square. J. Sturm et al., IROS 2012.
 RPE          the error of the step from each frame to the next, position and rotation. Ibid.
-eps_t        angle at a given origin between the true position and the estimated one; the paper's. It says
-             little about a position that is far from the origin, and grows without bound near it.
+eps_t        angle at a given origin between the true position and the estimated one; the paper's. For
+             positions far from the origin it is small, and near it it grows without bound.
 eps_theta    angle of R_gt R_est^T; the paper's.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,11 +37,6 @@ class Similarity(NamedTuple):
     rotation: Array
     translation: Array
 
-    def of(self, pose: Pose) -> Pose:
-        """Return a pose, moved."""
-        position = self.scale * self.rotation @ pose.position + self.translation
-        return Pose(position, self.rotation @ pose.rotation)
-
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryErrors:
@@ -67,7 +60,7 @@ class TrajectoryErrors:
 
 
 def umeyama(points: ArrayLike, targets: ArrayLike) -> Similarity:
-    """Return the similarity that takes points next to their targets, with the least sum of squares.
+    """Return the similarity that maps points to their targets with the least sum of squares.
 
     Args:
         points, targets: (N, 3).
@@ -80,38 +73,37 @@ def umeyama(points: ArrayLike, targets: ArrayLike) -> Similarity:
         got = f"{source.shape} and {target.shape}"
         raise ArgumentError(f"positions: expected {FEWEST} or more, (N, 3) each, got shapes {got}")
     mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    for offsets in (source - mean, target - target_mean):
-        spread = np.linalg.svd(offsets, compute_uv=False)
+    offsets, target_offsets = source - mean, target - target_mean
+    for each in (offsets, target_offsets):
+        spread = np.linalg.svd(each, compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
             raise ArgumentError(f"positions: expected some off a line, got spreads {shown(spread)} m")
-    U, D, Vt = np.linalg.svd((target - target_mean).T @ (source - mean))
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    rotation = (U * signs) @ Vt
-    scale = float((D * signs).sum() / ((source - mean) ** 2).sum())
+    rotation = Rotation.align_vectors(target_offsets, offsets)[0].as_matrix()
+    scale = float((target_offsets * (offsets @ rotation.T)).sum() / (offsets**2).sum())
     return Similarity(scale, rotation, target_mean - scale * rotation @ mean)
 
 
 def trajectory_errors(
-    truth: Sequence[Pose], found: Mapping[int, Pose], origin: ArrayLike = (0.0, 0.0, 0.0)
+    truth: Sequence[Pose], estimates: Mapping[int, Pose], origin: ArrayLike = (0.0, 0.0, 0.0)
 ) -> TrajectoryErrors:
     """Return the errors of a trajectory.
 
     Args:
         truth: a pose for every frame, world frame.
-        found: the estimated poses by index of the frame, in a frame and scale of their own.
-        origin: (3,) where the angles eps_t are measured, world frame.
+        estimates: poses by index of the frame, in a frame and scale of their own.
+        origin: (3,) of the angles eps_t, world frame.
 
     Raises:
-        ArgumentError: fewer than three poses were found, or positions on one line.
+        ArgumentError: fewer than three estimates, or positions on one line.
     """
-    frames = sorted(found)
+    frames = sorted(estimates)
     true = [truth[i] for i in frames]
     positions = _positions(true)
-    similarity = umeyama(_positions([found[i] for i in frames]), positions)
-    aligned = [similarity.of(found[i]) for i in frames]
+    scale, R, t = umeyama(_positions([estimates[i] for i in frames]), positions)
+    aligned = [Pose(scale * R @ estimates[i].position + t, R @ estimates[i].rotation) for i in frames]
     reached = _positions(aligned)
-    following = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
-    steps = [_step(true[i : i + 2]).inverse() @ _step(aligned[i : i + 2]) for i in following]
+    successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
+    steps = [_step(*true[i : i + 2]).inverse() @ _step(*aligned[i : i + 2]) for i in successive]
     return TrajectoryErrors(
         frames=frames,
         aligned=aligned,
@@ -124,7 +116,7 @@ def trajectory_errors(
 
 
 def path_length(poses: Sequence[Pose]) -> float:
-    """Return the length of the way through poses, metres."""
+    """Return the length of the path through poses, metres."""
     return float(np.linalg.norm(np.diff(_positions(poses), axis=0), axis=1).sum())
 
 
@@ -138,18 +130,15 @@ def _positions(poses: Sequence[Pose]) -> Array:
     return np.array([pose.position for pose in poses]).reshape(-1, 3)
 
 
-def _step(pair: Sequence[Pose]) -> Pose:
-    before, after = pair
+def _step(before: Pose, after: Pose) -> Pose:
     return before.inverse() @ after
 
 
 def _angle_deg(a: Array, b: Array) -> Array:
-    """Between vectors (N, 3); exact for small angles too, where the arc cosine is not."""
+    """(N,) between vectors (N, 3); exact for small angles too, where the arc cosine is not."""
     across = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.degrees(np.arctan2(across, (a * b).sum(axis=1))))
 
 
 def _turn_deg(rotations: Sequence[Array]) -> Array:
-    if not rotations:
-        return np.zeros(0)
-    return np.asarray(np.degrees(Rotation.from_matrix(np.array(rotations)).magnitude()))
+    return np.degrees(Rotation.from_matrix(np.array(rotations).reshape(-1, 3, 3)).magnitude())

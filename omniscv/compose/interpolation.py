@@ -1,22 +1,51 @@
-"""Bicubic sampling by Catmull and Rom's cubic, which shows straight ramps as they are.
+"""Values between the pixels of a picture, for any number of points: bilinear and bicubic.
 
-cv2.remap's own (a = -0.75, tables of 1/32 px) bends them by up to a tenth of a pixel. Source: Keys, Cubic
-convolution interpolation for digital image processing, 1981, with a = -0.5.
+Bicubic is Catmull and Rom's cubic, which shows straight ramps as they are. cv2.remap's own (a = -0.75,
+tables of 1/32 px) bends them by up to a tenth of a pixel. Source: Keys, Cubic convolution interpolation for
+digital image processing, 1981, with a = -0.5.
 """
 
+import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose import kernels
-from omniscv.compose.kernels import Floats, Pixels
+from omniscv.geometry.arrays import Floats, Pixels, run
+
+LARGEST_PX = 32766
+"""Rows and columns that cv2.remap takes."""
+_ROW = 1 << 12
+
+
+def sample_bilinear(picture: Pixels, x: Floats, y: Floats, row: int = 0) -> Pixels:
+    """Return values at points, bilinear between pixels; 0 outside the picture.
+
+    Args:
+        picture: (H, W) or (H, W, C).
+        x, y: (N,) pixel centres at whole numbers.
+        row: how many points lie in a row of the image, so that neighbours are read together; 0: any.
+
+    Returns:
+        (N,) or (N, C) of the picture's dtype.
+    """
+    count = len(x)
+    if not 0 < row <= LARGEST_PX:
+        row = min(_ROW, max(1, count))
+    rows = -(-count // row)
+    if rows * row != count:
+        x, y = (np.pad(each, (0, rows * row - count)) for each in (x, y))
+    out = cv2.remap(
+        picture, x.reshape(rows, row), y.reshape(rows, row), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT, borderValue=0,
+    )  # fmt: skip
+    return np.asarray(out.reshape(-1, *picture.shape[2:])[:count])
 
 
 def sample_bicubic(picture: Pixels, x: Floats, y: Floats) -> Pixels:
-    """Values at places; 0 where the 4 x 4 pixels around a place are not all in the picture.
+    """Return values at points; 0 where the 4 x 4 pixels around a point are not all in the picture.
 
     Args:
         picture: (H, W, C).
-        x, y: of one shape (...); pixel centres at whole numbers, as cv2.remap has them.
+        x, y: of one shape (...); pixel centres at whole numbers.
 
     Returns:
         (..., C) of the picture's dtype, rounded and clipped to its range where that is of integers.
@@ -25,7 +54,7 @@ def sample_bicubic(picture: Pixels, x: Floats, y: Floats) -> Pixels:
     whole = picture.dtype.kind == "u"
     top = float(np.iinfo(picture.dtype).max) if whole else 0.0
     rows = x.ravel(), y.ravel(), out.reshape(x.size, -1)
-    kernels.run(_bicubic, rows, picture, whole, top)
+    run(_bicubic, rows, picture, whole, top)
     return out
 
 

@@ -1,4 +1,4 @@
-"""Captures that several images need, held from one to the next."""
+"""Captures that are held in memory, and delivered again in place of new ones."""
 
 from abc import abstractmethod
 from collections import Counter
@@ -9,7 +9,7 @@ from omniscv.sources.ordered import Held, in_order
 
 
 class HeldCaptures(SourceWrapper):
-    """A source of which some captures are held, and given again in place of new ones."""
+    """A source of which some captures are held. The source is not closed with it."""
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         return in_order(requests, self._held_capture, self._capture_and_hold)
@@ -33,13 +33,11 @@ class HeldCaptures(SourceWrapper):
 
 
 class SharedCaptures(HeldCaptures):
-    """A source that captures once what is requested several times, and holds it as long as that is needed.
-
-    It belongs to the images of one moment, and to one thread; the source is not closed with it.
+    """A source whose captures are held as long as images of one moment need them. For one thread.
 
     Args:
         source: where captures come from.
-        needed: how many times each request is made that is made several times.
+        needed: how often each request comes; requests that are missing here are not held.
     """
 
     def __init__(self, source: Source, needed: Mapping[Request, int]) -> None:
@@ -59,14 +57,14 @@ class SharedCaptures(HeldCaptures):
             self._held[capture.request] = capture
 
 
-class PlaceCaptures(HeldCaptures):
-    """A recording that is read and decoded once for all images at an optical centre.
+class CapturesOfCenter(HeldCaptures):
+    """A recording whose captures at the optical centre that was used last are held: they are decoded once.
 
-    The captures of the centre that was used last are held. Safe to use from several threads.
+    Safe to use from several threads.
 
     Args:
-        recording: where captures come from; not closed with it.
-        most_bytes: that are held; what does not fit is read again.
+        recording: where captures come from.
+        most_bytes: that are held; captures beyond it are read again.
     """
 
     def __init__(self, recording: Source, most_bytes: int) -> None:
@@ -75,7 +73,7 @@ class PlaceCaptures(HeldCaptures):
 
     @property
     def nbytes(self) -> int:
-        """What is held in memory."""
+        """Bytes held in memory."""
         return sum(map(_nbytes, list(self._held.values())))
 
     def close(self) -> None:

@@ -1,21 +1,21 @@
 """Whether an optical centre is visible from the camera's position.
 
 A non-central camera's centres lie up to metres from its position: in a small room some are beyond a wall
-or inside a cupboard. Engines render those as if nothing were wrong. So a few small depth pictures are
-captured at the camera's own position, and the pixels of centres that lie behind what those show are flagged
-as unsure.
+or inside a cupboard. Engines render those without complaint. So a few small depth pictures are captured at
+the camera's own position, and the pixels of centres that lie behind their surfaces are flagged.
 """
 
 from collections.abc import Generator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.geometry import Array
-from omniscv.planning.base import Kept, Round, Task, Viewpoint
+from omniscv.geometry.arrays import Mask
 from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
-from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
-from omniscv.planning.viewpoints import Groups, RayGroup
+from omniscv.planning.ray_marching import DepthShell, depth_shell, distances
+from omniscv.planning.rays import Groups, RayGroup
+from omniscv.planning.rounds import Kept, Round, Viewpoint
+from omniscv.planning.strategy import Task
 
 _EDGE_PX = 64
 """Pixels of a face that only separates walls from open space."""
@@ -24,8 +24,8 @@ _SLACK = 1.01
 """A centre as far as a wall is on it, and between two pixels a wall may be a little nearer."""
 
 
-def look_around(task: Task, groups: Groups) -> Generator[Round, Kept | None, DepthShell | None]:
-    """Yield a round of small depth pictures at the camera's position, and return what they show.
+def capture_around(task: Task, groups: Groups) -> Generator[Round, Kept | None, DepthShell | None]:
+    """Yield a round of small depth pictures at the camera's position, and return the captured depth.
 
     None for a single centre, where a recording has no such pictures, and where nothing is captured.
     """
@@ -39,14 +39,14 @@ def look_around(task: Task, groups: Groups) -> Generator[Round, Kept | None, Dep
     return None if kept is None else depth_shell(center_w, kept[0]["depth"])
 
 
-def visible(around: DepthShell, points_w: Array) -> NDArray[np.bool_]:
+def visible(around: DepthShell, points_w: Array) -> Mask:
     """Return (N,) bool, whether no surface lies between the shell's centre and points (N, 3), world frame."""
     toward = points_w - around.center_w
     away = np.linalg.norm(toward, axis=-1)
     return np.asarray((away == 0) | (away <= distances(around, toward) * _SLACK))
 
 
-def occluded(around: DepthShell | None, center_w: Array, group: RayGroup) -> NDArray[np.bool_] | None:
+def occluded(around: DepthShell | None, center_w: Array, group: RayGroup) -> Mask | None:
     """Return (N,) bool, True for all pixels of a centre that is not visible; None where that is unknown."""
     if around is None:
         return None

@@ -1,0 +1,35 @@
+"""Short names for types of arrays, and compiled kernels on blocks of rows, on all cores."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.parallel import blocks
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.integer[Any]]
+Mask = NDArray[np.bool_]
+Pixels = NDArray[Any]
+Faces = Sequence[Pixels] | Pixels
+"""Pictures of one size, as a sequence or as one array (V, h, w, ...)."""
+
+
+def stacked(faces: Faces) -> Pixels:
+    """Return pictures as one array (V, h, w, ...)."""
+    return faces if isinstance(faces, np.ndarray) else np.stack(faces)
+
+
+def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) -> list[Any]:
+    """Call a kernel on blocks of rows, in parallel.
+
+    Args:
+        kernel: called with a block of each array of ``rows``, then with ``others``; releases the GIL.
+        rows: arrays of N rows.
+        others: arguments that are passed whole.
+
+    Returns:
+        The results, one for each block.
+    """
+    return blocks(lambda block: kernel(*(array[block] for array in rows), *others), len(rows[0]))

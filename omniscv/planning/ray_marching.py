@@ -1,0 +1,459 @@
+"""March rays through depth that was captured from another centre.
+
+A ray from o is seen from a centre c as an arc, from the direction of o to the ray's own. Along it, a pixel of
+the capture at a time, its points Y are compared with the captured distance D: ``g = |Y - c| - D``.
+While g < 0 they are in free space visible from c. Where g passes through zero on one surface, the ray
+meets that surface, and visibility from the ray's origin is certified by c: all of the way is free.
+Where g jumps above zero, the ray is occluded from c: what it meets there is unknown.
+
+With h the distance of c from the ray and psi the angle between ``Y - c`` and the ray,
+``|Y - c| = h / sin psi``, and steps of equal psi are steps of equal pixels.
+
+Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from omniscv.compiled import njit
+from omniscv.geometry import Array, cube_rotations
+from omniscv.geometry.arrays import Floats, Ints, Mask, run
+from omniscv.geometry.surfaces import (
+    Precision,
+    discontinuities,
+    nearest_pixel,
+    plane_of,
+    surface_point,
+)
+from omniscv.sources import codecs
+from omniscv.sources.base import Capture
+
+# What was tuned by measurement:
+_STEP_PX = 1.0  # step of a ray along its arc, px of the capture
+_REFINEMENTS = 12  # halvings of a step to find where a ray meets a surface
+_ON_SURFACE = (
+    0.003  # largest distance of a refined crossing from its surface, metres and relative: half floats
+)
+_MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
+_ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
+_BEHIND = 1.01  # relative depth beyond which a ray's origin counts as hidden from the centre
+_DEEPER_PX, _TOUCHING = 2.0, 4.0  # a ray grazes if so many px on it is less than so many depth errors behind
+_SHORT = 0.25  # of the reach: a longer hidden part of a ray's way may hold anything
+_LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays have no sharper error
+
+_SAME_FACE = 0.01
+"""Largest difference of rotation matrices of a face and of the view that a source captured for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownDepth:
+    """What a strategy knows of the depth of N pixels before their other modalities are captured.
+
+    Attributes:
+        distance: (N,) float32 metres along the pixels' own rays, +inf no surface.
+        error: (N,) float32 metres, bound on the error of ``distance``; +inf where nothing bounds it.
+        direction_error: (N,) float32 radians, bound on the resulting error of the lookup's directions.
+        grazes: (N,) bool, whether a ray passes within a capture's pixel of another surface on its way.
+        unsure: (N,) bool, not verified by any capture.
+    """
+
+    distance: Floats
+    error: Floats
+    direction_error: Floats
+    grazes: Mask
+    unsure: Mask
+
+
+class DepthShell(NamedTuple):
+    """The depth captured from one centre, in the faces of a world-aligned cube.
+
+    Attributes:
+        center_w: (3,) metres.
+        depth: (V, h, w) float32 planar metres; +inf for the sky.
+        nearest: (V, h, w) float32, depth of the nearest surface within a pixel, where that is another surface
+            than the pixel's own; else the pixel's own depth.
+        slot: (6,) int64, index of each face of the cube in ``depth``; -1 if it was not captured.
+        R_c_w: (6, 3, 3) world to each face.
+        focal, half_width, half_height: px.
+        least, most: of the finite distances, metres.
+        precision: of the depth.
+    """
+
+    center_w: Array
+    depth: Floats
+    nearest: Floats
+    slot: Ints
+    R_c_w: Array
+    focal: float
+    half_width: float
+    half_height: float
+    least: float
+    most: float
+    precision: Precision
+
+
+def depth_shell(center_w: Array, captures: Sequence[Capture]) -> DepthShell:
+    """Return the shell of planar depths captured with the faces of a world-aligned cube.
+
+    Args:
+        center_w: (3,) the views' common centre.
+        captures: depth, all of one size. Views that are no face of the cube are passed over.
+    """
+    view = captures[0].view
+    R_c_w = np.array([R_w_c.T for _, R_w_c in cube_rotations()])
+    slot = np.full(6, -1, np.int64)
+    for i, capture in enumerate(captures):
+        captured = capture.view.pose.R_w_c.T
+        off = np.abs(R_c_w - captured).max(axis=(1, 2))
+        if off.min() < _SAME_FACE:
+            slot[off.argmin()], R_c_w[off.argmin()] = i, captured
+    depth = [capture.pixels for capture in captures]
+    finite = [face[np.isfinite(face)] for face in depth]
+    most = max((float(face.max()) for face in finite if face.size), default=0.0)
+    corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
+    return DepthShell(
+        center_w,
+        np.stack(depth),
+        np.stack([_nearest_around(face) for face in depth]),
+        slot,
+        R_c_w,
+        view.focal_px,
+        view.width / 2,
+        view.height / 2,
+        least=min(float(face.min()) for face in depth),
+        most=most * corner,
+        precision=codecs.precision(captures[0].encoding),
+    )
+
+
+def _nearest_around(face: Floats) -> Floats:
+    least = cv2.erode(face, np.ones((3, 3), np.uint8))
+    beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
+    return np.where(beside, least, face)
+
+
+def distances(shell: DepthShell, directions_w: Array) -> Array:
+    """Return (N,) captured distances of the nearest pixels, metres.
+
+    0 in directions that were not captured, and for a direction of length 0.
+
+    Args:
+        shell: captured depth.
+        directions_w: (N, 3), of any length.
+    """
+    out = np.zeros(len(directions_w))
+    _distances(shell, directions_w, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _distances(shell: Any, directions: Any, out: Any) -> None:
+    for i in range(directions.shape[0]):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > 0:
+            k, u, v, along = _look_up(shell, (x, y, z))
+            out[i] = _pixel(shell.depth[k], u, v) / along * length if k >= 0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _face_of(direction: Any) -> int:
+    """Return which face of the world-aligned cube a direction hits."""
+    x, y, z = direction
+    if abs(x) >= abs(y) and abs(x) >= abs(z):
+        return 0 if x > 0 else 2
+    if abs(y) >= abs(z):
+        return 3 if y > 0 else 1
+    return 4 if z > 0 else 5
+
+
+@njit(cache=True, nogil=True)
+def _look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
+    """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
+
+    -1 if that face was not captured.
+    """
+    x, y, z = direction
+    face = _face_of(direction)
+    if shell.slot[face] < 0:
+        return -1, 0.0, 0.0, 1.0
+    R = shell.R_c_w[face]
+    depth = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+    u = shell.focal * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z) / depth + shell.half_width
+    v = shell.focal * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z) / depth + shell.half_height
+    return shell.slot[face], u, v, depth
+
+
+@njit(cache=True, nogil=True)
+def _pixel(face: Any, u: float, v: float) -> float:
+    r, c = nearest_pixel(face.shape, u, v)
+    return float(face[r, c])
+
+
+@njit(cache=True, nogil=True)
+def _between_pixels(shell: Any, k: int, u: float, v: float) -> float:
+    """Return planar depth between pixels; +inf where there is no surface."""
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    return 1.0 / point.inverse if point.inverse > 0.0 else np.inf
+
+
+class Hits(NamedTuple):
+    """What N rays meet.
+
+    Attributes:
+        reach: (N,) metres along each ray, +inf for the sky, NaN where it is unknown.
+        sure: (N,) whether all of the way is visible from the centre.
+        error: (N,) bound on the error of ``reach``, metres; +inf where nothing bounds it.
+        direction_error: (N,) radians, bound on the resulting error of the direction from the centre.
+        grazes: (N,) whether the ray passes within a pixel of another surface on its way.
+        hidden_from, hidden_to: (N,) metres along the ray, the part of it that the centre does not see;
+            +inf and -inf if it sees all.
+    """
+
+    reach: Array
+    sure: Mask
+    error: Array
+    direction_error: Array
+    grazes: Mask
+    hidden_from: Array
+    hidden_to: Array
+
+    def of(self, rows: Ints) -> Hits:
+        """Return the hits of some of the rays."""
+        parts: list[Any] = [values[rows] for values in self]
+        return Hits(*parts)
+
+    def known_depth(self) -> KnownDepth:
+        """Return the depth of the rays' pixels; a short hidden part of the way adds to its error."""
+        with np.errstate(invalid="ignore"):
+            may_be_nearer = np.where(self.sure, 0.0, self.reach - self.hidden_from)
+            long = ~(self.hidden_to - self.hidden_from <= _SHORT * self.reach)
+        return KnownDepth(
+            self.reach.astype(np.float32),
+            np.fmax(self.error, may_be_nearer).astype(np.float32),
+            self.direction_error.astype(np.float32),
+            self.grazes | ~self.sure,
+            ~self.sure & long,
+        )
+
+    @classmethod
+    def unknown(cls, count: int) -> Hits:
+        """Return the hits of rays of which nothing is known."""
+        no, endless = np.zeros(count, np.bool_), np.full(count, np.inf)
+        return cls(
+            np.full(count, np.nan), no, endless, np.zeros(count), no.copy(), endless.copy(), -endless
+        )  # fmt: skip
+
+
+class _Arc(NamedTuple):
+    """A ray as seen from the centre: at angle psi to the ray lies ``h (toward sin psi + direction cos psi)``.
+
+    Attributes:
+        origin, direction: of the ray, from the centre, world frame.
+        toward: unit vector from the centre to the ray's nearest point, the foot.
+        h: metres from the centre to the foot.
+        foot: metres along the ray to the foot.
+    """
+
+    origin: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    toward: tuple[float, float, float]
+    h: float
+    foot: float
+
+
+def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
+    """Return what rays meet first of what was captured from a centre.
+
+    Args:
+        shell: what was captured from the centre.
+        origins_w, directions_w: (N, 3), unit directions.
+    """
+    hits = Hits.unknown(len(origins_w))
+    run(_march_block, (origins_w, directions_w, *hits), shell)
+    return hits
+
+
+@njit(cache=True, nogil=True)
+def _march_block(
+    origins: Any,
+    directions: Any,
+    reach: Any,
+    sure: Any,
+    error: Any,
+    direction_error: Any,
+    grazes: Any,
+    hidden_from: Any,
+    hidden_to: Any,
+    shell: Any,
+) -> None:
+    hits = Hits(reach, sure, error, direction_error, grazes, hidden_from, hidden_to)
+    for i in range(origins.shape[0]):
+        arc = _arc(shell, origins[i], directions[i])
+        if arc.h < 1e-9:
+            _march_from_center(shell, arc, hits, i)
+        else:
+            _march(shell, arc, hits, i)
+
+
+@njit(cache=True, nogil=True)
+def _arc(shell: Any, origin: Any, direction: Any) -> _Arc:
+    cx, cy, cz = shell.center_w[0], shell.center_w[1], shell.center_w[2]
+    ox, oy, oz = origin[0] - cx, origin[1] - cy, origin[2] - cz
+    dx, dy, dz = direction[0], direction[1], direction[2]
+    foot = -(ox * dx + oy * dy + oz * dz)
+    hx, hy, hz = ox + foot * dx, oy + foot * dy, oz + foot * dz
+    h = np.sqrt(hx * hx + hy * hy + hz * hz)
+    divisor = h if h > 0.0 else 1.0
+    return _Arc((ox, oy, oz), (dx, dy, dz), (hx / divisor, hy / divisor, hz / divisor), h, foot)
+
+
+@njit(cache=True, nogil=True)
+def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
+    """Return the direction from the centre to the point of the ray at angle psi."""
+    s, c = np.sin(psi), np.cos(psi)
+    (hx, hy, hz), (dx, dy, dz) = arc.toward, arc.direction
+    return hx * s + dx * c, hy * s + dy * c, hz * s + dz * c
+
+
+@njit(cache=True, nogil=True)
+def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
+    """Write what a ray meets that runs through the centre, or starts there."""
+    k, u, v, along = _look_up(shell, arc.direction)
+    if k >= 0:
+        hits.reach[i] = _between_pixels(shell, k, u, v) / along + arc.foot
+        hits.sure[i] = arc.foot >= -shell.least
+        hits.error[i] = _met_at(shell, arc, arc.direction)[1]
+
+
+@njit(cache=True, nogil=True)
+def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
+    """Write what a ray meets."""
+    step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
+    psi = np.arctan2(h, -foot)
+    if h < shell.least:  # nothing is nearer to the centre than that
+        psi = min(psi, np.arcsin(h / shell.least))
+    end = h / (2.0 * shell.most + h) if shell.most > 0 else step
+    was_free, first = False, True
+    met_at, passed = -1.0, np.inf
+    while True:
+        psi = max(psi, end)
+        was_free = was_free or first
+        free = False
+        k, u, v, along = _look_up(shell, _toward(arc, psi))
+        if k >= 0:
+            planar = h / np.sin(psi) * along
+            captured = _pixel(shell.depth[k], u, v)
+            if planar < captured:
+                free = True
+                beside = _pixel(shell.nearest[k], u, v)
+                if planar >= beside:
+                    passed = min(passed, _passing(arc, psi, beside / along))
+            elif was_free and not (first and planar > captured * _BEHIND):
+                # A step farther: between pixels a surface can lie behind its nearest pixel.
+                behind, before = max(psi - step, 0.5 * end), min(psi + 2 * step, np.pi)
+                at, gap = _refined(shell, arc, behind, before)
+                if abs(gap) <= _ON_SURFACE * (1.0 + h / np.sin(at)):
+                    met_at = at
+                    break
+        if not free:
+            hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(min(psi + step, np.pi - 1e-9)))
+            hits.hidden_to[i] = foot + h / np.tan(psi - step) if psi > end else np.inf
+        was_free, first = free, False
+        if psi <= end:
+            break
+        psi -= step
+    hits.sure[i] = hits.hidden_from[i] > hits.hidden_to[i]
+    if met_at >= 0.0:
+        _meet(shell, arc, hits, i, met_at)
+    elif hits.sure[i]:
+        hits.reach[i] = np.inf
+        hits.error[i] = np.inf if shell.precision.largest_m < np.inf else 0.0
+    if passed < np.inf:
+        hits.grazes[i] = True
+        hits.error[i] = max(hits.error[i], _MARGIN * (hits.reach[i] - passed))
+
+
+@njit(cache=True, nogil=True)
+def _passing(arc: Any, psi: float, surface_m: float) -> float:
+    """Return the reach at which a ray is as far from the centre as a surface that it may have met."""
+    s, c = np.sin(psi), np.cos(psi)
+    away = np.sqrt(max(0.0, surface_m**2 - arc.h * arc.h))
+    return float(min(arc.foot + (away if c > 0 else -away), arc.foot + arc.h * c / s))
+
+
+@njit(cache=True, nogil=True)
+def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
+    """Write the reach and its bounds of a ray that meets a surface at angle psi."""
+    s, c = np.sin(psi), np.cos(psi)
+    along_ray = arc.foot + arc.h * c / s
+    hits.reach[i], hits.error[i], hits.direction_error[i] = _met_at(shell, arc, _toward(arc, psi))
+    if abs(hits.reach[i] - along_ray) > _ON_SURFACE * (1.0 + arc.h / s):  # too grazing for a plane
+        hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
+    if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / shell.focal):
+        hits.error[i], hits.grazes[i] = np.inf, True
+
+
+@njit(cache=True, nogil=True)
+def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float]:
+    """Return where a ray meets the plane through the surface in a direction from the centre.
+
+    An error of a part of the inverse depth moves ``t = (1 - m . o) / (m . d)`` by that part of
+    ``1 / (m . d)``.
+
+    Returns:
+        The reach, the bound on its error, and the bound on the direction's error from the centre, radians.
+    """
+    k, u, v, along = _look_up(shell, toward)
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    if not point.inverse > 0.0:
+        return np.inf, np.inf, np.inf
+    R = shell.R_c_w[_face_of(toward)]
+    dx, dy = u - shell.half_width, v - shell.half_height
+    a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, shell.focal)
+    slope = start = parallel = 0.0
+    for j in range(3):
+        m = a * R[0, j] + b * R[1, j] + e * R[2, j]
+        slope += m * arc.direction[j]
+        start += m * arc.origin[j]
+        parallel += toward[j] * arc.direction[j]
+    distance = 1.0 / (point.inverse * along)
+    cosine = max(abs(slope) * distance, _LEAST_COSINE)
+    off = _ROUNDED * point.error / point.inverse * distance / cosine
+    aside = np.sqrt(max(0.0, 1.0 - parallel * parallel))
+    reach = (1.0 - start) / slope if slope != 0.0 else np.inf
+    return reach, off + _MARGIN * point.jump / along / cosine, off * aside / distance
+
+
+@njit(cache=True, nogil=True)
+def _touches(shell: Any, arc: Any, psi: float) -> bool:
+    """Return whether a ray that met a surface is hardly behind it at an angle a little farther on."""
+    k, u, v, along = _look_up(shell, _toward(arc, psi))
+    if psi <= 0.0 or k < 0:
+        return False
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    error = point.error / max(point.inverse, 1e-12)
+    return bool(arc.h / np.sin(psi) * along * point.inverse < 1.0 + _TOUCHING * error)
+
+
+@njit(cache=True, nogil=True)
+def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
+    """Return the angle between two where g changes its sign, by bisection, and g there."""
+    middle, gap = behind, np.inf
+    for _ in range(_REFINEMENTS):
+        middle = 0.5 * (behind + before)
+        k, u, v, along = _look_up(shell, _toward(arc, middle))
+        if k < 0:
+            return middle, np.inf
+        gap = arc.h / np.sin(middle) - _between_pixels(shell, k, u, v) / along
+        if gap > 0:
+            behind = middle
+        else:
+            before = middle
+    return middle, gap

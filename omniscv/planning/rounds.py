@@ -1,0 +1,165 @@
+"""A plan: rounds of viewpoints, and how they are captured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import islice
+
+from omniscv import modalities
+from omniscv.errors import BadReplyError
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Ints, Mask
+from omniscv.planning.ray_marching import KnownDepth
+from omniscv.progress import Progress
+from omniscv.sources.base import Capture, Request, Source, View
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """An optical centre, what is captured there, and the pixels that it serves.
+
+    Attributes:
+        center_w: (3,) the centre, world frame, metres.
+        views: of colours; those of ground truth are ``truth_scale`` times finer.
+        pixels: (N,) int64, row-major flat indices of the image's pixels that it serves; none where its
+            captures only inform the strategy.
+        modes: what is captured; all that the image needs if not given.
+        keep: whether the strategy is sent its captures at the end of the round.
+        toward_w: (N, 3) directions, of any length, in which the pixels are looked up; their own rays if None.
+        known_depth: of the pixels, where the strategy knows it; depth is then not captured.
+        depth_check: depth along the pixels' own rays, where their depth is captured from another centre.
+        occluded: (N,) bool, pixels whose own optical centre is not visible from the camera's position;
+            None: not judged.
+        truth_scale: set by :func:`omniscv.planning.rounds` for every strategy.
+        state: of the world in which captures are made; set as well.
+    """
+
+    center_w: Array
+    views: tuple[View, ...]
+    pixels: Ints
+    modes: tuple[str, ...] | None = None
+    keep: bool = False
+    toward_w: Array | None = None
+    known_depth: KnownDepth | None = None
+    depth_check: KnownDepth | None = None
+    occluded: Mask | None = None
+    truth_scale: int = 1
+    state: str = ""
+
+    def views_of(self, mode: str) -> tuple[View, ...]:
+        """Return the views that are captured in a mode."""
+        return self._scaled(self._scale(mode))
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """Return the captures for an image in some modes.
+
+        They are ordered view by view, ground truth first where it is finer: a server then poses its camera
+        once for all modes of one size.
+        """
+        captured = self._captured(modes)
+        scales = sorted(set(map(self._scale, captured)), reverse=True)
+        return [
+            Request(view, mode, self.state)
+            for scale in scales
+            for view in self._scaled(scale)
+            for mode in captured
+            if self._scale(mode) == scale
+        ]
+
+    def _captured(self, modes: Sequence[str]) -> list[str]:
+        """Return the modalities that are captured for those of an image, each once.
+
+        Depth comes first, because it differs between viewpoints where colours may be alike: a live source
+        detects by it that its camera has moved.
+        """
+        rows = [modalities.get(mode) for mode in (modes if self.modes is None else self.modes)]
+        depth = [row.name for row in rows if row.interpolation == "surface" and self.known_depth is None]
+        others = [row.captured_as or row.name for row in rows if row.interpolation != "surface"]
+        return list(dict.fromkeys(depth + others))
+
+    def _scale(self, mode: str) -> int:
+        return self.truth_scale if modalities.get(mode).truth else 1
+
+    def _scaled(self, scale: int) -> tuple[View, ...]:
+        return self.views if scale == 1 else tuple(view.scaled(scale) for view in self.views)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Viewpoints that are captured one after the other, before the strategy decides on the next round."""
+
+    viewpoints: tuple[Viewpoint, ...]
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """Return the captures of an image in some modes, viewpoint by viewpoint."""
+        return [request for viewpoint in self.viewpoints for request in viewpoint.requests(modes)]
+
+
+Kept = Sequence[Mapping[str, Sequence[Capture]]]
+"""The captures of a round's viewpoints that are kept, in their order: by mode, in the views' order."""
+
+Rounds = Generator[Round, Kept | None, None]
+"""Yields rounds, is sent their kept captures; None where a plan is made without capturing."""
+
+
+def change_viewpoints(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) -> Rounds:
+    """Yield a strategy's rounds with every viewpoint changed; pass on what is sent."""
+    kept: Kept | None = None
+    with closing(rounds):
+        while True:
+            try:
+                planned = rounds.send(kept)
+            except StopIteration:
+                return
+            kept = yield Round(tuple(map(change, planned.viewpoints)))
+
+
+def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:
+    """Run a strategy to its end.
+
+    Args:
+        rounds: the strategy's generator.
+        capture: called with each round; returns its kept captures, or None where nothing is captured.
+    """
+    kept: Kept | None = None
+    with closing(rounds):
+        while True:
+            try:
+                planned = rounds.send(kept)
+            except StopIteration:
+                return
+            kept = capture(planned)
+
+
+def captured(
+    round_: Round, source: Source, modes: Sequence[str], skip: Container[Request] = ()
+) -> Iterator[tuple[Viewpoint, dict[str, list[Capture]]]]:
+    """Capture a round, and yield its viewpoints with their captures by mode, in the views' order.
+
+    Args:
+        round_: what to capture.
+        source: where captures come from; requests are read ahead as far as it pipelines.
+        modes: of the image.
+        skip: requests that are not made again, except for viewpoints that are kept.
+
+    Raises:
+        BadReplyError: the source ends early.
+    """
+    missing = [[r for r in v.requests(modes) if v.keep or r not in skip] for v in round_.viewpoints]
+    captures = iter(source.capture(request for requests in missing for request in requests))
+    for viewpoint, requests in zip(round_.viewpoints, missing, strict=True):
+        by_mode: dict[str, list[Capture]] = {}
+        for capture in islice(captures, len(requests)):
+            by_mode.setdefault(capture.mode, []).append(capture)
+        if (count := sum(map(len, by_mode.values()))) < len(requests):
+            raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {count}")
+        yield viewpoint, by_mode
+
+
+def captured_progress(captures: Mapping[str, Sequence[Capture]]) -> Progress:
+    """Return the progress that the captures of a viewpoint, by mode, are."""
+    flat = [capture for captures_of_mode in captures.values() for capture in captures_of_mode]
+    sizes = (len(each.payload) if each.payload is not None else each.pixels.nbytes for each in flat)
+    return Progress(captures=len(flat), nbytes=sum(sizes))

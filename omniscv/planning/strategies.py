@@ -1,0 +1,224 @@
+"""Strategies that capture every pixel from its own optical centre: whole cubes, faces, strips, a single
+view."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose, pinhole
+from omniscv.planning import densities
+from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
+from omniscv.planning.occlusion import capture_around, occluded
+from omniscv.planning.ray_marching import DepthShell, KnownDepth, march
+from omniscv.planning.rays import Groups, RayGroup
+from omniscv.planning.rounds import Round, Rounds, Viewpoint
+from omniscv.planning.strategy import Strategy, Task, get
+from omniscv.planning.strips import STEEPEST, holding_size, straight, strip_size, strip_views
+from omniscv.sources.base import View
+
+_SHARED_M = 0.05
+"""Distance from a viewpoint within which its own captures bound the depth of rays well enough."""
+_MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
+"""Pixels per radian of a 90 degree face on the mean, against its middle: edge^2 pixels see 4 pi / 6 sr."""
+_STRIP_BORDER_PX = 2
+"""The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
+_NARROWEST = 1e-12  # tangent: a view of a single ray
+
+
+class Exact(Strategy):
+    """One round of viewpoints, after the round in which occluded centres are found."""
+
+    @abstractmethod
+    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
+        captured."""
+
+    def rounds(self, task: Task) -> Rounds:
+        if task.scattered:
+            expected = "expected 'auto', 'adaptive' or a number of viewpoints for a camera whose every pixel"
+            raise ArgumentError(f"strategy: {expected} has an optical centre of its own, got {self.name!r}")
+        groups = task.groups()
+        around = yield from capture_around(task, groups)
+        yield Round(self.viewpoints(task, groups, around))
+
+
+class Cube(Exact):
+    """Capture whole cube maps, as in the paper: one set serves every camera at the same centres."""
+
+    name = "cube"
+
+    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        return face_viewpoints(task, groups, around, whole=True)
+
+
+class Faces(Exact):
+    """Capture the faces of a cube map that the camera's rays hit."""
+
+    name = "faces"
+
+    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        return face_viewpoints(task, groups, around)
+
+
+class Strips(Exact):
+    """Capture views turned and narrowed to the rays of each centre; faces where rays fit none."""
+
+    name = "strips"
+
+    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        return strip_viewpoints(task, groups, around)
+
+    def rounds(self, task: Task) -> Rounds:
+        if not task.sets_views:
+            raise ArgumentError(
+                "strategy: strips need a source that can set size and field of view; use 'faces'"
+            )
+        return super().rounds(task)
+
+
+class Auto(Exact):
+    """``strips`` where there are several optical centres; at one, a single view if it holds all rays, else
+    ``faces``.
+
+    ``adaptive`` where nearly every pixel has an optical centre of its own.
+    Also ``faces`` where the source cannot set size and field of view, or is a recording without those views.
+    """
+
+    name = "auto"
+
+    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        if len(groups) > 1:
+            return cheapest_viewpoints(task, groups, around)
+        single = [viewpoint for group in groups if (viewpoint := _single_viewpoint(task, group))]
+        return tuple(single) or face_viewpoints(task, groups, around)
+
+    def rounds(self, task: Task) -> Rounds:
+        return get("adaptive").rounds(task) if task.scattered else super().rounds(task)
+
+    def further_views(self, task: Task) -> tuple[int, int]:
+        return get("adaptive").further_views(task) if task.scattered else (0, 0)
+
+
+def face_viewpoints(
+    task: Task, groups: Groups, around: DepthShell | None, *, whole: bool = False
+) -> tuple[Viewpoint, ...]:
+    """Return the viewpoints of groups of pixels: the faces that their rays hit, or whole cube maps.
+
+    Args:
+        task: the image.
+        groups: its pixels, or some of them, by optical centre.
+        around: depth captured at the camera's position; None: centres are not checked for occlusion.
+        whole: take all six faces.
+    """
+    faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
+
+    def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
+        if whole:
+            return faces.views(center_w, ALL_FACES)
+        hit = [faces_hit(directions, task.pose.R_w_c) for directions in group.blocks()]
+        return faces.views(center_w, np.any(hit, axis=0))
+
+    return _viewpoints(task, groups, around, views)
+
+
+def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+    """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do.
+
+    Rays on a great circle, as of a panorama's column, run through the middle of a row of pixels. Others are
+    sampled as finely as faces sample on average. Recordings may hold those as coarse as faces in the middle.
+    Arguments as :func:`face_viewpoints`.
+    """
+    if not groups:
+        return ()
+    rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
+    middle_px = task.edge / 2
+    finer = (1.0,) if straight([*rays_w.values()], middle_px) else (_MEAN_OF_A_FACE, 1.0)
+    if task.recorded is None:
+        return _strips(task, groups, around, rays_w, finer[0] * middle_px)
+    plans = [_strips(task, groups, around, rays_w, each * middle_px) for each in finer]
+    recorded = (plan for plan in plans if task.available([view for each in plan for view in each.views]))
+    return next(recorded, plans[0])
+
+
+def _strips(
+    task: Task, groups: Groups, around: DepthShell | None, rays_w: dict[int, Array], focal_px: float
+) -> tuple[Viewpoint, ...]:
+    spanned_px = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
+    border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned_px / 2))))
+    size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
+    faces = CubeFaces(task, task.edge, border_px)
+
+    def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
+        strips = strip_views(center_w, rays_w[id(group)], focal_px, border_px, size)
+        return strips or faces.views(center_w, faces_hit(group.directions, task.pose.R_w_c))
+
+    return _viewpoints(task, groups, around, views)
+
+
+def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+    """Return the viewpoints of groups of pixels with the fewest captured pixels.
+
+    Strips where the source can set size and field of view, and, if it is a recording, holds them; else faces.
+    Arguments as :func:`face_viewpoints`.
+    """
+    if task.sets_views:
+        strips = strip_viewpoints(task, groups, around)
+        if task.available([view for viewpoint in strips for view in viewpoint.views]):
+            return strips
+    return face_viewpoints(task, groups, around)
+
+
+def _viewpoints(
+    task: Task,
+    groups: Groups,
+    around: DepthShell | None,
+    views: Callable[[Array, RayGroup], tuple[View, ...]],
+) -> tuple[Viewpoint, ...]:
+    """Return a viewpoint for each group; ``views(center_w, group)`` are captured there."""
+    viewpoints = []
+    for group in groups:
+        center_w = task.pose.to_world(group.center_c)
+        hidden, check = occluded(around, center_w, group), _depth_check(task, group, around)
+        viewpoints.append(
+            Viewpoint(center_w, views(center_w, group), group.pixels, depth_check=check, occluded=hidden)
+        )
+    return tuple(viewpoints)
+
+
+def _depth_check(task: Task, group: RayGroup, around: DepthShell | None) -> KnownDepth | None:
+    """Return depth, seen from the camera's position, of rays that share a centre far from their origins."""
+    origins = task.rays.origins
+    if around is None or origins is None:
+        return None
+    origins_c = origins.reshape(-1, 3)[group.pixels]
+    if np.abs(origins_c - group.center_c).max() <= _SHARED_M:
+        return None
+    directions_w = group.directions @ task.pose.R_w_c.T
+    return march(around, task.pose.to_world(origins_c), directions_w).known_depth()
+
+
+def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
+    """Return the viewpoint of all of a camera's pixels with one view, turned and narrowed to their rays.
+
+    None where no view holds them, and where the source cannot set size and field of view, or is a
+    recording without the view.
+    """
+    R_c_v, half, focal_px = task.rays.frame
+    if not task.sets_views or half.max() > STEEPEST:
+        return None
+    if task.options.face_size != "auto":
+        focal_px = task.edge / 2
+    focal_px = min(focal_px, densities.LARGEST / 2 / max(half.max(), _NARROWEST))
+    pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c @ R_c_v)
+    # A recording may have been made of a source that captures no view higher than wide.
+    for capabilities in (task.capabilities, replace(task.capabilities, can_set_tall=False)):
+        size = holding_size(half, focal_px, task.border(FACE_BORDER_PX), capabilities)
+        view = View(pose, pinhole.fov_deg(size[0], focal_px), *size)
+        if task.available((view,)):
+            return Viewpoint(pose.t_w_c, (view,), group.pixels)
+    return None

@@ -1,0 +1,77 @@
+"""How an image is captured and composed: options that strategies and composition read."""
+
+from collections.abc import Sequence
+from typing import Any, Literal, TypedDict, get_args
+
+from omniscv.arguments import number, one_of, shown, text, whole_number
+from omniscv.errors import ArgumentError
+from omniscv.records import checked, record
+
+Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
+FILTERS: tuple[str, ...] = get_args(Filter)
+Normals = Literal["captured", "from-depth"]
+FINEST_TRUTH = 8
+LARGEST_FACE_PX = 8192
+MOST_VIEWPOINTS = 1_000_000
+"""As an image has columns, at most."""
+
+
+def _face_size(name: str, value: object) -> Any:
+    if value == "auto" or (type(value) is int and 1 <= value <= LARGEST_FACE_PX):
+        return value
+    raise ArgumentError(f"{name}: expected 'auto' or 1 to {LARGEST_FACE_PX} px, got {shown(value)}")
+
+
+def _viewpoints(name: str, value: object) -> int | None:
+    return None if value is None else whole_number(name, value, most=MOST_VIEWPOINTS)
+
+
+def _max_error(name: str, value: Any) -> Any:
+    if value is not None:
+        number(name, value, above=0)
+    return value
+
+
+@record
+class RenderOptions:
+    """How an image is captured and composed.
+
+    Args:
+        strategy: which views are captured: a name of :func:`omniscv.planning.names`.
+        viewpoints: optical centres of a non-central camera; chosen by the strategy if not given.
+        face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail and few edges.
+        filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
+            pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
+        max_error_px: bound on the error of ``reproject`` and ``adaptive``, in output pixels.
+        truth_scale: how many times finer than colours masks, depth and normals are captured, 1 to 8.
+        normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
+
+    Raises:
+        ArgumentError: a value outside its domain.
+    """
+
+    strategy: str = checked(text, default="auto")
+    viewpoints: int | None = checked(_viewpoints, default=None)
+    face_size: int | Literal["auto"] = checked(_face_size, default="auto")
+    filter: Filter = checked(one_of, default="auto", words=FILTERS)
+    max_error_px: float | None = checked(_max_error, default=None)
+    truth_scale: int = checked(whole_number, default=1, most=FINEST_TRUTH)
+    normals: Normals = checked(one_of, default="captured", words=get_args(Normals))
+
+    def sampled(self, modes: Sequence[str]) -> tuple[str, ...]:
+        """Return the modalities that are sampled for those that an image shows: normals may come from
+        depth."""
+        other = {"normals": "normals_from_depth"} if self.normals == "from-depth" else {}
+        return tuple(other.get(mode, mode) for mode in modes)
+
+
+class RenderKeywords(TypedDict, total=False):
+    """The options of :class:`RenderOptions` as keyword arguments."""
+
+    strategy: str
+    viewpoints: int | None
+    face_size: int | Literal["auto"]
+    filter: Filter
+    max_error_px: float | None
+    truth_scale: int
+    normals: Normals
