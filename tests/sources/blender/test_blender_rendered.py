@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -11,9 +10,6 @@ import numpy as np
 import psutil
 import pytest
 from support import blender
-from support.faces import face_requests
-from support.killed import moments
-from support.recordings import contents
 
 import omniscv
 from omniscv.errors import ArgumentError, SourceError
@@ -185,30 +181,6 @@ def test_what_blender_cannot_do_is_one_clear_sentence(scenes):
         pytest.raises(ArgumentError, match="sides of 4 to 65536 px"),
     ):
         captured(source, ahead(width=2), "lit")
-
-
-def kill_blender():
-    for each in psutil.Process().children(recursive=True):
-        each.kill()
-
-
-@pytest.mark.parametrize("kills", [2, pytest.param(20, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])])
-def test_killed_while_it_records_it_completes_with_equal_bytes(kills, scenes, tmp_path):
-    requests = face_requests(64, ("lit", "depth"))
-
-    def recorded(path, kill_after_s):
-        with omniscv.open_source(scenes("lit")) as live, omniscv.record(live, path) as source:
-            timer, started = threading.Timer(kill_after_s, kill_blender), time.monotonic()
-            timer.start()
-            source.objects()
-            list(source.capture(requests))
-            timer.cancel()
-            return time.monotonic() - started
-
-    duration_s = recorded(tmp_path / "whole.sqlite", 3600)
-    for number, moment_s in enumerate(moments(kills, duration_s)):
-        recorded(tmp_path / f"{number}.sqlite", moment_s)
-        assert contents(tmp_path / f"{number}.sqlite") == contents(tmp_path / "whole.sqlite")
 
 
 def test_blender_ends_when_whoever_started_it_was_killed(scenes, tmp_path):

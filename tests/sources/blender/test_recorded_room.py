@@ -86,7 +86,7 @@ def test_normals_are_those_of_the_walls(source):
             assert np.median(slope_deg) <= (0.01 if name == "Ceiling" else 5.0), name
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", [0, 5])
 def test_at_the_centres_of_its_pixels_an_image_is_the_capture(number, source):
     image = recorded_room.face(source, number)
     inner = slice(BORDER_PX, -BORDER_PX)

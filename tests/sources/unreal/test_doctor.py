@@ -106,20 +106,6 @@ def test_a_field_of_view_is_measured_not_believed():
             assert abs(number(finding) - 80) < 0.7  # a quarter of a pixel at the pictures' edge
 
 
-def test_the_player_is_where_it_was_afterwards():
-    state = ["vget /camera/0/pose", "vget /camera/0/horizontal_fieldofview", "vget /viewmode"]
-    with (
-        mock_server.serve("four-wall", dialect="0.3.10", size=(64, 64)) as server,
-        open_connection(server.uri) as connection,
-    ):
-        connection.texts(["vset /camera/0/pose 10 20 130 5 40 0", "vset /camera/0/horizontal_fieldofview 70"])
-        before = connection.texts(state)
-        with RawCamera(connection) as camera:
-            camera.go(100, 30)
-            camera.pixels("object_mask")
-        assert connection.texts(state) == before
-
-
 def test_depth_is_measured_not_believed():
     """A server of plugin 1.x that sends what 0.3.10 sends: every recording from it would be wrong."""
     with visited(change=depth_like_legacy) as (_, camera):

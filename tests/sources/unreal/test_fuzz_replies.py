@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from support.cases import cases
 from support.unreal import MODES, frame
 
-import omniscv
-from omniscv.errors import BadReplyError, OmniscvError, ServerConnectionError, SourceError
+from omniscv.errors import BadReplyError, ServerConnectionError, SourceError
 from omniscv.geometry import Pose
 from omniscv.sources import View
 from omniscv.sources.codecs import decode, encodings
@@ -242,13 +241,3 @@ def test_a_greeting_that_trickles_for_ever_is_given_up():
 def test_a_colour_that_is_none_is_refused(text):
     with pytest.raises(BadReplyError, match="expected a colour"):
         parse_color(text)
-
-
-@cases(50)
-@given(
-    st.text(max_size=40)
-    | st.builds("mock://four-wall?{}={}".format, st.text(max_size=8), st.text(max_size=8))
-)
-def test_any_address_is_refused_with_an_error_of_omniscv_or_opens(uri):
-    with contextlib.suppress(OmniscvError):
-        omniscv.open_source(uri).close()

@@ -117,6 +117,25 @@ def test_a_fault_now_and_then_loses_and_spoils_nothing(server, truth, fault):
     assert server.faults.struck[name]
 
 
+SOAK = [
+    "delay=0.6@0.001", "drip=0.05@0.005", "missing@0.001", "wrong-id@0.002", "no-id@0.002", "clicked@0.01",
+    "cut=0.7@0.002", "bad-magic@0.002", "zero-size@0.002", "huge@0.002", "reset@0.003", "no-greeting@0.1",
+    "second-client=0.1@0.1", "stale=2@0.05",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.soak)])
+def test_all_faults_now_and_then_lose_and_spoil_nothing(count, truth):
+    picks = np.random.default_rng(count).integers(len(REQUESTS), size=count)
+    with (
+        mock_server.serve("four-wall", faults=SOAK, seed=count) as server,
+        live(server, retries=10) as source,
+    ):
+        came = within(count, lambda: payloads(source, [REQUESTS[pick] for pick in picks]))
+    assert came == [truth[pick] for pick in picks]
+    assert sum(server.faults.struck.values()) > count / 30
+
+
 def test_an_address_takes_faults_and_their_seed(truth):
     uri = "mock://four-wall?fault=reset@0.02&fault=delay=0.01@0.1&fault=vignette=0.3&seed=3"
     with omniscv.open_source(uri, timeout_s=TIMEOUT_S, retries=8, fix_exposure=True) as source:
