@@ -8,9 +8,7 @@ than their rays need, the neighbours show these, though on another plane: the ra
 is looked up in them. Where no neighbour sees it, the view's own edge is continued.
 """
 
-from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -142,24 +140,12 @@ class Atlas:
                 f"{views[0].width} x {views[0].height} each"
             )
         self.shape = top, right
-        self._spare: deque[Pixels] = deque()  # pictures that no sampling uses now
 
-    @contextmanager
-    def picture(self, faces: Sequence[Pixels]) -> Iterator[Pixels]:
-        """Lay out (h, w) or (h, w, C) faces, one per view, in a picture of the caller's own."""
-        shape, dtype = (*self.shape, *faces[0].shape[2:]), faces[0].dtype
-        try:
-            picture = self._spare.pop()
-        except IndexError:
-            picture = np.zeros(0)
-        if picture.shape != shape or picture.dtype != dtype:
-            picture = np.zeros(shape, dtype)
-        self._lay_out(picture, faces)
-        yield picture
-        self._spare.append(picture)
+    def picture(self, faces: Sequence[Pixels]) -> Pixels:
+        """Return the picture of (h, w) or (h, w, C) faces, one per view."""
+        picture = np.zeros((*self.shape, *faces[0].shape[2:]), faces[0].dtype)
 
-    def _lay_out(self, picture: Pixels, faces: Sequence[Pixels]) -> None:
-        def place(k: int) -> None:
+        def lay_out(k: int) -> None:
             pixels = faces[k]
             for _ in range(self._first):
                 pixels = _halved(pixels)
@@ -168,15 +154,11 @@ class Atlas:
                 pixels = _halved(pixels)
                 level.tile(picture, k)[...] = pixels
 
-        side_by_side(place, range(self._count))
+        side_by_side(lay_out, range(self._count))
         for level in self.levels:
             if level.gutter is not None:
                 level.gutter.fill(picture, level.corners)
-
-    @property
-    def nbytes(self) -> int:
-        """What is held in memory: pictures that are kept to be written again."""
-        return sum(picture.nbytes for picture in list(self._spare))
+        return picture
 
     def coordinates(self, lookup: RayLookup, level: Ints | None = None) -> tuple[Floats, Floats]:
         """Return where rays lie in the picture, as cv2.remap wants them: pixel centres at whole numbers.

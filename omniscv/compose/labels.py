@@ -1,10 +1,10 @@
-"""From object masks to labels, by lookup: a colour that no object can have shown is counted, never guessed.
+"""Convert object masks to labels.
 
-A colour that is nobody's own is the object's whose colour it is nearest to, if that is within the tolerance
-that the source gives and no other object's is.
+A colour within the source's tolerance of exactly one object's colour gets that object's label; an object's
+own colour always does. Unknown colours are counted and labelled 0.
 """
 
-from functools import lru_cache
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -27,15 +27,15 @@ def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Colo
 
     Returns:
         labels (...) uint16, 0 where no object has the colour, and the unknown colours with the number of
-        their pixels; black, which is also what servers show where nothing is, is not counted.
+        their pixels; black is not counted, because servers show it where there is no object.
     """
-    label_of = _label_of_colors(tuple(table.colors[name] for name in table.names()), table.tolerance)
+    label_of = _label_of_colors(table)
     colors, labels = np.ascontiguousarray(mask).reshape(-1, 3), np.empty(mask.shape[:-1], np.uint16)
     run(_look_up, (colors, labels.reshape(-1)), label_of)
-    strange = colors[labels.reshape(-1) == 0].astype(np.uint32)
-    codes = strange[:, 0] << 16 | strange[:, 1] << 8 | strange[:, 2]
-    found, counts = np.unique(codes[codes != 0], return_counts=True)
-    unknown = [(int(code >> 16), int(code >> 8 & 255), int(code & 255)) for code in found]
+    unknown_pixels = colors[labels.reshape(-1) == 0].astype(np.uint32)
+    codes = unknown_pixels[:, 0] << 16 | unknown_pixels[:, 1] << 8 | unknown_pixels[:, 2]
+    unknown_codes, counts = np.unique(codes[codes != 0], return_counts=True)
+    unknown = [(int(code >> 16), int(code >> 8 & 255), int(code & 255)) for code in unknown_codes]
     return labels, dict(zip(unknown, counts.tolist(), strict=True))
 
 
@@ -48,20 +48,20 @@ def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, 
     return label_of[ids], color_of[ids]
 
 
-@lru_cache(maxsize=2)
-def _label_of_colors(own: tuple[Color, ...], off: int) -> Labels:
-    """(2^24,) the label of every colour, of objects' own colours and the tolerance; its pages are only made
-    where they are written or read."""
+def _label_of_colors(table: ObjectTable) -> Labels:
+    """Return (2^24,) the label of every colour. Pages of it are only made where they are written or read."""
     label_of = np.zeros(1 << 24, np.uint16)
-    cube = label_of.reshape(256, 256, 256)
-    balls = [cube[tuple(slice(max(0, c - off), c + off + 1) for c in color)] for color in own]
-    for label, near in enumerate(balls, start=1):
-        near[...] = np.where(near == 0, label, _SEVERAL)
-    for near in balls:
-        near[near == _SEVERAL] = 0
+    cube, off = label_of.reshape(256, 256, 256), table.tolerance
+    colors = [table.colors[name] for name in table.names()]
+    balls = [cube[tuple(slice(max(0, c - off), c + off + 1) for c in color)] for color in colors]
+    for label, ball in enumerate(balls, start=1):
+        ball[...] = np.where(ball == 0, label, _SEVERAL)
+    for ball in balls:
+        ball[ball == _SEVERAL] = 0
     cube[0, 0, 0] = 0
-    for label, color in enumerate(own, start=1):
-        cube[color] = label if own.count(color) == 1 else 0
+    count = Counter(colors)
+    for label, color in enumerate(colors, start=1):
+        cube[color] = label if count[color] == 1 else 0
     return label_of
 
 

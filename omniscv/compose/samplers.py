@@ -122,8 +122,8 @@ class CpuSampler:
             stack = np.stack(faces)
             return self._values(lambda block: sample_nearest(stack, block.lookup))
         atlas = self._atlas(filter)
-        with atlas.picture(faces) as picture:
-            return self._values(lambda block: block.sample(filter, atlas, picture))
+        picture = atlas.picture(faces)
+        return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(
         self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
@@ -153,8 +153,7 @@ class CpuSampler:
 
     @property
     def nbytes(self) -> int:
-        kept = 0 if self._kept is None else self._kept.nbytes
-        return kept + sum(atlas.nbytes for atlas in list(self._atlases.values()))
+        return 0 if self._kept is None else self._kept.nbytes
 
     def _blocks(self) -> Iterator["_Block"]:
         """Yield the rays' blocks, looked up; the only one is kept."""
@@ -198,22 +197,20 @@ class CpuSampler:
         return whole
 
     def _atlas(self, filter: str) -> Atlas:
-        """Return the atlas of a filter; kept with the rays."""
-        if filter in self._atlases:
-            return self._atlases[filter]
+        """Return the atlas of a filter."""
+        if filter not in self._atlases:
+            self._atlases[filter] = self._new_atlas(filter)
+        return self._atlases[filter]
+
+    def _new_atlas(self, filter: str) -> Atlas:
         if filter == "area":
             sampled = [block.area for block in self._blocks()]
             levels = [each.levels for each in sampled if each.levels]
             first = min((each.start for each in levels), default=0)
             last = max((each.stop for each in levels), default=1)
-            atlas = Atlas(self._views, range(first, last), max(each.support for each in sampled))
-        else:
-            guttered = self._coverage.margin < FILTER_SUPPORT_PX
-            support = FILTER_SUPPORT_PX if guttered else 0
-            atlas = Atlas(self._views, range(1), support, filter == "bicubic")
-        if self._kept is not None:
-            self._atlases[filter] = atlas
-        return atlas
+            return Atlas(self._views, range(first, last), max(each.support for each in sampled))
+        guttered = self._coverage.margin < FILTER_SUPPORT_PX
+        return Atlas(self._views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
 
 
 class _Block:

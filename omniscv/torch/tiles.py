@@ -45,8 +45,8 @@ class Blended:
     def __init__(self, views: Sequence[View], faces: Pictures, device: torch.device) -> None:
         border = min(min(view.width, view.height) / 2 - view.focal_px for view in views)
         atlas = Atlas(views, range(1), FILTER_SUPPORT_PX if border < FILTER_SUPPORT_PX else 0)
-        with atlas.picture([face.reshape(*face.shape[:2], -1) for face in faces]) as picture:
-            planes = np.array(np.moveaxis(picture, -1, 0), np.float32)
+        picture = atlas.picture([face.reshape(*face.shape[:2], -1) for face in faces])
+        planes = np.array(np.moveaxis(picture, -1, 0), np.float32)
         self._dtype, self._flat = torch.from_numpy(np.zeros(0, faces[0].dtype)).dtype, faces[0].ndim == 2
         self._corners = torch.from_numpy(np.array(atlas.levels[0].corners, np.float64)).to(device)
         self.tensor = torch.from_numpy(planes)[None].to(device)

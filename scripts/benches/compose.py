@@ -52,8 +52,7 @@ def ways(camera: Camera, face_size: int) -> dict[str, Callable[[], object]]:
 
     views, atlas, x, y = made_map(ImageRays(camera), POSE, face_size)
     faces = [capture.pixels for capture in source.capture(Request(view, "lit") for view in views)]
-    with atlas.picture(faces) as laid_out:
-        picture = laid_out.copy()
+    picture = atlas.picture(faces)
     maps = x.reshape(camera.height, camera.width), y.reshape(camera.height, camera.width)
     fixed = cv2.convertMaps(*maps, cv2.CV_16SC2)
     found: dict[str, Callable[[], object]] = {each: renders(each) for each in FILTERS}
