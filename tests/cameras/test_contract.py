@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from support.camera_contract import CHECKS, check_docstring, check_points, check_round_trip
+from support.camera_contract import CHECKS, NUMERIC_CHECKS, check_docstring, check_points, check_round_trip
 
 from examples import changed, example_cameras, takes_center
 from omniscv import cameras
@@ -19,8 +19,14 @@ every_example = pytest.mark.parametrize("camera", EXAMPLES.values(), ids=EXAMPLE
 every_model = pytest.mark.parametrize("name", cameras.names())
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
-@every_example
+def contract():
+    """All checks of each model's own example; of cameras at the ends of parameters those of their numbers."""
+    for name, camera in EXAMPLES.items():
+        for check in CHECKS if name.endswith("-example") else NUMERIC_CHECKS:
+            yield pytest.param(camera, check, id=f"{name}-{check.__name__.removeprefix('check_')}")
+
+
+@pytest.mark.parametrize(("camera", "check"), [*contract()])
 def test_contract(camera, check):
     check(camera)
 
@@ -32,7 +38,7 @@ def test_examples_are_seen(camera):
 
 
 @every_model
-@pytest.mark.parametrize("width", [1, 2, 33, 512])
+@pytest.mark.parametrize("width", [1, 33])
 def test_the_example_is_as_wide_as_asked_for(name, width):
     camera = cameras.model(name).example(width)
     assert type(camera) is cameras.model(name)
@@ -62,28 +68,20 @@ def test_classes_are_exported(name):
         assert cls.__name__ in cameras.__all__
 
 
-SIZES = [(1, 1), (1, 50), (7, 5), (1001, 2), (2, 499)]
+SIZES = [(1, 1), (1, 50), (7, 5), (301, 2), (2, 199)]
 
 
-def sized():
-    """Every model's own example in every size, and each other example in one of them; the rest are soaks."""
-    for number, (name, camera) in enumerate(EXAMPLES.items()):
-        for k, (width, height) in enumerate(SIZES):
-            rest = not name.endswith("-example") and k != number % len(SIZES)
-            marks = [pytest.mark.soak] * rest
-            yield pytest.param(camera, width, height, id=f"{name}-{width}-{height}", marks=marks)
-
-
-@pytest.mark.parametrize(("camera", "width", "height"), [*sized()])
-def test_sizes(camera, width, height):
+@pytest.mark.parametrize(("number", "name"), enumerate(cameras.names()))
+def test_sizes(number, name):
     """The image's middle is on the lens axis in images of any size, and the rest of the contract holds."""
-    camera = changed(camera, width=width, height=height, center=None)
-    np.testing.assert_array_equal(camera.center, (width / 2, height / 2))
-    check_round_trip(camera)
-    check_points(camera)
+    for width, height in (SIZES[number % 5], SIZES[(number + 2) % 5]):
+        camera = changed(cameras.model(name).example(64), width=width, height=height, center=None)
+        np.testing.assert_array_equal(camera.center, (width / 2, height / 2))
+        check_round_trip(camera)
+        check_points(camera)
 
 
-@pytest.mark.parametrize("place", [(-3.25, 20.0), (40.0, 47.5), (-60.0, 130.0), (0.0, 0.0)])
+@pytest.mark.parametrize("place", [(-3.25, 20.0), (40.0, 47.5)])
 @every_model
 def test_centers_off_the_image(name, place):
     """What the image still shows keeps the contract."""
@@ -193,11 +191,6 @@ def test_a_missing_parameter_is_answered_with_all_of_them(name):
     assert all(re.search(rf"\b{key}\b", str(caught.value)) for key in parameters)
 
 
-def test_a_profile_is_one_of_a_few_words():
-    with pytest.raises(ArgumentError, match=r"profile: expected one of angular, perspective, .*; got 'flat'"):
-        cameras.create("cylindrical", 64, 32, profile="flat")
-
-
 def test_focal_lengths_given_as_text_and_as_numpy_scalars_are_numbers():
     """YAML 1.1 reads 1e2 as text."""
     expected = cameras.Pinhole(64, 48, focal=100.0)
@@ -216,3 +209,17 @@ def test_nested_lists_are_refused_before_they_are_read():
     for key, name in (("center", "pinhole"), ("coefficients", "scaramuzza"), ("k", "kannala-brandt")):
         with pytest.raises(ArgumentError, match=f"^{key}: expected"):
             cameras.from_dict({**cameras.model(name).example(8).to_dict(), key: nested})
+
+
+def test_images_and_polynomials_that_would_take_all_memory_are_refused():
+    for name in cameras.names():
+        described = cameras.model(name).example(64).to_dict()
+        with pytest.raises(ArgumentError, match=r"size: expected at most 134217728 pixels"):
+            cameras.from_dict({**described, "width": 10**6, "height": 10**6})
+    with pytest.raises(ArgumentError, match=r"coefficients: expected at most 64 numbers, got 100000"):
+        cameras.create("scaramuzza", 64, 64, coefficients=[-1.0] * 100_000)
+
+
+def test_numbers_that_no_formula_holds_are_refused():
+    with pytest.raises(ArgumentError, match=r"expected .*, got "):
+        cameras.create("catadioptric-hyperbolic", 64, 64, distance=1e200, semi_latus_rectum=1.0)

@@ -54,12 +54,6 @@ def test_what_two_eyes_see_gives_the_distance():
     np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-9)
 
 
-def test_no_eye_sees_into_the_circle():
-    camera = create("ods", 36, 18, interpupillary=1.0)
-    _, seen = camera.project([[0.0, 0, 0], [0.3, 1, 0.39], [0.3, 1, 0.41]])
-    assert seen.tolist() == [False, False, True]
-
-
 def test_eyes_in_one_place_are_the_panorama():
     expected = create("equirectangular", 32, 16).unproject().directions
     rays = create("ods", 32, 16, interpupillary=0, eye="right").unproject()
@@ -142,15 +136,6 @@ def test_no_readout_or_no_motion_is_the_base(still):
         np.testing.assert_array_equal(mine, its)
     np.testing.assert_array_equal(camera.viewpoints().index, BASE.viewpoints().index)
     assert not camera.viewpoints().centers.any()
-
-
-def test_a_base_and_its_description_are_one():
-    described = {"model": "fisheye-equidistant", "focal": BASE.focal}
-    camera = create("rolling-shutter", 48, 36, base=BASE, readout=0.1)
-    assert camera == create("rolling-shutter", 48, 36, base=described, readout=0.1)
-    assert camera.to_dict()["base"] == described
-    aside = create("fisheye-equidistant", 48, 36, focal=20, center=(20, 10))
-    assert create("rolling-shutter", 48, 36, base=aside, readout=0).to_dict()["base"]["center"] == [20, 10]
 
 
 @pytest.mark.parametrize(

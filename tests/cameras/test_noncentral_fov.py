@@ -86,24 +86,3 @@ def test_focal_or_fov_but_not_both(create):
     with pytest.raises(ValueError, match=r"^focal: expected focal or fov_deg, got both"):
         create(200, focal=50)
     assert create(None).focal == SIZE / 2
-
-
-@pytest.mark.parametrize("create", [ball, cone])
-@given(part=st.floats(0.01, 0.99))
-def test_the_description_carries_the_focal_length(create, part):
-    camera = create(120 + 120 * part)
-    again = cameras.from_dict(camera.to_dict())
-    assert again == camera
-    np.testing.assert_array_equal(again.unproject().valid, camera.unproject().valid)
-
-
-@pytest.mark.parametrize("create", [ball, cone])
-@pytest.mark.parametrize("focal", [0, -1, np.inf, "long"])
-def test_no_lens_has_such_a_focal_length(create, focal):
-    with pytest.raises(ValueError, match=r"^focal: expected a finite number > 0, got"):
-        create(None, focal=focal)
-
-
-@given(st.floats(-12, 0).map(lambda e: 10**e))
-def test_tiny_fields_of_view(fov_deg):
-    assert off_axis_deg(ball(fov_deg), EDGE - (1e-9, 0)) == pytest.approx(fov_deg / 2, rel=1e-9)

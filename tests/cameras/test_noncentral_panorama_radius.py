@@ -46,18 +46,6 @@ def test_the_pixel_comes_back_as_well_as_the_point_is_known(radius, u, v, away):
         assert min(around, WIDTH - around) * lever <= 1e-12 * WIDTH
 
 
-@pytest.mark.parametrize("radius", [0.0, 1e-3, 1.0, 1e3, 1e6])
-def test_whole_images_come_back(radius):
-    """Every pixel centre, 10 m away: 1e-9 px, or 1e-16 R_c / 10 m radians where that is more."""
-    camera = create(radius)
-    rays = camera.unproject()
-    pixels, seen = camera.project(rays.origins + 10 * rays.directions)
-    assert rays.valid.all()
-    assert seen.all()
-    bound = max(1e-9, 4e-16 * radius / 10 * HEIGHT / np.pi)
-    np.testing.assert_allclose(pixels, camera.pixels(), rtol=0, atol=bound)
-
-
 @pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3, 1e9])
 def test_first_and_last_row_are_kept(radius):
     """Corner to corner of the image: straight up and straight down, over a circle of any size."""
@@ -70,9 +58,3 @@ def test_first_and_last_row_are_kept(radius):
         np.testing.assert_allclose(pixels[:, 1], v, rtol=0, atol=1e-12)
         around = np.abs(pixels[:, 0] - u)
         np.testing.assert_allclose(np.minimum(around, WIDTH - around), 0, atol=1e-12 * WIDTH)
-
-
-@pytest.mark.parametrize("radius", [-1e-300, -1, np.nan, np.inf, None])
-def test_no_circle_has_such_a_radius(radius):
-    with pytest.raises(ValueError, match=r"^radius: expected a finite number >= 0 and <= 1e\+150, got"):
-        create(radius)

@@ -8,8 +8,6 @@ harmless: a pixel must come back as itself.
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.noncentral_mirrors import ray_errors
 
 from omniscv import cameras
@@ -37,19 +35,6 @@ def test_rays_stay_as_exact_as_the_pixel_says(part_left):
     angle, offset = ray_errors(camera, pixel_at(camera, part_left))
     assert angle <= 4e-16 / np.sqrt(part_left)
     assert offset <= 4e-16 / np.sqrt(part_left)
-
-
-@given(st.floats(-14, 0), st.floats(-np.pi, np.pi), st.floats(0, 9))
-def test_the_pixel_comes_back(exponent, azimuth, away):
-    camera = create()
-    pixel = pixel_at(camera, 10**exponent, azimuth)
-    rays = camera.unproject(pixel)
-    if rays.valid:
-        again, seen = camera.project(rays.origins + 2 * 10**away * rays.directions)
-        assert seen
-        np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-12 * SIZE)
-    else:
-        assert exponent < -13
 
 
 def test_one_step_past_the_edge_is_marked():

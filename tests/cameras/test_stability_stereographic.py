@@ -22,17 +22,6 @@ def create(left_deg):
     return cameras.create("fisheye-stereographic", width=SIZE, height=SIZE, fov_deg=360 - left_deg)
 
 
-@given(st.floats(-13, 0), st.floats(0, 1), st.floats(-np.pi, np.pi), st.floats(-9, 9))
-def test_pixels_come_back(exponent, part, azimuth, away):
-    camera = create(10**exponent)
-    pixel = camera.center + part * SIZE / 2 * (1 - 1e-15) * np.array([np.cos(azimuth), np.sin(azimuth)])
-    rays = camera.unproject(pixel)
-    assert rays.valid
-    again, seen = camera.project(10**away * rays.directions)
-    assert seen
-    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-10)
-
-
 @given(st.floats(-13, 0), st.floats(0.001, 1), st.floats(-np.pi, np.pi))
 def test_rays_keep_their_digits_across_the_axis(exponent, part, azimuth):
     """Relative to the part across, 1e-9 and less of the ray: what tells these pixels apart."""
