@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from omniscv.cameras import Camera, create
-from omniscv.chart import drawing, filters
+from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.peers import PAPER, Image, Peer, peers, remap_limit
 from omniscv.chart.truth import traced_mean
@@ -143,14 +143,6 @@ def _best_ms(
 
 def _rms(image: Image, mean: np.ndarray) -> float:
     return float(_WHITE * np.sqrt(((image / _WHITE - mean) ** 2).mean()))
-
-
-def further(
-    progress: Callable[[int, int], None] | None = None, width: int = 1024
-) -> dict[str, Sequence[object]]:
-    """Return further tables for the page: every filter and face size, in all modalities."""
-    heading = "Three models in all modalities; ms with a new orientation"
-    return {heading: filters.measure(width // 2, progress)}
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:

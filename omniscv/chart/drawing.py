@@ -6,7 +6,7 @@ colour-blind readers; shapes differ as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise, product
 from pathlib import Path
@@ -63,12 +63,12 @@ class Look(NamedTuple):
     line: Literal["-", ""]
 
 
-def front(rows: Sequence[Row], cost: Callable[[Row], float], error: Callable[[Row], float]) -> list[Row]:
-    """Return the Pareto front: the rows that no other row beats in cost and error, from cheap to accurate."""
-    best: list[Row] = []
-    for row in sorted(rows, key=lambda row: (cost(row), error(row))):
-        if not best or error(row) < error(best[-1]):
-            best.append(row)
+def front(ways: Sequence[Dot]) -> list[Dot]:
+    """Return the Pareto front: the dots that no other beats in x and y, from cheap to accurate."""
+    best: list[Dot] = []
+    for dot in sorted(ways, key=lambda dot: (dot.x, dot.y)):
+        if not best or dot.y < best[-1].y:
+            best.append(dot)
     return best
 
 
@@ -140,7 +140,7 @@ def number(value: float) -> str:
 
 def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
     """Shade the region in which a drawn way is both cheaper and more accurate."""
-    best = front(ways, lambda dot: dot.x, lambda dot: dot.y)
+    best = front(ways)
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     edge = [(best[0].x, y1)]
     for before, after in pairwise(best):

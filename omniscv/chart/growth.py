@@ -167,37 +167,27 @@ def _peak_mb() -> float:
     )
 
 
-def cpu_s(row: Row) -> float:
-    """Return the quantity of the left panel."""
-    return row.cpu_s
-
-
-def peak_mb(row: Row) -> float:
-    """Return the quantity of the right panel."""
-    return row.peak_mb
-
-
-def slope(rows: Sequence[Row], of: Callable[[Row], float]) -> float:
+def slope(rows: Sequence[Row], quantity: str) -> float:
     """Return the slope of a series on logarithmic axes by least squares: 1 if twice as much costs twice.
 
     Only the last two doublings count: constant costs dominate small jobs.
     """
     most = max(row.count for row in rows)
     rows = [row for row in rows if row.count > most / 5]
-    counts, values = [row.count for row in rows], [of(row) for row in rows]
+    counts, values = [row.count for row in rows], [getattr(row, quantity) for row in rows]
     return float(np.polyfit(np.log(counts), np.log(values), 1)[0])
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them: ``chart-growth`` as JSON, SVG and PNG."""
     figure, (seconds, memory) = drawing.figure(2, 4.4, finding(rows))
-    panels = (seconds, "CPU seconds", cpu_s), (memory, "peak memory, MB", peak_mb)
-    for axes, unit, of in panels:
+    panels = (seconds, "CPU seconds", "cpu_s"), (memory, "peak memory, MB", "peak_mb")
+    for axes, unit, quantity in panels:
         axes.set(xscale="log", yscale="log")
         for series, color, marker in zip(SERIES, COLORS, MARKERS, strict=False):
             group = [row for row in rows if row.series == series]
-            text = f"{series}: slope {round(slope(group, of), 2) + 0.0:.2f}"
-            counts, values = [row.count for row in group], [of(row) for row in group]
+            text = f"{series}: slope {round(slope(group, quantity), 2) + 0.0:.2f}"
+            counts, values = [row.count for row in group], [getattr(row, quantity) for row in group]
             axes.plot(counts, values, marker + "-", color=color, lw=1.2, ms=5, label=text)
         for axis in (axes.xaxis, axes.yaxis):
             drawing.plain(axis, (1,))
@@ -216,9 +206,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
 def finding(rows: Sequence[Row]) -> str:
     """Return the title, which states the result."""
     by = {series: [row for row in rows if row.series == series] for series in SERIES}
-    slopes = [slope(mine, cpu_s) for mine in by.values()]
+    slopes = [slope(mine, "cpu_s") for mine in by.values()]
     largest = max(by[SIZE], key=lambda row: row.count)
-    flat = [series for series in list(SERIES)[1:] if slope(by[series], peak_mb) < 0.2]
+    flat = [series for series in list(SERIES)[1:] if slope(by[series], "peak_mb") < 0.2]
     more = f"; more {' or '.join(flat)} take no more memory" if flat else ""
     return (
         f"Twice as much takes about twice the time, or less (slopes {min(slopes):.2f} to {max(slopes):.2f}); "

@@ -1,4 +1,4 @@
-"""All measurements as one self-contained HTML page of tables."""
+"""Measurements as a self-contained HTML page: a picture and a table."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ img { max-width: 800px }
 """
 
 
-def write(title: str, tables: Mapping[str, Sequence[Any]], pictures: Sequence[Path], path: Path) -> Path:
+def write(title: str, rows: Sequence[Any], pictures: Sequence[Path], path: Path) -> Path:
     """Write a page, and return its path.
 
     Args:
         title: of the page.
-        tables: by heading, dataclasses of one class; rows whose field ``default`` is true are marked.
+        rows: dataclasses of one class; those whose field ``default`` is true are marked.
         pictures: SVG files, embedded in the page.
         path: of the page.
     """
     drawings = [picture.read_text("utf-8") for picture in pictures]
     parts = [f"<h1>{escape(title)}</h1>", *(text[text.index("<svg") :] for text in drawings)]
-    for heading, rows in tables.items():
-        parts += [f"<h2>{escape(heading)}</h2>", _table(rows)]
+    parts.append(_table(rows))
     page = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
     with whole_file(path) as part:
         part.write_text(f"{page}<style>{_STYLE}</style>{''.join(parts)}</html>\n", encoding="utf-8")

@@ -19,7 +19,7 @@ def chart(
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
-    page: Annotated[bool, Option("--page", help="Also write all tables as an HTML page.")] = False,
+    page: Annotated[bool, Option("--page", help="Also write the table as an HTML page.")] = False,
     progress: StyleOption = None,
 ) -> None:
     """Draw filters and peers, or strategies, by cost and error; how cost grows; or models at their limits."""
@@ -31,14 +31,11 @@ def chart(
         given["width"] = width
     with display("rounds", progress) as shown:
         rows = module.measure(**given, progress=shown.steps)
-        tables = {module.TITLE: rows}
-        if page and hasattr(module, "further"):
-            tables |= module.further(shown.steps, **given)
     written = module.write(rows, out)
     if page:
         from omniscv.chart.page import write
 
         pictures = [path for path in written if path.suffix == ".svg"]
-        written.append(write(module.TITLE, tables, pictures, out / f"chart-{kind}.html"))
+        written.append(write(module.TITLE, rows, pictures, out / f"chart-{kind}.html"))
     for path in written:
         console.line(path)

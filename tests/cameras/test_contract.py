@@ -71,7 +71,7 @@ def test_classes_are_exported(name):
 SIZES = [(1, 1), (1, 50), (7, 5), (301, 2), (2, 199)]
 
 
-@pytest.mark.parametrize(("number", "name"), enumerate(cameras.names()))
+@pytest.mark.parametrize(("number", "name"), [*enumerate(cameras.names())])
 def test_sizes(number, name):
     """The image's middle is on the lens axis in images of any size, and the rest of the contract holds."""
     for width, height in (SIZES[number % 5], SIZES[(number + 2) % 5]):

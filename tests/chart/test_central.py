@@ -49,7 +49,7 @@ def test_it_is_written_and_drawn(rows, tmp_path):
 
 def test_the_page_has_every_row(rows, tmp_path):
     _, drawn, _ = central.write(rows, tmp_path)
-    text = page.write(central.TITLE, {"all": rows}, [drawn], tmp_path / "page.html").read_text()
+    text = page.write(central.TITLE, rows, [drawn], tmp_path / "page.html").read_text()
     assert len(re.findall("<tr", text)) == 1 + len(rows)
     assert len(re.findall("<tr class=default>", text)) == 2
     assert "http" not in re.sub(

@@ -9,8 +9,8 @@ from omniscv.chart.drawing import Dot, Look
 
 
 def test_the_front_holds_what_nothing_beats():
-    points = [(1, 9), (2, 5), (2, 7), (3, 6), (4, 1), (5, 1)]
-    assert drawing.front(points, lambda p: p[0], lambda p: p[1]) == [(1, 9), (2, 5), (4, 1)]
+    dots = [Dot("a", "", x, y) for x, y in ((1, 9), (2, 5), (2, 7), (3, 6), (4, 1), (5, 1))]
+    assert drawing.front(dots) == [dots[0], dots[1], dots[4]]
 
 
 @pytest.mark.parametrize(
