@@ -1,7 +1,7 @@
-"""Central mirrors: the sphere model, and where the real mirror ends.
+"""Central mirrors: the sphere model, and the edge of the real mirror.
 
-The camera looks along +z at the mirror; the image's centre looks back at it, along -z, so angles of
-these models count from -z. With ``x_bar = (u - u_0) / (-eta f)`` and ``rho`` its length,
+The camera looks along +z at the mirror; the image's centre looks back along -z, so angles of these models are
+measured from -z. With ``x_bar = (u - u_0) / (-eta f)`` and ``rho`` its length,
 ``lambda = (xi + sqrt(1 + (1 - xi^2) rho^2)) / (rho^2 + 1)``, the ray is
 ``(lambda x_bar, lambda y_bar, -(lambda - xi))``. Source: OmniSCV, eq. of the back-projection (Puig et al.
 2012), and its table of xi and eta.
@@ -24,7 +24,7 @@ class SphereModel(RadialCamera):
 
     xi: float
     eta: float
-    _one_less_xi_squared: float  # 1 - xi^2, without subtracting like numbers
+    _one_less_xi_squared: float  # 1 - xi^2, without cancellation
     typical_pitch_deg = 90.0
 
     def _meridian(self, t: Array) -> Meridian:
@@ -34,8 +34,8 @@ class SphereModel(RadialCamera):
         return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        # xi - along, by what both lack to 1 where the ray looks far ahead and xi is near 1; but where both
-        # are next to 0, as for a nearly flat hyperboloid, from the numbers themselves.
+        # xi - along: by 1 - along and 1 - xi for rays far ahead and xi near 1; directly if both are near 0,
+        # as for a nearly flat hyperboloid.
         ahead = across * across / (1 + along) - self._one_less_xi_squared / (1 + self.xi)
         below = np.where(along <= 0.5, self.xi - along, ahead)
         return np.where(below > 0, -self.eta * across / below, np.nan)
@@ -56,7 +56,7 @@ class CatadioptricParabolic(SphereModel):
 
     Parameters: ``semi_latus_rectum`` 2p > 0, metres; ``focal``, the camera's scale in px per metre
     (default width / 2), or ``fov_deg``, the full angle around -z of the image circle.
-    Domain: every direction but straight ahead, +z; fov_deg < 360. The mirror has no edge of its own.
+    Domain: every direction but straight ahead, +z; fov_deg < 360. The mirror has no edge.
     Source: OmniSCV, sphere model; the ray is what a real paraboloid reflects, focus at the origin.
     """
 
@@ -88,7 +88,7 @@ class CatadioptricHyperbolic(SphereModel):
 
     Parameters: ``distance`` d > 0 between the foci and ``semi_latus_rectum`` 2p > 0, metres; ``focal``
     px (default width / 2), or ``fov_deg``, the full angle around -z of the image circle.
-    Domain: the formula goes on where the mirror does not: with ``2a = D - 2p`` a ray of the camera at
+    Domain: the formula continues beyond the mirror: with ``2a = D - 2p`` a ray of the camera at
     ``t = r / f`` meets it only while ``sqrt(1 + t^2) < d / 2a``.
     Source: OmniSCV, sphere model; the ray is what a real hyperboloid reflects, inner focus at the origin.
     """

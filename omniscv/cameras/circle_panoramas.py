@@ -1,4 +1,4 @@
-"""Non-central panoramas: a camera that turns on an arm while it scans column after column."""
+"""Panoramas with optical centres off the axis: a camera on a turning arm, and the eyes of stereo pairs."""
 
 from typing import ClassVar, Literal, get_args
 
@@ -10,7 +10,7 @@ from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
 
 _ROUNDING = 8 * np.finfo(np.float64).eps
-_TANGENT = 4e-16  # rounding of a point on the circle; it would turn the answer by the root of that
+_TANGENT = 4e-16  # rounding error of a point on the circle; its root would be the error of the azimuth
 Eye = Literal["left", "right"]
 
 
@@ -44,24 +44,23 @@ class CirclePanorama(AngularGrid):
         from_axis = np.hypot(x, z)
         theta, reach = np.arctan2(x, z), from_axis
         inner = abs(self._tangential)
-        if inner:  # the ray's line passes the axis at this distance
+        if inner:  # distance of the ray's line from the axis
             sine = np.clip(self._tangential / from_axis, -1, 1)
             sine = np.where(np.abs(sine) < 1 - _TANGENT, sine, np.sign(sine))
             reach = from_axis * np.sqrt((1 - sine) * (1 + sine))
             theta = _wrapped(theta - np.arcsin(sine))
         ahead = reach - self._radial
-        # The first and last row look straight up and down, along the cylinder: rounding must not lose them.
+        # The first and last row look straight up and down, along the cylinder: tolerate rounding errors.
         seen = (ahead >= -_ROUNDING * self._radial) & (from_axis >= inner * (1 - _ROUNDING))
         ahead = np.maximum(ahead, 0.0)
         pixels = self._pixels_at(theta, np.arctan2(-y, ahead) / self._half[1])
         return pixels, seen & ((ahead > 0) | (y != 0))
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre per column, or at most ``count`` for equal steps of azimuth.
+        """Return one centre per column, or at most ``count`` for equal steps of azimuth.
 
-        A shared centre is the mean of its columns' own centres (least squares; a single column's is
-        exact, and ``count=1`` is the axis). Columns of a step of ``2 pi / count`` are displaced by at
-        most about ``radius * pi / count`` from it. One centre suffices at radius 0.
+        A shared centre is the mean of the columns' centres (least squares; exact for a single column;
+        the axis for ``count=1``). Centres move by at most about ``radius * pi / count``.
         """
         theta = (2 * np.arange(0.5, self.width) / self.width - 1) * np.pi
         valid = np.ones((self.height, self.width), np.bool_)
@@ -75,9 +74,9 @@ class NoncentralPanorama(CirclePanorama):
     ``theta = (2u/W - 1) pi`` and ``phi = (1/2 - v/H) pi`` as in ``equirectangular``; the ray starts at
     ``R_c (sin theta, 0, cos theta)`` and points to ``(cos phi sin theta, -sin phi, cos phi cos theta)``.
     Parameter: ``radius`` R_c >= 0, metres; 0 equals ``equirectangular`` to the bit.
-    Domain: every pixel. A point is seen in the column of its own azimuth, unless it lies within the
-    upright cylinder of the circle: rays look away from the axis and never come there. On the cylinder
-    itself it is seen in the first or last row; on the circle it has no direction.
+    Domain: every pixel. A point is seen in the column of its own azimuth, unless it lies inside the
+    upright cylinder of the circle: rays look away from the axis and never enter it. On the cylinder it is
+    seen in the first or last row; on the circle it has no direction.
     Source: OmniSCV, eq. of the semi-toroid (Menem and Pajdla 2004). The paper's pitch is the pose.
     """
 
@@ -97,7 +96,7 @@ class OmnidirectionalStereo(CirclePanorama):
     ``s (b / 2) (cos theta, 0, -sin theta)``, s = -1 for the left eye and +1 for the right one.
     Parameters: ``interpupillary`` b >= 0, metres (people: about 0.064); ``eye``, "left" or "right".
     Domain: every pixel. A point at the distance rho from the axis is seen where rho >= b / 2, in the column
-    of its own azimuth less ``s asin(b / (2 rho))``; within the circle no ray comes.
+    of its own azimuth less ``s asin(b / (2 rho))``; no ray enters the circle.
     Source: Google, Rendering Omni-directional Stereo Content (2015); Peleg et al. 2001.
     """
 
@@ -147,22 +146,22 @@ class Vr180(AngularGrid):
         return pixels, offset.any(axis=-1)
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre: the eye's."""
+        """Return the one centre, the eye's."""
         return Viewpoints(self._center_c[None], super().viewpoints(count).index)
 
 
 def side(eye: Eye) -> float:
-    """-1 for the left eye, +1 for the right one: along the camera's x axis."""
+    """Return the side on the camera's x axis: -1 for the left eye, +1 for the right one."""
     return 1.0 if eye == "right" else -1.0
 
 
 def _outward(theta: Array) -> Array:
-    """(..., 3) the level unit vector at an azimuth."""
+    """Return the level unit vectors (..., 3) at azimuths."""
     outward = np.zeros((*theta.shape, 3))
     outward[..., 0], outward[..., 2] = np.sin(theta), np.cos(theta)
     return outward
 
 
 def _wrapped(theta: Array) -> Array:
-    """The same azimuth from -pi to pi."""
+    """Return the same azimuth from -pi to pi."""
     return theta - 2 * np.pi * np.round(theta / (2 * np.pi))

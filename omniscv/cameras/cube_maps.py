@@ -1,7 +1,7 @@
-"""Cube maps: the six faces of a cube around the camera, laid out in one image.
+"""Cube maps, six faces of a cube around the camera in one image; and the octahedral map.
 
-Every face looks like the picture of a pinhole camera of 90 degrees inside the cube; none is mirrored. Front,
-right, back and left stand upright; the lower edge of ``up`` and the upper edge of ``down`` touch ``front``.
+Every face of a cube map is the image of a pinhole camera of 90 degrees in the cube; none is mirrored. Front,
+right, back and left are upright; the lower edge of ``up`` and the upper edge of ``down`` touch ``front``.
 """
 
 from typing import Any, ClassVar, Literal, Self, get_args
@@ -21,8 +21,8 @@ LAYOUTS: dict[str, Slots] = {
     "cross": ((" ", "U0", " "), ("L0", "F0", "R0"), (" ", "D0", " "), (" ", "B2", " ")),  # vertical, of HDRI
     "dice": ((" ", "U0", " ", " "), ("L0", "F0", "R0", "B0"), (" ", "D0", " ", " ")),  # py360convert's dice
 }
-"""Rows of slots: a face (front, right, back, left, up, down) and by how many quarter turns clockwise it is
-turned in the image; a blank slot shows nothing."""
+"""Rows of slots: a face (front, right, back, left, up, down) and its quarter turns clockwise in the image; a
+blank slot shows nothing."""
 
 _FACES = "FRBLUD"
 # Columns: the face's x (right), y (down) and z (outward) axes in the camera frame.
@@ -80,7 +80,7 @@ class CubeLayout(CentralCamera):
         slot = self._slot_of[face]
         scaled = points / np.abs(ahead)[..., None]
         xy = np.stack([(self._slot_axes[slot, :, k] * scaled).sum(axis=-1) for k in (0, 1)], axis=-1)
-        edge = 1 - 1e-13  # the pixel that comes out lies in this slot
+        edge = 1 - 1e-13  # keeps the pixel in its slot
         a = np.clip(4 / np.pi * np.arctan(xy) if self._equiangular else xy, -edge, edge)
         cell = np.stack([slot % self._grid[0], slot // self._grid[0]], axis=-1)
         gap = self.padding_px * np.stack([np.ones_like(slot), 2 * cell[..., 1] + 1], axis=-1)
@@ -88,7 +88,7 @@ class CubeLayout(CentralCamera):
 
 
 def _axes(slot: str) -> Any:
-    """(3, 3) columns: a slot's x, y and z axes in the camera frame."""
+    """Return a slot's x, y and z axes in the camera frame, the columns of (3, 3)."""
     if slot == " ":
         return np.eye(3)
     return _AXES[_FACES.index(slot[0])] @ np.linalg.matrix_power(_TURN, int(slot[1]))
@@ -102,8 +102,8 @@ class CubeMap(CubeLayout):
         ``strip``  F R B L U D        ``3x2``  R L U / D F B
         ``cross``  . U . / L F R / . D . / . B2 .        ``dice``  . U . . / L F R B / . D . .
     Parameters: ``layout`` (default "3x2", FFmpeg's c3x2); ``padding_px`` around each row of faces, px.
-    Domain: every pixel of a face, every direction; a direction on an edge of the cube is answered by one
-    of its faces. In the padding faces go on beyond their edges; ``project`` answers no pixel there.
+    Domain: every pixel of a face, every direction; a direction on an edge of the cube projects to one of
+    its faces. Faces continue in the padding; ``project`` returns no pixel there.
     Source: Greene 1986; the orders are those of FFmpeg's v360 and py360convert (strip, dice).
     """
 
@@ -133,7 +133,7 @@ class EquiangularCube(CubeLayout):
         super().__init__(width, height, layout, padding_px)
 
 
-_SQUARE_EDGE = 1 - 2e-15  # what keeps a ray off the square's edge, where two pixels see it
+_SQUARE_EDGE = 1 - 2e-15  # keeps rays off the square's edge, where two pixels see them
 
 
 @register
@@ -143,7 +143,7 @@ class Octahedral(CentralCamera):
     With (a, b) = ``(2u/W - 1, 2v/H - 1)``: where ``|a| + |b| <= 1`` the ray is ``(a, b, 1 - |a| - |b|)``,
     normalised; beyond, the back half folds out: ``(sgn a (1 - |b|), sgn b (1 - |a|), 1 - |a| - |b|)``.
     Domain: every pixel, every direction; each edge of the image shows its own half of the great circle
-    there twice, about its middle: ``project`` answers the side that the sign of x or y says.
+    there twice, about its middle: ``project`` returns the side of the sign of x or y.
     Source: Cigolle et al. 2014, A survey of efficient representations for independent unit vectors.
     """
 
@@ -170,7 +170,7 @@ class Octahedral(CentralCamera):
 
 
 def _folded(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Where z < 0: mirrored at the edges of the square's inner diamond, which swaps its halves."""
+    """Return x and y, mirrored at the edges of the inner diamond where z < 0."""
     back = z < 0
     folded = np.copysign(1 - np.abs(y), x), np.copysign(1 - np.abs(x), y)
     return np.where(back, folded[0], x), np.where(back, folded[1], y)

@@ -1,4 +1,4 @@
-"""Fisheye lenses: four ways from the angle off the axis to the radius in the image."""
+"""Fisheye lenses: four functions from the angle off the axis to the radius in the image."""
 
 from typing import ClassVar
 
@@ -10,8 +10,7 @@ from omniscv.cameras.base import Array
 from omniscv.cameras.radial import Meridian, RadialCamera
 from omniscv.cameras.registry import register
 
-_MIN_SINE = 1e-17
-"""Keeps the azimuth of the rim's pixels at phi = pi, where all of them look straight back."""
+_MIN_SINE = 1e-17  # keeps the azimuth of pixels at phi = pi, which look straight back
 
 
 class Fisheye(RadialCamera):
@@ -64,7 +63,7 @@ class FisheyeStereographic(Fisheye):
         return Meridian(t / scale, (1 - half) * (1 + half) / scale)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        # tan(phi / 2) two ways: neither subtracts like numbers on its side.
+        # Two forms of tan(phi / 2), each free of cancellation on its side.
         return np.where(along >= 0, 2 * across / (1 + along), 2 * (1 - along) / across)
 
 
@@ -107,6 +106,6 @@ class FisheyeEquisolid(Fisheye):
         return Meridian(np.where(rest > 0, 2 * t * np.sqrt(rest), _MIN_SINE), 1 - 2 * t * t)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        # sin(phi / 2) two ways: neither subtracts like numbers on its side.
+        # Two forms of sin(phi / 2), each free of cancellation on its side.
         front = across / np.sqrt(2 * (1 + along))
         return np.where(along >= 0, front, np.sqrt((1 - along) / 2))

@@ -23,7 +23,7 @@ class AngularGrid(Camera):
         return cls(width, max(1, width // 2), **cls.typical)
 
     def _angles(self, pixels: Array) -> tuple[Array, Array]:
-        """Azimuth and elevation of pixels; of a grid's columns and of its rows."""
+        """Return azimuth and elevation of pixels; of a grid only those of its columns and rows."""
         u, v = grid_axes(pixels)
         across, up = 2 * u / self.width - 1, 1 - 2 * v / self.height
         return across * self._half[0], up * self._half[1]
@@ -34,7 +34,7 @@ class AngularGrid(Camera):
         return vectors(level * np.sin(theta), -np.sin(phi), level * np.cos(theta)), True
 
     def _pixels_at(self, theta: Array, up: Array) -> Array:
-        """The pixels at azimuths and at parts ``up`` of the image's upper half."""
+        """Return the pixels at azimuths and at fractions ``up`` of the image's upper half."""
         across = theta / self._half[0]
         return np.stack([(across + 1) * self.width / 2, (1 - up) * self.height / 2], axis=-1)
 
@@ -49,8 +49,8 @@ class Equirectangular(AngularGrid, CentralCamera):
 
     ``theta = (2u/W - 1) pi`` to the right, ``phi = (1/2 - v/H) pi`` up; direction
     ``(cos phi sin theta, -sin phi, cos phi cos theta)``. Domain: every pixel, every direction; at the
-    poles, where all columns meet, ``project`` answers the middle column, and the seam at +-180
-    degrees is answered as u = 0 or u = W by the sign of x. Source: OmniSCV, eq. 1.
+    poles, where all columns meet, ``project`` returns the middle column, and at the seam at +-180
+    degrees u = 0 or u = W by the sign of x. Source: OmniSCV, eq. 1.
     """
 
     name = "equirectangular"
@@ -60,11 +60,11 @@ class Equirectangular(AngularGrid, CentralCamera):
 
 
 class _Rows(NamedTuple):
-    """Where a cylinder's rows lie: their height on it, in units that make rows equally spaced.
+    """The heights of a cylinder's rows, in units in which rows are equally spaced.
 
     Attributes:
-        height: of the slope tan phi.
-        level_and_up: cos phi and sin phi at a height.
+        height: by the slope tan phi.
+        level_and_up: cos phi and sin phi by the height.
         to_pole: whether the height of the pole is finite.
     """
 
@@ -73,7 +73,7 @@ class _Rows(NamedTuple):
     to_pole: bool
 
 
-# By way of the slope, not of phi, which has lost the height when it is nearly straight up.
+# By the slope, not by phi, which loses the height near the pole.
 _ROWS: dict[str, _Rows] = {
     "perspective": _Rows(
         lambda slope: slope,
@@ -92,8 +92,7 @@ _ROWS: dict[str, _Rows] = {
         to_pole=True,
     ),
 }
-_LEAST_LEVEL = 1e-17
-"""Straight up, rounding must leave a ray its azimuth, and no other one."""
+_LEAST_LEVEL = 1e-17  # keeps the azimuth of rays straight up
 
 
 @register

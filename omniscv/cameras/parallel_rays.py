@@ -1,4 +1,4 @@
-"""Cameras of parallel rays: the push-broom's are parallel along the way, the orthographic's all are."""
+"""Cameras with parallel rays: in the direction of travel (push-broom), or all of them (orthographic)."""
 
 from typing import ClassVar
 
@@ -14,13 +14,13 @@ from omniscv.errors import ArgumentError
 
 @register
 class PushBroom(Camera):
-    """A line camera that travels sideways: every column is taken from another place, looking straight ahead.
+    """A line camera that travels sideways: every column has its own optical centre and looks straight ahead.
 
     The ray of (u, v) starts at ``(u/W - 1/2) T`` and points to ``(0, (v - H/2) / f, 1)``, normalised.
     Parameters: ``travel`` T = (x, y, z), metres, from the left edge of the image to its right one, x > 0;
     ``focal`` f of the columns, px, or ``fov_deg``, the angle from the top to the bottom edge, 0 < fov_deg <
     180; 90 if neither is given.
-    Domain: every pixel; points ahead of the place that has their x.
+    Domain: every pixel; points ahead of the optical centre with their x.
     Source: Gupta and Hartley 1997, Linear pushbroom cameras.
     """
 
@@ -66,19 +66,18 @@ class PushBroom(Camera):
         return np.stack(pixels, axis=-1), z > 0
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre per column, or at most ``count`` for equal parts of the way."""
+        """Return one centre per column, or at most ``count`` for equal parts of the travel."""
         return viewpoints_by_line(self._origins(np.arange(0.5, self.width)), self.valid(), 1, count)
 
 
 @register
 class Orthographic(Camera):
-    """A camera of parallel rays: every pixel looks straight ahead from a place of its own, as in a plan.
+    """A camera of parallel rays: every pixel looks straight ahead from its own optical centre, as in a plan.
 
     The ray of (u, v) starts at ``(u - u_0, v - v_0, 0) / s``, ``s = W / w``, and points to ``(0, 0, 1)``.
     Parameter: ``width_m`` w > 0, metres that the image is wide; pixels are square.
     Domain: every pixel; points with z > 0.
-    Source: any textbook. Every pixel has an optical centre: engines' captures serve it by strategy
-    ``adaptive`` (and ``auto``), through depth captured at a few centres.
+    Source: any textbook. Strategies ``adaptive`` and ``auto`` compose it from depth at a few viewpoints.
     """
 
     name = "orthographic"
@@ -101,9 +100,9 @@ class Orthographic(Camera):
         return self.center + points[..., :2] / self._pixel_m, points[..., 2] > 0
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre per pixel, or at most ``count`` in the middles of a grid of blocks of pixels.
+        """Return one centre per pixel, or at most ``count`` in the middles of blocks of pixels.
 
-        Centres are in Morton's order, so that those of near pixels are near each other in it.
+        Centres are in Morton order, which keeps neighbours close.
         """
         most = self.width * self.height
         count = min(whole_number("count", most if count is None else count, "viewpoints"), most)
@@ -121,8 +120,8 @@ class Orthographic(Camera):
 
 
 def _morton(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The bits of two numbers in turn: a curve through a grid that keeps neighbours together."""
-    found = np.zeros_like(x)
+    """Return the Morton code: the bits of two numbers interleaved."""
+    code = np.zeros_like(x)
     for bit in range(int(max(x.max(), y.max())).bit_length()):
-        found |= (x >> bit & 1) << 2 * bit | (y >> bit & 1) << 2 * bit + 1
-    return found
+        code |= (x >> bit & 1) << 2 * bit | (y >> bit & 1) << 2 * bit + 1
+    return code

@@ -1,4 +1,4 @@
-"""Camera models by name: those of this package and those that other packages register."""
+"""Camera models by name: those of this package and of other packages that register theirs."""
 
 import inspect
 from collections.abc import Mapping
@@ -49,7 +49,7 @@ def names() -> list[str]:
 
 
 def model(name: str) -> type[Camera]:
-    """Return the class of a model; raise ArgumentError where no model has that name."""
+    """Return the class of a model; ArgumentError if no model has that name."""
     known = isinstance(name, str) and name in _MODELS
     return _MODELS[name if known else one_of("camera", name, names())]
 
@@ -80,11 +80,13 @@ def _construct(name: str, arguments: Mapping[str, Any]) -> Camera:
     try:
         signature.bind(**arguments)
     except TypeError:
-        taken = signature.parameters
-        needed = [key for key, parameter in taken.items() if parameter.default is parameter.empty]
+        known = signature.parameters
+        needed = [key for key, parameter in known.items() if parameter.default is parameter.empty]
         missing = [f"no {key}" for key in needed if key not in arguments]
-        unknown = [shown(key) for key in arguments if key not in taken]
-        optional = [key for key in taken if key not in needed]
-        wanted = ", ".join(needed) + (f" and optionally {', '.join(optional)}" if optional else "")
-        raise ArgumentError(f"camera {name}: expected {wanted}; got {', '.join(missing + unknown)}") from None
+        unknown = [shown(key) for key in arguments if key not in known]
+        optional = [key for key in known if key not in needed]
+        expected = ", ".join(needed) + (f" and optionally {', '.join(optional)}" if optional else "")
+        raise ArgumentError(
+            f"camera {name}: expected {expected}; got {', '.join(missing + unknown)}"
+        ) from None
     return cls(**arguments)

@@ -1,4 +1,4 @@
-"""The rolling shutter: a camera that moves while its image is read line by line."""
+"""Rolling shutters: cameras that move while their image is read line by line."""
 
 from __future__ import annotations
 
@@ -17,29 +17,26 @@ from omniscv.geometry.trajectory import Trajectory
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 _MOST_TURN_DEG = 90.0
-_INTERVALS = 16
-"""Of the read-out, in each of which a point is looked for once."""
-_FINER = 16
-_NEAR = 4.0  # intervals: what a line may go on and turn back within one
+_INTERVALS = 16  # of the read-out: each is searched for one crossing
+_FINER = 16  # times as many intervals for points that a line comes near
+_NEAR = 4.0  # intervals within which a line counts as near
 _MOST_STEPS = 60
-_CONVERGED = 1e-14
-"""Of the image: how far a point's line may be from the line that is read, to end the search."""
-_MEETS = 1e-9
-"""Of the image: how far it may be for the point to be seen in it."""
+_CONVERGED = 1e-14  # fraction of the image between a point's line and the line that is read: ends the search
+_MEETS = 1e-9  # the same: the point is seen
 
 
 @register
 class RollingShutter(Camera):
     """A central camera that moves while its lines are read, one after the other.
 
-    The line at a part s of the image, 0 to 1 in the direction of ``scan``, is read at the time
+    The line at a fraction s of the image, 0 to 1 in the direction of ``scan``, is read at the time
     ``t = s readout``; its rays are those of ``base``, turned by ``R = exp(t w)`` and starting at ``t v``.
-    Parameters: ``base``, the camera at rest, or its dict (size and a centre in the middle are left out);
+    Parameters: ``base``, the camera at rest, or its dict (without size and a centre in the middle);
     ``readout`` >= 0, seconds from the first edge to the last; ``velocity`` v, metres per second, and
     ``angular_velocity_deg`` w, axis times degrees per second, both in the frame of the camera at t = 0, whose
     pose is the image's; ``scan``, "top-to-bottom", "bottom-to-top", "left-to-right" or "right-to-left".
-    Domain: that of the base; turns of at most 90 degrees. A point that several lines see is answered by the
-    first of them. ``readout=0``, or no motion, equals the base to the bit.
+    Domain: that of the base; turns of at most 90 degrees. Of several lines that see a point, ``project``
+    returns the first. ``readout=0``, or no motion, equals the base to the bit.
     Source: Meingast et al. 2005, Geometric models of rolling-shutter cameras.
     """
 
@@ -74,7 +71,7 @@ class RollingShutter(Camera):
         )
         self._turn = np.radians(turn_deg)
         x, y, z = self.angular_velocity_deg * (self.readout / turn_deg if turn_deg else 0.0)
-        self._cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # the axis, crossed with
+        self._cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # cross product with the axis
         self._axis = 1 if self.scan in ("top-to-bottom", "bottom-to-top") else 0
         self._backward = self.scan in ("bottom-to-top", "right-to-left")
         self._lines = self.height if self._axis == 1 else self.width
@@ -84,15 +81,15 @@ class RollingShutter(Camera):
     def between(
         cls, base: Camera, readout: float, start: Pose, end: Pose, scan: Scan = "top-to-bottom"
     ) -> tuple[Self, Pose]:
-        """Return the camera that is at two poses when its first and its last line are read, and its pose.
+        """Return the camera with given poses at its first and its last line, and the pose of its image.
 
-        Positions between are interpolated linearly, rotations by the shortest turn (slerp).
+        It moves between them as :meth:`Pose.interpolate`.
 
         Args:
             base: the camera at rest.
             readout: seconds between the poses, > 0.
             start, end: of the base, world frame.
-            scan: where the first line is.
+            scan: the direction.
         """
         readout = number("readout", readout, above=0)
         velocity = start.rotation.T @ (end.position - start.position) / readout
@@ -110,10 +107,9 @@ class RollingShutter(Camera):
         at: float,
         scan: Scan = "top-to-bottom",
     ) -> tuple[Self, Pose]:
-        """Return the camera whose image is read from the time ``at`` on along a trajectory, and its pose.
+        """Return the camera whose image is read along a trajectory from the time ``at``, and its pose.
 
-        Within the image the trajectory is taken as uniform motion between its poses at the first and the
-        last line.
+        The motion within the image is uniform between the poses at the first and the last line.
 
         Args:
             base, readout, scan: as :meth:`between`.
@@ -123,8 +119,8 @@ class RollingShutter(Camera):
         Raises:
             ArgumentError: the trajectory does not last from the first line to the last.
         """
-        known = numbers("times", times, (len(poses),))
-        trajectory = Trajectory(tuple(poses), tuple(known.tolist()))
+        seconds = numbers("times", times, (len(poses),))
+        trajectory = Trajectory(tuple(poses), tuple(seconds.tolist()))
         start, end = (trajectory.at(time) for time in (at, at + readout))
         return cls.between(base, readout, start, end, scan)
 
@@ -132,14 +128,16 @@ class RollingShutter(Camera):
         return {**super()._arguments(), "base": _description(self.base)}
 
     def lines(self, first: float, last: float) -> ReadOutLines:
-        """Return the camera of those lines that are read between two parts of the read-out, 0 to 1, the
-        second one excluded; its other pixels are not valid."""
+        """Return the camera of the lines that are read between two fractions of the read-out, 0 to 1.
+
+        ``last`` itself is excluded. Other pixels are not valid.
+        """
         return ReadOutLines(**self._arguments(), first=first, last=last)
 
     # -- rays -----------------------------------------------------------------------------------
 
     def _part(self, pixels: Array) -> Array:
-        """(...) the part of the read-out at which pixels (..., 2) are read."""
+        """Return the fraction of the read-out at which pixels (..., 2) are read."""
         part: Array = pixels[..., self._axis] / self._lines
         return 1 - part if self._backward else part
 
@@ -151,7 +149,7 @@ class RollingShutter(Camera):
         return part[..., None] * self._travel, self._turned(directions, part), valid
 
     def _turned(self, vectors: Array, part: Array) -> Array:
-        """Vectors (..., 3) of the moving camera in the frame of the first line (Rodrigues' formula)."""
+        """Turn vectors (..., 3) of the moving camera into the first line's frame (Rodrigues' formula)."""
         if not self._turn:
             return vectors
         angle = (part * self._turn)[..., None]
@@ -163,7 +161,7 @@ class RollingShutter(Camera):
         return turned
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
-        """One centre per line that is read, or at most ``count`` for equal parts of the read-out."""
+        """Return one centre per line, or at most ``count`` for equal intervals of the read-out."""
         middle = np.arange(0.5, self._lines) / self._lines
         origins = (1 - middle if self._backward else middle)[:, None] * self._travel
         return viewpoints_by_line(origins, self.valid(), 1 - self._axis, count)
@@ -172,68 +170,73 @@ class RollingShutter(Camera):
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         if self._at_rest:
-            there = np.asarray(points.any(axis=-1))
-            pixels, valid = self.base._project(np.where(there[..., None], points, 1.0))
-            return pixels, np.asarray(valid & there)
+            nonzero = np.asarray(points.any(axis=-1))
+            pixels, valid = self.base._project(np.where(nonzero[..., None], points, 1.0))
+            return pixels, np.asarray(valid & nonzero)
         flat = points.reshape(-1, 3)
         part = self._part_seeing(flat)
-        found = ~np.isnan(part)
-        pixels, _ = self._seen_at(flat, np.where(found, part, 0.0))
-        return pixels.reshape(*points.shape[:-1], 2), found.reshape(points.shape[:-1])
+        seen = ~np.isnan(part)
+        pixels, _ = self._project_at(flat, np.where(seen, part, 0.0))
+        return pixels.reshape(*points.shape[:-1], 2), seen.reshape(points.shape[:-1])
 
-    def _seen_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
-        """Where the base sees points (N, 3) at parts (N,) of the read-out."""
+    def _project_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
+        """Project points (N, 3) with the base at fractions (N,) of the read-out."""
         offset = points - part[:, None] * self._travel
-        there = np.asarray(offset.any(axis=1))
-        pixels, valid = self.base._project(self._turned(np.where(there[:, None], offset, 1.0), -part))
-        return pixels, np.asarray(valid & there & self._within_image(pixels)[1])
+        nonzero = np.asarray(offset.any(axis=1))
+        pixels, valid = self.base._project(self._turned(np.where(nonzero[:, None], offset, 1.0), -part))
+        return pixels, np.asarray(valid & nonzero & self._within_image(pixels)[1])
 
     def _late(self, points: Array, part: Array) -> Array:
-        """(N,) how much later than ``part`` the line is read that points fall on then; NaN: on none."""
-        return self._part(self._seen_at(points, part)[0]) - part
+        """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen."""
+        return self._part(self._project_at(points, part)[0]) - part
 
     def _part_seeing(self, points: Array) -> Array:
-        """(N,) the first part of the read-out whose line sees points (N, 3); NaN if none is found."""
-        found, near = self._searched(points, _INTERVALS)
-        # A line that comes up to a point and turns back sees it twice, perhaps within one interval.
-        twice = np.flatnonzero(near & np.isnan(found))
+        """Return the first fraction of the read-out whose line sees points (N, 3); NaN if there is none."""
+        part, near = self._search(points, _INTERVALS)
+        # A line that reaches a point and turns back sees it twice, perhaps within one interval.
+        twice = np.flatnonzero(near & np.isnan(part))
         if len(twice):
-            found[twice], _ = self._searched(points[twice], _FINER * _INTERVALS)
-        return found
+            part[twice], _ = self._search(points[twice], _FINER * _INTERVALS)
+        return part
 
-    def _searched(self, points: Array, intervals: int) -> tuple[Array, Mask]:
-        """(N,) the first part whose line sees points, looked for in so many intervals of the read-out; NaN if
-        none is found; and whether a line was at some time within a few intervals of the point."""
-        found = np.full(len(points), np.nan)
+    def _search(self, points: Array, intervals: int) -> tuple[Array, Mask]:
+        """Search intervals of the read-out in turn.
+
+        Returns:
+            the first fraction whose line sees points, (N,), NaN if there is none; and whether a line was
+            within ``_NEAR`` intervals of the point at the end of an interval.
+        """
+        first = np.full(len(points), np.nan)
         before = self._late(points, np.zeros(len(points)))
         near = np.abs(before) <= _NEAR / intervals
         for k in range(intervals):
             low, high = k / intervals, (k + 1) / intervals
             after = self._late(points, np.full(len(points), high))
             near |= np.abs(after) <= _NEAR / intervals
-            # Where the base sees the point at one end only, it may be seen up to the border in between.
+            # If the base sees the point at one end only, the point may be seen up to the border in between.
             meets = (before >= -_CONVERGED) & (after <= _CONVERGED) | (before <= 0) & (after >= 0)
             meets |= np.isnan(before) & (after <= _CONVERGED) | np.isnan(after) & (before >= -_CONVERGED)
-            rows = np.flatnonzero(meets & np.isnan(found))
+            rows = np.flatnonzero(meets & np.isnan(first))
             if len(rows):
                 root = self._root(points[rows], (low, high), (before[rows], after[rows]))
-                pixels, valid = self._seen_at(points[rows], root)
+                pixels, valid = self._project_at(points[rows], root)
                 seen = valid & (np.abs(self._part(pixels) - root) <= _MEETS)
-                found[rows] = np.where(seen, root, np.nan)
+                first[rows] = np.where(seen, root, np.nan)
             before = after
-        return found, near
+        return first, near
 
     def _root(self, points: Array, ends: tuple[float, float], late: tuple[Array, Array]) -> Array:
-        """(N,) where points' lines are met between two parts of the read-out.
+        """Return the fractions (N,) between two ends at which the lines of points are read.
 
-        Regula falsi (Illinois) where both ends are known, else bisection towards the end of what is seen.
+        Regula falsi (Illinois) if the point is seen at both ends, else bisection towards the border. Unlike
+        ``monotone.increasing_root`` it needs no slope, and an end may be unknown.
         """
         sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
         root = np.array(ends)[sides]
         left, right = (np.full(len(points), end) for end in ends)
         late_left, late_right = late[0].copy(), late[1].copy()
         open_ = np.flatnonzero(~(np.minimum(np.abs(late_left), np.abs(late_right)) <= _CONVERGED))
-        kept = np.zeros(len(points))  # the side that stayed: -1 left, 1 right
+        kept = np.zeros(len(points))  # the end that was kept: -1 left, 1 right
         for _ in range(_MOST_STEPS):
             if not len(open_):
                 break
@@ -241,7 +244,7 @@ class RollingShutter(Camera):
             secant = (a * fb - b * fa) / (fb - fa)
             at = np.where((secant > a) & (secant < b), secant, (a + b) / 2)
             value = self._late(points[open_], at)
-            # The half that goes on has unlike signs at its ends, or an end where nothing is seen.
+            # Keep the half whose ends have unlike signs, or of whose ends one is not seen.
             first = np.where(np.isnan(fa) | np.isnan(fb), np.isnan(value) == np.isnan(fb), value * fa < 0)
             stays = np.where(first, -1.0, 1.0)
             half = np.where(kept[open_] == stays, 0.5, 1.0)
@@ -255,10 +258,10 @@ class RollingShutter(Camera):
 
 
 class ReadOutLines(RollingShutter):
-    """Some lines of a rolling-shutter camera, for a world that moves while the others are read.
+    """Some lines of a rolling-shutter camera, for a world that moves during the read-out.
 
     Args:
-        first, last: parts of the read-out; ``last`` itself is excluded.
+        first, last: fractions of the read-out; ``last`` itself is excluded.
     """
 
     name = "rolling-shutter-lines"
@@ -278,28 +281,28 @@ class ReadOutLines(RollingShutter):
         super().__init__(width, height, base, readout, velocity, angular_velocity_deg, scan)
         self.first, self.last = number("first", first), number("last", last)
 
-    def _mine(self, pixels: Array) -> Mask:
+    def _is_read(self, pixels: Array) -> Mask:
         part = self._part(pixels)
         return np.asarray((part >= self.first) & (part < self.last))
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         origins, directions, valid = super()._unproject(pixels)
-        return origins, directions, valid & self._mine(pixels)
+        return origins, directions, valid & self._is_read(pixels)
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         pixels, valid = super()._project(points)
-        return pixels, valid & self._mine(pixels)
+        return pixels, valid & self._is_read(pixels)
 
 
 def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camera:
-    """The base camera of a size, from its description or itself; ArgumentError if it is not central."""
+    """Return the base camera with a size, from itself or its description; ArgumentError if not central."""
     with within("base"):
-        described = base.to_dict() if isinstance(base, Camera) else base
-        if not isinstance(described, Mapping) or "model" not in described:
+        description = base.to_dict() if isinstance(base, Camera) else base
+        if not isinstance(description, Mapping) or "model" not in description:
             raise ArgumentError(f"expected a camera or a mapping with 'model' in it, got {shown(base)}")
-        if not model(described["model"]).central:
-            raise ArgumentError(f"expected a central camera, got {described['model']}")
-        camera = from_dict({"width": width, "height": height, **described})
+        if not model(description["model"]).central:
+            raise ArgumentError(f"expected a central camera, got {description['model']}")
+        camera = from_dict({"width": width, "height": height, **description})
         if (camera.width, camera.height) != (width, height):
             got = f"{camera.width} x {camera.height}"
             raise ArgumentError(f"expected an image of {width} x {height} px, got {got}")
@@ -307,7 +310,7 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
 
 
 def _description(base: Camera) -> dict[str, Any]:
-    """What describes the base in an image of any size: without size, and without a centre in the middle."""
+    """Return the description of a base for any image size: without size and a centre in the middle."""
     middle = (base.center == (base.width / 2, base.height / 2)).all()
-    known = {"width", "height", *(("center", "cx", "cy") if middle else ())}
-    return {key: value for key, value in base.to_dict().items() if key not in known}
+    implied = {"width", "height", *(("center", "cx", "cy") if middle else ())}
+    return {key: value for key, value in base.to_dict().items() if key not in implied}

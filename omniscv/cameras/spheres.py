@@ -1,4 +1,4 @@
-"""Lenses in closed form: by unit spheres or an ellipsoid, seen from beside the centre; and by division."""
+"""Lenses in closed form: projection by spheres or an ellipsoid from an eccentric centre, and division."""
 
 from typing import Any, Self
 
@@ -11,7 +11,7 @@ from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import BEFORE_TURN, ROUNDING, FocalLens, Meridian
 from omniscv.cameras.registry import register
 
-_NO_DIRECTION = 1e-300  # of the way from the second sphere's centre, which is on the first one for xi = 1
+_NO_DIRECTION = 1e-300  # a point at the second sphere's centre, on the first sphere for xi = 1
 
 
 @register
@@ -49,7 +49,7 @@ class DoubleSphere(FocalLens):
         t = _to_first_sphere(np.array(np.sqrt(s)), np.array(-self._w), self.xi)
         self._theta_end = float(np.arctan2(t * np.sqrt(s), -t * self._w - self.xi))
         self._r_end = self._fold or np.inf
-        if self.xi == 1 and self.alpha > 0:  # seen from its own surface, the first sphere fills a half space
+        if self.xi == 1 and self.alpha > 0:  # seen from its surface the first sphere fills a half space
             self._r_end = float(np.nextafter(1 / self.alpha, 0))
         self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
 
@@ -65,7 +65,7 @@ class DoubleSphere(FocalLens):
     def _radius(self, across: Array, along: Array) -> Array:
         k = _sum(self.xi, across, along)
         d = np.hypot(across, k)
-        # The angle alone does not tell the end from straight back where xi is next to 1.
+        # For xi near 1 the angle does not separate the end of the domain from straight back.
         r = _over(across, self.alpha * d + (1 - self.alpha) * k)
         return np.where((k >= -(self._w + ROUNDING) * d) & (d > _NO_DIRECTION), r, np.nan)
 
@@ -117,7 +117,7 @@ class ExtendedUnified(FocalLens):
 
     def _radius(self, across: Array, along: Array) -> Array:
         d = np.hypot(self._stretch * across, along)
-        # The angle alone does not tell the end from straight back where beta is huge.
+        # For huge beta the angle does not separate the end of the domain from straight back.
         r = _over(across, self.alpha * d + (1 - self.alpha) * along)
         return np.where(along >= -(self._w + ROUNDING) * d, r, np.nan)
 
@@ -174,7 +174,7 @@ class Unified(FocalLens):
             root = np.sqrt((1 - part) * (1 + part))
         else:
             root = np.sqrt(1 + self._one_less_xi_squared * r * r)
-        if self.xi < 0:  # as below, without a difference of like numbers
+        if self.xi < 0:  # as below, without cancellation
             scale = self._one_less_xi_squared / (root - self.xi)
         else:
             scale = (self.xi + root) / (r * r + 1)
@@ -226,7 +226,7 @@ class Division(FocalLens):
         return Meridian(r / distance, height / distance)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        # The smaller root of k across r^2 - along r + across = 0, without a difference of like numbers.
+        # The smaller root of k across r^2 - along r + across = 0, without cancellation.
         root = np.sqrt(np.maximum(along * along - 4 * self.k * across * across, 0.0))
         ahead = 2 * across / (along + root)
         back = (along - root) / (2 * self.k * across) if self.k else np.full_like(across, np.nan)
@@ -234,7 +234,7 @@ class Division(FocalLens):
 
 
 def _second_limit(alpha: float) -> tuple[float, float, float]:
-    """w of the limit ``z > -w d``; 1 - w^2; and the radius where n turns back, 0 where it does not."""
+    """Return w of the limit ``z > -w d``, 1 - w^2, and the radius where n turns back, 0 if it does not."""
     if alpha <= 0.5:
         w = alpha / (1 - alpha)
         return w, (1 - 2 * alpha) / (1 - alpha) ** 2, 0.0
@@ -242,32 +242,32 @@ def _second_limit(alpha: float) -> tuple[float, float, float]:
 
 
 def _height(r: Array, alpha: float, fold: float) -> Array:
-    """z over n of the ray at radius r."""
+    """Return z over n of the ray at radius r."""
     if not fold:
         root = np.sqrt(1 + (1 - 2 * alpha) * r * r)
     else:
         part = np.minimum(r / fold, 1.0)
         root = np.sqrt((1 - part) * (1 + part))
-    if alpha > 0.75:  # the same as below, without a difference of like numbers where alpha is near 1
+    if alpha > 0.75:  # as below, without cancellation for alpha near 1
         return np.asarray((alpha * root - (1 - alpha)) / (2 * alpha - 1))
     return np.asarray((1 - alpha * r) * (1 + alpha * r) / (alpha * root + 1 - alpha))
 
 
 def _to_first_sphere(across: Array, along: Array, xi: float) -> Array:
-    """t > 0 so that ``t (across, along)`` from the second sphere's centre ends on the first sphere."""
+    """Return t > 0 with ``t (across, along)`` from the second sphere's centre on the first sphere."""
     less = (1 - xi) * (1 + xi)
     distance = np.sqrt(along * along + less * across * across)
-    # Two ways: neither subtracts like numbers on its side.
+    # Two forms: each is free of cancellation on its side.
     near, far = less / (distance - along * xi), (along * xi + distance) / (along * along + across * across)
     return np.where(along * xi < 0, near, far)
 
 
 def _sum(xi: float, across: Array, along: Array) -> Array:
-    """xi + along, without the loss of digits where a ray looks far back and xi is near 1, or ahead and -1."""
+    """Return xi + along, without cancellation for rays far back and xi near 1, or ahead and xi near -1."""
     back, ahead = (xi - 1) + across * across / (1 - along), (xi + 1) - across * across / (1 + along)
     return np.where(along < -0.5, back, np.where(along > 0.5, ahead, xi + along))
 
 
 def _over(across: Array, n: Array) -> Array:
-    """The radius across / n; NaN where n is not above 0: beyond the domain."""
+    """Return the radius across / n; NaN for n <= 0, beyond the domain."""
     return np.where(n > 0, across / n, np.nan)

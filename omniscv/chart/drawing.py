@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from omniscv.compose.files import finite, write_json
 from omniscv.storage.local import whole_file
@@ -31,8 +31,6 @@ _POINTS = 72 / _DPI  # in a pixel
 _TITLE_CHARACTERS = 95
 _REACH = (7, 14, 24)  # points from a dot to its label
 _SIDES = ((1, 0.5), (1, 1), (1, 0), (0, 0.5), (0, 1), (0, 0), (0.5, 1), (0.5, 0))
-
-Row = TypeVar("Row")
 
 
 @dataclass(frozen=True)
