@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 import omniscv
 from omniscv.geometry import R_LEVEL, cube_rotations
@@ -44,6 +45,7 @@ def test_faces_look_where_unreal_says(face):
     np.testing.assert_array_equal(dict(cube_rotations())[face], R_w_c)
 
 
+@cases(15)
 @given(position, pitch, angle, angle)
 def test_unreal_and_back_is_the_same_pose(location, pitch_deg, yaw, roll):
     pose = omniscv.Pose.from_unreal(location, (pitch_deg, yaw, roll))
@@ -53,6 +55,7 @@ def test_unreal_and_back_is_the_same_pose(location, pitch_deg, yaw, roll):
     np.testing.assert_allclose(again.t_w_c, pose.t_w_c, rtol=1e-14, atol=1e-12)
 
 
+@cases(15)
 @given(position, pitch, angle, angle)
 def test_angles_and_back_is_the_same_pose(where, pitch_deg, yaw, roll):
     pose = omniscv.Pose.from_angles(where, yaw_deg=yaw, pitch_deg=pitch_deg, roll_deg=roll)
@@ -61,6 +64,7 @@ def test_angles_and_back_is_the_same_pose(where, pitch_deg, yaw, roll):
     np.testing.assert_allclose(again.R_w_c, pose.R_w_c, atol=2e-9)
 
 
+@cases(15)
 @given(position, pitch, angle, angle, position)
 def test_up_right_in_unreal_is_up_right_here(location, pitch_deg, yaw, roll, target):
     """A point's coordinates along Unreal's forward, right and up are ours along z, x and -y."""

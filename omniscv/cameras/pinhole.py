@@ -71,6 +71,7 @@ class Pinhole(FocalLens):
                 fov_deg = number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
                 across, along = sin_cos_of_half(fov_deg)
                 focal = self.width / 2 * float(along / across)
+            focal = number("focal", focal, above=0)
             return focal, focal, None
         if fx is None or fy is None or focal is not None:
             lengths = {"focal": focal, "fx": fx, "fy": fy}

@@ -27,7 +27,6 @@ import numpy as np
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose
-from omniscv.storage.bounded import read_bytes
 
 _NS = 10**9
 _MOST_BYTES = 1 << 28
@@ -173,6 +172,8 @@ def plain(value: float) -> str:
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str], bool]]:
     """Yield line number, words, and whether commas separate them, of lines that are more than a comment."""
+    from omniscv.storage.bounded import read_bytes  # loads YAML
+
     try:
         content = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except ValueError as cause:

@@ -6,6 +6,7 @@ import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 from support.lenses import lenses, seen_in_front
 from support.same_rays import assert_same_rays
 
@@ -45,6 +46,7 @@ def test_all_come_back() -> None:
         assert_same_rays(camera, again[name])
 
 
+@cases(10)
 @given(st.floats(10, 1e4), st.floats(0.5, 2), st.floats(-100, 100), st.floats(-100, 100))
 def test_pinhole_centres_are_at_half_as_ours(fx: float, stretch: float, cx: float, cy: float) -> None:
     fy = fx * stretch
@@ -55,6 +57,7 @@ def test_pinhole_centres_are_at_half_as_ours(fx: float, stretch: float, cx: floa
     assert_same_rays(camera, calibration.read_colmap(calibration.write_colmap({"1": camera}))["1"])
 
 
+@cases(10)
 @given(lenses)
 def test_opencv_fisheye_is_opencvs_with_half_a_pixel_more(camera: cameras.Camera) -> None:
     text = calibration.write_colmap({"1": camera})

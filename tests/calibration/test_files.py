@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 from support.same_rays import DIRECTION_TOLERANCE, assert_same_rays
 
 from omniscv import calibration, cameras
@@ -226,6 +227,7 @@ def test_formats_of_one_camera_refuse_two(format: str, tmp_path: Path) -> None:
         calibration.save(tmp_path / "file", {"cam0": LENS, "cam1": LENS}, format)
 
 
+@cases(10)
 @given(data=st.data())
 def test_a_file_cut_anywhere_is_read_or_refused(saved: tuple[str, str], data: st.DataObject) -> None:
     """Cut within its last number it is another file, not a wrong one; no other exception comes out."""
@@ -233,6 +235,7 @@ def test_a_file_cut_anywhere_is_read_or_refused(saved: tuple[str, str], data: st
     read_or_refuse(format, text[: data.draw(st.integers(0, len(text) - 1))])
 
 
+@cases(10)
 @given(data=st.data())
 def test_a_file_with_a_piece_replaced_is_read_or_refused(saved: tuple[str, str], data: st.DataObject) -> None:
     format, text = saved

@@ -31,12 +31,6 @@ def test_opencv_projects_our_rays_to_our_pixels_less_half(camera: cameras.Camera
     np.testing.assert_allclose(theirs[:, 0], pixels - 0.5, rtol=0, atol=1e-9)
 
 
-@given(lenses)
-def test_arrays_make_the_camera_again(camera: cameras.Camera) -> None:
-    K, D = calibration.to_opencv_fisheye(camera)
-    assert_same_rays(camera, calibration.from_opencv_fisheye(K, D[:, None], 64, 48))
-
-
 @given(lenses, st.floats(-0.1, 0.1))
 def test_skew_is_opencvs_alpha(camera: cameras.Camera, skew: float) -> None:
     skewed = cameras.from_dict({**camera.to_dict(), "skew": skew})
@@ -162,23 +156,6 @@ def test_the_middle_of_an_image_is_half_a_pixel_less_in_opencv() -> None:
         cameras.create("kannala-brandt", width=640, height=480, fx=1.0, fy=1.0)
     )
     assert K[:2, 2].tolist() == [319.5, 239.5]
-
-
-@given(lenses)
-def test_a_file_makes_the_camera_again(camera: cameras.Camera) -> None:
-    text = calibration.write_opencv_fisheye({"cam0": camera})
-    assert_same_rays(camera, calibration.read_opencv_fisheye(text)["cam0"])
-
-
-def test_opencv_reads_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "camera.yml"
-    calibration.save(path, {"cam0": LENS}, "opencv-fisheye")
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    K, D = calibration.to_opencv_fisheye(LENS)
-    np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), K)
-    np.testing.assert_array_equal(storage.getNode("distortion_coefficients").mat(), D[:, None])
-    assert storage.getNode("image_width").real() == 64
-    assert storage.getNode("image_height").real() == 48
 
 
 @pytest.mark.parametrize("suffix", ["yml", "json"])

@@ -73,20 +73,20 @@ points = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max
 part = st.one_of(st.floats(0, 1), hair, hair.map(lambda x: 1 - x))
 
 
-@cases(60)
+@cases(40)
 @given(any_camera, points)
 def test_no_point_gets_a_wrong_pixel(camera, points):
     never_wrong(camera, points)
 
 
-@cases(60)
+@cases(40)
 @given(any_camera, st.lists(st.tuples(part, part), min_size=1, max_size=30).map(np.array), st.floats(-9, 9))
 def test_every_pixel_comes_back(camera, parts, away):
     """Of pixels all over the image, most of all next to its edges."""
     comes_back(camera, parts * (camera.width, camera.height), 10**away)
 
 
-@cases(60)
+@cases(40)
 @given(any_camera, st.lists(st.tuples(part, st.floats(-4, 4)), min_size=1, max_size=30), st.floats(-9, 9))
 def test_pixels_of_the_image_circle_come_back(camera, polar, away):
     """Of pixels all over the image circle, most of all next to its rim and its centre."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -78,6 +79,7 @@ def theta_by_bisection(k, d):
 
 
 @pytest.mark.parametrize("k", [COEFFICIENTS[0], COEFFICIENTS[3], (0.02, -0.008, 0.002, 0.0001)])
+@cases(15)
 @given(st.floats(0, 1), st.floats(-np.pi, np.pi))
 def test_rays_to_straight_back(k, part, azimuth):
     """The whole branch, 90 to 180 degrees off the axis included, there and back."""

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -44,6 +45,7 @@ def true_direction(camera, pixel, phi_of):
 
 
 @lenses
+@cases(15)
 @given(st.floats(1, 360), azimuths, part)
 def test_rays(name, fov_deg, azimuth, at):
     """``unproject``: as exact as the pixel's radius is known, over the whole image circle."""
@@ -59,6 +61,7 @@ def test_rays(name, fov_deg, azimuth, at):
 
 
 @lenses
+@cases(15)
 @given(st.floats(1, 360), azimuths, part, st.floats(-9, 9))
 def test_pixels(name, fov_deg, azimuth, at, exponent):
     """``project``: the radius of a point's true angle."""
@@ -82,6 +85,7 @@ def test_pixels(name, fov_deg, azimuth, at, exponent):
 
 
 @lenses
+@cases(15)
 @given(st.one_of(st.floats(0.01, 360), st.floats(-13, 0).map(lambda e: 360 - 10**e)))
 def test_focal_length_follows_the_field_of_view(name, fov_deg):
     """The rim of the image circle sees ``fov_deg / 2``, by the formula."""

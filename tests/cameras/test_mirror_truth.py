@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.cases import cases
 from support.central_mirrors import DIGITS, bounce, hyperboloid, off_axis, paraboloid, plane
 
 from omniscv import cameras
@@ -33,6 +34,7 @@ spreads = st.floats(-2, 2).map(lambda e: 10**e)
 
 
 @kinds
+@cases(15)
 @given(metres, metres, spreads, place)
 def test_the_real_mirror_has_one_viewpoint(kind, q, d, spread, pixel):
     """A test of the test's geometry: every reflected ray, drawn back, meets the origin."""
@@ -47,6 +49,7 @@ def test_the_real_mirror_has_one_viewpoint(kind, q, d, spread, pixel):
 
 
 @kinds
+@cases(15)
 @given(metres, metres, spreads, place)
 def test_rays(kind, q, d, spread, pixel):
     """Direction to a few roundings of the pixel; a ray exactly where camera rays meet the mirror."""
@@ -67,6 +70,7 @@ def test_rays(kind, q, d, spread, pixel):
 
 
 @kinds
+@cases(15)
 @given(metres, metres, spreads, st.floats(0, 1), st.floats(-np.pi, np.pi), st.floats(0, 9))
 def test_pixels(kind, q, d, spread, part, azimuth, exponent):
     """A point where the light of a pixel comes from is seen by that pixel."""

@@ -23,7 +23,7 @@ def create(half_angle_deg):
 
 def around(degrees):
     """45 degrees, its neighbours in float64, and ever further away."""
-    steps = [0.0, *(sign * 10.0**-k for k in range(1, 15, 2) for sign in (-1, 1))]
+    steps = [0.0, *(sign * 10.0**-k for k in (1, 7, 14) for sign in (-1, 1))]
     near = [float(np.nextafter(degrees, np.inf)), float(np.nextafter(degrees, 0))]
     return [degrees + step for step in steps] + near
 
@@ -45,7 +45,7 @@ def test_45_degrees_looks_sideways():
     np.testing.assert_allclose(rays.directions, (np.cos(alpha), 0, np.sin(alpha)), rtol=0, atol=3e-16)
 
 
-@pytest.mark.parametrize("half_angle_deg", [10.0**-k for k in range(10)])
+@pytest.mark.parametrize("half_angle_deg", [10.0**-k for k in (0, 4, 9)])
 def test_a_needle(half_angle_deg):
     """The image shrinks to ``r < tan tau``; what is left of it is as exact as the pixel's own place."""
     camera = create(half_angle_deg)
@@ -59,7 +59,7 @@ def test_a_needle(half_angle_deg):
     np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("short_of_90_deg", [10.0**-k for k in range(13)])
+@pytest.mark.parametrize("short_of_90_deg", [10.0**-k for k in (0, 6, 12)])
 def test_a_plate(short_of_90_deg):
     camera = create(90 - short_of_90_deg)
     pixel = camera.center + np.array([60.0, 80.0])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 from support.noncentral_mirrors import ray_errors
 
 from omniscv import cameras
@@ -32,7 +33,7 @@ def test_the_tip_is_no_ray():
     assert np.isnan(rays.directions).all()
 
 
-@pytest.mark.parametrize("r_px", [10.0**-k for k in range(14)])
+@pytest.mark.parametrize("r_px", [10.0**-k for k in (0, 4, 9, 13)])
 def test_rays_against_reflection(r_px):
     # A centre at (0, 0), so that a pixel can be as near to it as one likes.
     camera = create(center=(0, 0))
@@ -41,6 +42,7 @@ def test_rays_against_reflection(r_px):
     assert offset <= 1e-15
 
 
+@cases(15)
 @given(st.floats(-13, 0), st.floats(0, np.pi / 2))
 def test_the_ray_keeps_its_angle_and_azimuth(exponent, azimuth):
     """Within 2e-2 rad per px of 2 tau (the focal length is 50.5 px), and exact in azimuth."""

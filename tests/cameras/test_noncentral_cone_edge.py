@@ -22,7 +22,7 @@ def create(half_angle_deg):
 
 
 @angles
-@pytest.mark.parametrize("part_left", [10.0**-k for k in range(1, 14)])
+@pytest.mark.parametrize("part_left", [10.0**-k for k in (1, 5, 9, 13)])
 def test_rays_against_reflection(half_angle_deg, part_left):
     camera = create(half_angle_deg)
     edge_px = camera.focal * np.tan(np.radians(half_angle_deg))

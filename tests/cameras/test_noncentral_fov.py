@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -41,6 +42,7 @@ def off_axis_deg(camera, pixel):
     return np.degrees(np.arctan2(np.hypot(x, y), -z))
 
 
+@cases(15)
 @given(st.floats(0.001, 0.999), st.floats(-2, 2), st.floats(-2, 2))
 def test_the_last_ray_of_a_ball(part, size, away):
     mirror_radius, distance = 10**size, 10**away
@@ -53,6 +55,7 @@ def test_the_last_ray_of_a_ball(part, size, away):
     assert off_axis_deg(camera, inside) == pytest.approx(part * limit / 2, abs=1e-8 / (1 - part))
 
 
+@cases(15)
 @given(st.floats(0.001, 0.999), st.floats(1, 89))
 def test_the_last_ray_of_a_cone(part, half_angle_deg):
     fov_deg = 360 - (4 - 2 * part) * half_angle_deg

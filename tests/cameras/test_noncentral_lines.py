@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 from omniscv.cameras import Rays
@@ -111,6 +112,7 @@ def test_ball_in_the_papers_equation():
 
 
 @pytest.mark.parametrize("key", ["cone", "cone, 45 degrees", "ball"])
+@cases(15)
 @given(pixel=st.tuples(st.floats(0, SIZE), st.floats(0, SIZE)))
 def test_mirror_rays_meet_the_axis(key, pixel):
     """The reciprocal product of two lines that meet is 0; the axis is (0, 0, 1; 0, 0, 0)."""
@@ -120,6 +122,7 @@ def test_mirror_rays_meet_the_axis(key, pixel):
         np.testing.assert_array_equal(rays.origins[:2], 0)
 
 
+@cases(15)
 @given(pixel=st.tuples(st.floats(0, SIZE), st.floats(0, SIZE)))
 def test_panorama_rays_start_on_the_circle_and_meet_the_axis(pixel):
     camera = create("panorama")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -21,6 +22,7 @@ def create(radius):
     return cameras.create("noncentral-panorama", width=WIDTH, height=HEIGHT, radius=radius)
 
 
+@cases(15)
 @given(
     st.one_of(st.just(0.0), st.floats(-300, 12).map(lambda e: 10**e)),
     st.floats(0, WIDTH),

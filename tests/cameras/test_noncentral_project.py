@@ -60,7 +60,7 @@ def start(camera, pixel, rays):
     return 1.001 * r * z_hit / np.hypot(*rays.directions[:2])
 
 
-@cases(60)
+@cases(25)
 @given(any_camera, st.floats(-np.pi, np.pi), unit, far)
 def test_a_point_on_a_ray_is_seen_by_its_pixel(camera, azimuth, part, away):
     """Pixels anywhere between the centre and the last one; points from beside the mirror to 1e9 m."""
@@ -76,7 +76,7 @@ def test_a_point_on_a_ray_is_seen_by_its_pixel(camera, azimuth, part, away):
     np.testing.assert_allclose(seen, pixel, rtol=0, atol=1e-9)  # the contract asks 1e-6
 
 
-@cases(80)
+@cases(30)
 @given(any_camera, st.lists(point, min_size=1, max_size=20))
 def test_the_ray_of_the_answer_passes_through_the_point(camera, points):
     """Whatever the point: a valid pixel has a ray, and the point lies on its forward half."""

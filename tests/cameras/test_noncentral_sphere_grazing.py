@@ -28,7 +28,7 @@ def pixel_at(camera, part_left, azimuth=0.3):
     return camera.center + edge_px * (1 - part_left) * np.array([np.cos(azimuth), np.sin(azimuth)])
 
 
-@pytest.mark.parametrize("part_left", [10.0**-k for k in range(1, 14)])
+@pytest.mark.parametrize("part_left", [10.0**-k for k in (1, 5, 9, 13)])
 def test_rays_stay_as_exact_as_the_pixel_says(part_left):
     """A pixel's last digit, 2e-16, moves the ray by 1e-16 / sqrt(part_left) and no more."""
     camera = create()

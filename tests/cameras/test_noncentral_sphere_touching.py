@@ -28,7 +28,7 @@ def create(distance, **options):
     )
 
 
-@pytest.mark.parametrize("distance", [10.0**k for k in range(-18, 4)])
+@pytest.mark.parametrize("distance", [10.0**k for k in (-18, -9, -3, 0, 3)])
 @pytest.mark.parametrize("part", [0.01, 0.5, 0.9])
 def test_rays_against_reflection(distance, part):
     """At 1e-18 m as at 1 km: errors of a few roundings relative to the distance itself."""

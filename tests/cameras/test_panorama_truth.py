@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -43,6 +44,7 @@ def true_direction(view, pixel):
 
 
 @every_view
+@cases(15)
 @given(place)
 def test_there_and_back(view, pixel):
     name, parameters = VIEWS[view]

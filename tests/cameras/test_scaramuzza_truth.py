@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -61,6 +62,7 @@ def true_pixel(camera, point):
 
 
 @every_camera
+@cases(6)
 @given(place)
 def test_rays(given_camera, pixel):
     camera = create(given_camera)
@@ -73,6 +75,7 @@ def test_rays(given_camera, pixel):
 
 
 @every_camera
+@cases(6)
 @given(place, st.floats(-9, 9))
 def test_pixels(given_camera, pixel, exponent):
     camera = create(given_camera)

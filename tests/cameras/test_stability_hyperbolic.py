@@ -15,7 +15,7 @@ from support.central_mirrors import DIGITS, bounce, hyperboloid, off_axis
 from omniscv import cameras
 
 SIZE = 201
-RATIOS = [10.0**k for k in range(-15, 16, 3)]
+RATIOS = [10.0**k for k in (-15, -6, 0, 6, 15)]
 ratios = pytest.mark.parametrize("ratio", RATIOS)  # 2p / d
 
 
@@ -35,12 +35,12 @@ def create(distance, semi_latus_rectum, spread=0.9, **options):
 
 
 @ratios
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_rays_are_reflected_ones(ratio, scale):
     """Over the whole mirror, to 1e-14 rad: a few roundings, beside a mirror that turns rays by up to pi."""
     camera = create(scale, ratio * scale)
     rng = np.random.default_rng(7)
-    for pixel in rng.uniform(30, 171, (12, 2)):
+    for pixel in rng.uniform(30, 171, (6, 2)):
         rays = camera.unproject(pixel)
         assert rays.valid
         with mp.workdps(DIGITS):

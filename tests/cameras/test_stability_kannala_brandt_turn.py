@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -73,6 +74,7 @@ def test_the_branch_ends_at_the_first_turn(k):
 
 
 @turning
+@cases(15)
 @given(st.floats(-12, 0), st.floats(-np.pi, np.pi))
 def test_no_wrong_ray_next_to_the_turn(k, exponent, azimuth):
     """The ray of a pixel, put into d(theta) in 50 digits, is that pixel to 1e-10 px; and it is the first."""

@@ -12,7 +12,7 @@ from omniscv.chart.limits import approaches
 
 
 @pytest.mark.parametrize("name", cameras.names())
-@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.soak)])
 def test_every_model_keeps_its_promise_up_to_its_limits(name, every):
     """1e-6 px, or what float64 keeps of the points themselves where that is more."""
     steps = stability.STEPS[::-every]  # the last among them
@@ -28,8 +28,10 @@ def test_every_model_keeps_its_promise_up_to_its_limits(name, every):
 
 
 def test_it_is_written_and_drawn(tmp_path):
-    data, drawn, picture = stability.write(stability.measure(**stability.QUICK), tmp_path)
+    data, drawn, picture = stability.write(
+        stability.measure(models=["equirectangular", "octahedral"]), tmp_path
+    )
     assert json.loads(data.read_text())[0]["model"] == "equirectangular"
-    assert "division" in drawn.read_text()
+    assert "octahedral" in drawn.read_text()
     with Image.open(picture) as opened:
         assert opened.width == 1320

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from examples import example_cameras
 from omniscv import cameras
@@ -101,17 +102,7 @@ def test_poles(name, parameters):
 
 
 @every_panorama
-@given(st.floats(0, 64), st.floats(-18, 0), st.sampled_from([0, 32]))
-def test_columns_up_to_the_poles(name, parameters, column, exponent, row):
-    """Columns stay apart until the row itself is the pole's: 1e-9 px where the ray is 1e-18 across."""
-    camera = cameras.create(name, width=64, height=32, **parameters)
-    pixel = np.array([column, abs(row - 10**exponent)])
-    again, seen = camera.project(7 * camera.unproject(pixel).directions)
-    assert seen
-    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
-
-
-@every_panorama
+@cases(15)
 @given(st.floats(-16, 0), st.sampled_from([-1, 1]), st.floats(-1.5, 1.5))
 def test_the_seam(name, parameters, exponent, side, elevation):
     """Behind the camera: a hair to the left is the left border, a hair to the right the right one."""

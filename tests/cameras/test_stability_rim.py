@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -31,6 +32,7 @@ def on_circle(camera, r_px, azimuth):
 
 
 @lenses
+@cases(15)
 @given(azimuths, closeness)
 def test_rays_up_to_the_rim(name, azimuth, left):
     """Across the axis as exact as everywhere; along it as the pixel's last digit leaves it."""
@@ -92,6 +94,7 @@ def test_equisolid_sees_straight_back_all_around():
 
 
 @lenses
+@cases(15)
 @given(azimuths, st.floats(-16, -1), st.floats(-9, 9))
 def test_points_next_to_the_rim(name, azimuth, exponent, away):
     """``project`` by the true angle, for points that close in on the last ray."""

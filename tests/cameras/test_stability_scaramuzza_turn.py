@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 from omniscv import cameras
 
@@ -84,6 +85,7 @@ def test_two_pixels_with_one_ray():
 
 
 @turning
+@cases(15)
 @given(st.floats(-15, 0), st.floats(-np.pi, np.pi), st.floats(-9, 9))
 def test_pixels_next_to_the_turn(coefficients, exponent, azimuth, away):
     """They come back as far as float64 rays differ: 1e-6 px, but 1e-8 of the radius at the turn."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 
 import omniscv
 from omniscv.errors import ArgumentError
@@ -13,6 +14,7 @@ place = st.tuples(coordinate, coordinate, coordinate)
 angle = st.floats(-180, 180)
 
 
+@cases(15)
 @given(place, angle, st.floats(-90, 90), angle)
 def test_a_pose_and_its_inverse_are_the_identity(position, yaw, pitch, roll):
     pose = omniscv.Pose.from_angles(position, yaw, pitch, roll)
@@ -21,6 +23,7 @@ def test_a_pose_and_its_inverse_are_the_identity(position, yaw, pitch, roll):
         np.testing.assert_allclose(both.position, 0, atol=1e-12)  # rounding of 100 m
 
 
+@cases(15)
 @given(place, place)
 def test_the_point_is_ahead_and_the_image_upright(position, target):
     apart = np.subtract(target, position)
