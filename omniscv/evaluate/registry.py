@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.report import Report
 
-_NAMES = ("layout", "calibration", "lines", "odometry")
+NAMES = ("layout", "calibration", "lines", "odometry")
 
 
 @dataclass(frozen=True)
@@ -32,30 +32,19 @@ class Settings:
     progress: Callable[[int, int], None] = lambda done, total: None
 
 
-class Evaluation(Protocol):
-    """A module with a function; ``OPTIONS`` are the names of the options that it takes."""
-
-    OPTIONS: frozenset[str]
-
-    def evaluate(self, settings: Settings) -> Report:
-        """Render, run the algorithm, score it, draw the chart into ``settings.out``."""
-
-
-def names() -> tuple[str, ...]:
-    """Return the names of all evaluations."""
-    return _NAMES
-
-
 def run(name: str, settings: Settings) -> Report:
-    """Run an evaluation; its module is imported here.
+    """Run an evaluation: render, run the algorithm, score it, draw the chart into ``settings.out``.
+
+    Its module ``NAME/evaluation.py`` has ``evaluate(settings)``, and in ``OPTIONS`` the names of its options.
 
     Raises:
         ArgumentError: unknown name, or an option that the evaluation does not take.
         OmniscvError: of its source.
     """
-    one_of("evaluation", name, _NAMES)
-    evaluation: Evaluation = import_module(f"omniscv.evaluate.{name}.evaluation")
+    one_of("evaluation", name, NAMES)
+    evaluation = import_module(f"omniscv.evaluate.{name}.evaluation")
     if unknown := sorted(set(settings.options) - evaluation.OPTIONS):
         known = ", ".join(sorted(evaluation.OPTIONS)) or "none"
         raise ArgumentError(f"{name}: unknown option {unknown[0]!r}; known options: {known}")
-    return evaluation.evaluate(settings)
+    report: Report = evaluation.evaluate(settings)
+    return report

@@ -64,12 +64,12 @@ def test_evo_aligns_and_scores_alike():
 def test_mirrored_points_are_turned_not_mirrored():
     points = DRAW.normal(size=(20, 3))
     mirrored = points * (1, 1, -1)
-    found = umeyama(points, mirrored)
+    scale, rotation, translation = umeyama(points, mirrored)
     R, t, s = geometry.umeyama_alignment(points.T, mirrored.T, with_scale=True)
-    assert np.linalg.det(found.rotation) == pytest.approx(1)
-    np.testing.assert_allclose(found.rotation, R, atol=1e-12)
-    np.testing.assert_allclose(found.translation, t, atol=1e-12)
-    assert found.scale == pytest.approx(s)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    np.testing.assert_allclose(rotation, R, atol=1e-12)
+    np.testing.assert_allclose(translation, t, atol=1e-12)
+    assert scale == pytest.approx(s)
 
 
 def test_the_papers_two_errors_are_its_formulas():

@@ -14,7 +14,6 @@ eps_theta    angle of R_gt R_est^T; the paper's.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,14 +27,6 @@ FEWEST = 3
 """Positions, not on one line, that a similarity needs."""
 
 _ON_A_LINE = 1e-9  # relative to the spread along the line
-
-
-class Similarity(NamedTuple):
-    """``p' = scale rotation p + translation``."""
-
-    scale: float
-    rotation: Array
-    translation: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,28 +50,23 @@ class TrajectoryErrors:
     step_deg: Array
 
 
-def umeyama(points: ArrayLike, targets: ArrayLike) -> Similarity:
-    """Return the similarity that maps points to their targets with the least sum of squares.
-
-    Args:
-        points, targets: (N, 3).
+def umeyama(points: Array, targets: Array) -> tuple[float, Array, Array]:
+    """Return scale, rotation, translation that map points (N, 3) to their targets with least squares.
 
     Raises:
         ArgumentError: fewer than three points, or points or targets that lie on one line.
     """
-    source, target = np.asarray(points, np.float64), np.asarray(targets, np.float64)
-    if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) < FEWEST:
-        got = f"{source.shape} and {target.shape}"
-        raise ArgumentError(f"positions: expected {FEWEST} or more, (N, 3) each, got shapes {got}")
-    mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    offsets, target_offsets = source - mean, target - target_mean
+    if len(points) < FEWEST:
+        raise ArgumentError(f"positions: expected {FEWEST} or more, got {len(points)}")
+    mean, target_mean = points.mean(axis=0), targets.mean(axis=0)
+    offsets, target_offsets = points - mean, targets - target_mean
     for each in (offsets, target_offsets):
         spread = np.linalg.svd(each, compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
             raise ArgumentError(f"positions: expected some off a line, got spreads {shown(spread)} m")
     rotation = Rotation.align_vectors(target_offsets, offsets)[0].as_matrix()
     scale = float((target_offsets * (offsets @ rotation.T)).sum() / (offsets**2).sum())
-    return Similarity(scale, rotation, target_mean - scale * rotation @ mean)
+    return scale, rotation, target_mean - scale * rotation @ mean
 
 
 def trajectory_errors(
@@ -103,7 +89,10 @@ def trajectory_errors(
     aligned = [Pose(scale * R @ estimates[i].position + t, R @ estimates[i].rotation) for i in frames]
     reached = _positions(aligned)
     successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
-    steps = [_step(*true[i : i + 2]).inverse() @ _step(*aligned[i : i + 2]) for i in successive]
+    steps = [
+        (true[i].inverse() @ true[i + 1]).inverse() @ (aligned[i].inverse() @ aligned[i + 1])
+        for i in successive
+    ]
     return TrajectoryErrors(
         frames=frames,
         aligned=aligned,
@@ -128,10 +117,6 @@ def rms(values: ArrayLike) -> float:
 
 def _positions(poses: Sequence[Pose]) -> Array:
     return np.array([pose.position for pose in poses]).reshape(-1, 3)
-
-
-def _step(before: Pose, after: Pose) -> Pose:
-    return before.inverse() @ after
 
 
 def _angle_deg(a: Array, b: Array) -> Array:
