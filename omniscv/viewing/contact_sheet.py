@@ -1,4 +1,4 @@
-"""One picture of many images, for a person to look at: colours, and smaller what is true of them."""
+"""One picture of many images: their colours, and smaller their labels, depth and normals."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,20 +11,18 @@ from PIL import Image, ImageDraw, ImageFont
 
 from omniscv.compose.image import OmniImage
 from omniscv.compose.pictures import colored_depth, picture
-from omniscv.sources.base import Color, ObjectTable
+from omniscv.sources.base import ObjectTable
 
 _Picture = NDArray[np.uint8]
 
 _INK, _FAINT, _PAPER = (28, 35, 48), (91, 100, 114), (255, 255, 255)
 _LAYERS = ("lit", "labels", "depth", "normals")
-_LINE = 2
-"""Between pictures of one image, px."""
-_WIDE = 1.8
-"""Width by height from which on an image is wide: two fill the sheet, four others do."""
+_LINE = 2  # px between pictures of one image
+_WIDE = 1.8  # width by height of wide images: two in a row, others four
 
 
 def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: Path, title: str) -> Path:
-    """Draw images with what is true of them, under headings: panoramas, other central cameras, the rest.
+    """Draw images with their truths, under headings: panoramas, other central cameras, non-central cameras.
 
     Args:
         images: caption to image; each has lit, labels, depth and normals.
@@ -38,8 +36,8 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     Raises:
         ValueError: an image lacks a layer.
     """
-    if lacking := [name for name, image in images.items() if not {*_LAYERS} <= {*image.layers}]:
-        raise ValueError(f"contact_sheet: expected {', '.join(_LAYERS)}; {lacking[0]} lacks some")
+    if incomplete := [name for name, image in images.items() if not {*_LAYERS} <= {*image.layers}]:
+        raise ValueError(f"contact_sheet: expected {', '.join(_LAYERS)}; {incomplete[0]} lacks some")
     sheet = _Sheet(max(image.camera.width for image in images.values()) * 8 // 3)
     farthest = _farthest(images.values())
     sheet.heading(title, 2.2)
@@ -47,11 +45,12 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     sections: dict[str, dict[str, OmniImage]] = {}
     for name, image in images.items():
         sections.setdefault(_section(image), {})[name] = image
-    for heading, mine in sorted(sections.items(), key=lambda item: list(_SECTIONS).index(item[0])):
-        sheet.heading(heading, 1.3)
-        sheet.grid({name: tile(image, farthest) for name, image in mine.items()}, _SECTIONS[heading])
+    for heading, columns in _SECTIONS.items():
+        if heading in sections:
+            sheet.heading(heading, 1.3)
+            sheet.grid({name: tile(image, farthest) for name, image in sections[heading].items()}, columns)
     sheet.depth_bar(farthest)
-    sheet.legend(objects, _seen(images.values()))
+    sheet.legend(objects, {int(label) for image in images.values() for label in np.unique(image["labels"])})
     path.parent.mkdir(parents=True, exist_ok=True)
     sheet.picture().save(path, compress_level=3)
     return path
@@ -73,18 +72,18 @@ def _section(image: OmniImage) -> str:
 
 
 def tile(image: OmniImage, farthest: float) -> _Picture:
-    """Return (H, 4/3 W, 3) RGB: the colours, and a third as large labels, depth and normals beside them."""
+    """Return (H, 4/3 W, 3) RGB: the colours, and beside them, a third as large, labels, depth and normals."""
     return beside(picture(image, "lit"), truths(image, farthest))
 
 
 def beside(large: _Picture, small: Sequence[_Picture]) -> _Picture:
-    """Return a picture with others below each other on its right, so small that they are as high together."""
+    """Return a picture with a column of others on its right, scaled to the same height together."""
     height, width = large.shape[:2]
     column = np.full((height, width // len(small) + _LINE, 3), _PAPER, np.uint8)
     edges = [round(k * (height + _LINE) / len(small)) for k in range(len(small) + 1)]
-    for each, above, below in zip(small, edges, edges[1:], strict=False):
+    for image, above, below in zip(small, edges, edges[1:], strict=False):
         size = column.shape[1] - _LINE, below - above - _LINE
-        column[above : below - _LINE, _LINE:] = cv2.resize(each, size, interpolation=cv2.INTER_AREA)
+        column[above : below - _LINE, _LINE:] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return np.hstack([large, column])
 
 
@@ -94,21 +93,17 @@ def truths(image: OmniImage, farthest: float) -> tuple[_Picture, _Picture, _Pict
 
 
 def _farthest(images: Iterable[OmniImage]) -> float:
-    """The depth that the colours end at: all but the last percent of what is seen."""
-    seen = [depth[np.isfinite(depth) & (depth > 0)] for depth in (image["depth"] for image in images)]
-    values = np.concatenate(seen)
+    """The 99th percentile of all depths, the end of the colour scale, in whole metres."""
+    depths = [image["depth"] for image in images]
+    values = np.concatenate([depth[np.isfinite(depth) & (depth > 0)] for depth in depths])
     return float(np.ceil(np.quantile(values, 0.99))) if values.size else 1.0
-
-
-def _seen(images: Iterable[OmniImage]) -> set[int]:
-    return {int(label) for image in images for label in np.unique(image["labels"])}
 
 
 class _Sheet:
     """A page that grows downwards.
 
     Args:
-        width: of what is on it, px.
+        width: of its content, px.
     """
 
     def __init__(self, width: int) -> None:
@@ -126,26 +121,24 @@ class _Sheet:
 
     def heading(self, text: str, size: float) -> None:
         """Add a line of large type, with room above."""
-        self._block(round(2.2 * size * self._em)).text(
-            (self._gap, round(1.0 * size * self._em)), text, _INK, self._font(size)
-        )
+        block = self._block(round(2.2 * size * self._em))
+        block.text((self._gap, round(size * self._em)), text, _INK, self._font(size))
 
     def note(self, text: str) -> None:
         """Add a line of small type."""
         self._block(2 * self._em).text((self._gap, self._em // 2), text, _FAINT, self._font())
 
     def grid(self, tiles: Mapping[str, _Picture], columns: int) -> None:
-        """Add pictures in rows, each under its caption; larger ones are made to fit."""
+        """Add pictures in rows, each below its caption, scaled to the columns."""
         cell = (self._inner - (columns - 1) * self._gap) // columns
-        drawn = list(tiles.items())
-        for start in range(0, len(drawn), columns):
-            row = [(name, _fitted(each, cell)) for name, each in drawn[start : start + columns]]
-            caption = 2 * self._em
-            block = self._block(caption + max(fitted.height for _, fitted in row) + self._gap // 2)
-            for k, (name, fitted) in enumerate(row):
+        scaled = [(name, _scaled(pixels, cell)) for name, pixels in tiles.items()]
+        for start in range(0, len(scaled), columns):
+            row, caption = scaled[start : start + columns], 2 * self._em
+            block = self._block(caption + max(image.height for _, image in row) + self._gap // 2)
+            for k, (name, image) in enumerate(row):
                 left = self._gap + k * (cell + self._gap)
                 block.text((left, self._em // 2), name, _INK, self._font())
-                self._blocks[-1].paste(fitted, (left, caption))
+                self._blocks[-1].paste(image, (left, caption))
 
     def depth_bar(self, farthest: float) -> None:
         """Add the scale of depths."""
@@ -156,22 +149,20 @@ class _Sheet:
         self._blocks[-1].paste(Image.fromarray(bar), (self._gap, 2 * em))
         for k in range(5):
             left = self._gap + k * width // 4
-            block.text(
-                (left, 3.2 * em), f"{farthest * k / 4:g} m", _INK, self._font(), anchor="ma" if k else "la"
-            )
-        block.text(
-            (self._gap + width + 3 * em, 2 * em), "depth along the ray; white: sky", _FAINT, self._font()
-        )
+            anchor = "ma" if k else "la"
+            block.text((left, 3.2 * em), f"{farthest * k / 4:g} m", _INK, self._font(), anchor=anchor)
+        note = self._gap + width + 3 * em, 2 * em
+        block.text(note, "depth along the ray; white: sky", _FAINT, self._font())
 
     def legend(self, objects: ObjectTable, seen: set[int]) -> None:
-        """Add the colours of labels, of those that are seen."""
+        """Add the colours of the labels that are seen."""
         shown = [(name, objects.colors[name]) for name in objects.names() if objects.label(name) in seen]
         columns, em = 5, self._em
         rows = -(-len(shown) // columns)
         block = self._block(2 * em * (rows + 1))
         for k, (name, color) in enumerate(shown):
             left, top = self._gap + k // rows * self._inner // columns, 2 * em * (k % rows) + em
-            _swatch(block, left, top, em, color)
+            block.rectangle((left, top, left + em, top + em), tuple(color), outline=_FAINT)
             block.text((left + 2 * em, top), name, _INK, self._font())
 
     def picture(self) -> Image.Image:
@@ -184,10 +175,6 @@ class _Sheet:
         return page
 
 
-def _fitted(picture: _Picture, width: int) -> Image.Image:
-    height = round(picture.shape[0] * width / picture.shape[1])
-    return Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
-
-
-def _swatch(block: ImageDraw.ImageDraw, left: int, top: int, size: int, color: Color) -> None:
-    block.rectangle((left, top, left + size, top + size), tuple(color), outline=_FAINT)
+def _scaled(pixels: _Picture, width: int) -> Image.Image:
+    height = round(pixels.shape[0] * width / pixels.shape[1])
+    return Image.fromarray(pixels).resize((width, height), Image.Resampling.LANCZOS)

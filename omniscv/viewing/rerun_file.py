@@ -3,8 +3,6 @@
 Rerun has no panoramic or fisheye camera: such images are shown flat beside the points that they see.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from omniscv.storage.local import whole_file
 from omniscv.truth.point_cloud import points_of
 
 _MOST_POINTS = 20_000
-"""Of a frame: enough to see a room, and small enough to turn it."""
+"""Of a frame: enough to show a room, few enough to turn it smoothly."""
 _AXIS_M = 0.25
 
 
@@ -60,15 +58,15 @@ def write(frames: Sequence[Frame], out: Path) -> Path:
     with whole_file(out) as part:
         stream.save(part)
         stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for name, mine in by_camera(frames).items():
-            _log_camera(rerun, stream, name, mine)
+        for name, group in by_camera(frames).items():
+            _log_camera(rerun, stream, name, group)
         stream.flush()
         stream.disconnect()
     return out
 
 
 def _identity(frames: Sequence[Frame]) -> str:
-    """The same for the same frames: a file that is written again replaces what a viewer shows of it."""
+    """Equal for the same frames, so that a viewer replaces a file that is written again."""
     return f"{len(frames)} frames from {frames[0].key}" if frames else "no frames"
 
 
@@ -76,9 +74,8 @@ def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> 
     path = np.array([frame.pose.position for frame in frames])
     if len(path) > 1:
         stream.log(f"world/{name}/trajectory", rerun.LineStrips3D([path]), static=True)
-    named = [(number, each) for each, number in frames[0].instances.items()]
-    if named:
-        stream.log(f"images/{name}", rerun.AnnotationContext([(0, "nothing"), *named]), static=True)
+    if names := [(label, instance) for instance, label in frames[0].instances.items()]:
+        stream.log(f"images/{name}", rerun.AnnotationContext([(0, "nothing"), *names]), static=True)
     camera = frames[0].camera
     if type(camera) is Pinhole:
         stream.log(f"world/{name}/camera", _pinhole(rerun, camera), static=True)
@@ -87,8 +84,8 @@ def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> 
         stream.set_time("frame", sequence=number)
         if frame.time is not None:
             stream.set_time("time", duration=frame.time)
-        placed = rerun.Transform3D(translation=frame.pose.position, mat3x3=frame.pose.R_w_c)
-        stream.log(f"world/{name}/camera", placed, rerun.TransformAxes3D(_AXIS_M))
+        transform = rerun.Transform3D(translation=frame.pose.position, mat3x3=frame.pose.R_w_c)
+        stream.log(f"world/{name}/camera", transform, rerun.TransformAxes3D(_AXIS_M))
         _log_images(rerun, stream, name, frame)
         if "depth" in frame.files:
             cloud = points_of(frame, rays)
@@ -98,7 +95,7 @@ def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> 
 
 
 def _pinhole(rerun: Any, camera: Camera) -> Any:
-    """A pinhole camera looks along +z, with x to the right and y down, as ours do."""
+    """A camera in Rerun's convention RDF, which is ours: x right, y down, z forward."""
     step = 1e-3  # well inside any field of view
     middle, *ends = camera.project(np.array([(0, 0, 1), (step, 0, 1), (0, step, 1)]))[0]
     focal = (ends[0][0] - middle[0]) / step, (ends[1][1] - middle[1]) / step
@@ -113,7 +110,7 @@ def _log_images(rerun: Any, stream: Any, name: str, frame: Frame) -> None:
         lit = layers["lit"]
         stream.log(f"images/{name}/lit", rerun.Image(lit if lit.dtype == np.uint8 else lit.clip(0, 1)))
     if "depth" in layers:
-        depth = np.where(np.isfinite(layers["depth"]), layers["depth"], 0)  # 0: not known, to Rerun
+        depth = np.where(np.isfinite(layers["depth"]), layers["depth"], 0)  # Rerun: 0 is unknown
         stream.log(f"images/{name}/depth", rerun.DepthImage(depth, meter=1.0))
     if "labels" in layers:
         stream.log(f"images/{name}/labels", rerun.SegmentationImage(layers["labels"]))

@@ -7,7 +7,7 @@ import omniscv
 from omniscv import cameras, truth
 from omniscv.errors import ArgumentError
 from omniscv.truth import SphericalBox
-from omniscv.viewing.draw_boxes import draw_boxes
+from omniscv.viewing.overlays import draw_boxes
 
 WIDE = cameras.create("equirectangular", width=256, height=128)
 GREY = np.full((128, 256, 3), 90, np.uint8)

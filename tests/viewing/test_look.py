@@ -18,8 +18,8 @@ from support.command_line import ROOT
 from omniscv import cameras, cli
 from omniscv.errors import ArgumentError, RecordingError
 from omniscv.viewing.look import look
-from omniscv.viewing.look.arrays import pack, rounded
 from omniscv.viewing.look.directions import describe
+from omniscv.viewing.look.layers import pack, rounded
 
 KINDS = {"f4": np.float32, "u4": np.uint32, "u2": np.uint16, "i2": np.int16, "i1": np.int8, "u1": np.uint8}
 

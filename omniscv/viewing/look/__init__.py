@@ -1,19 +1,10 @@
 """A page to look around in images: one HTML file, for any browser, without a server or a network."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
-from omniscv import storage
 from omniscv.errors import ArgumentError
 from omniscv.storage import is_url
-
-if TYPE_CHECKING:
-    from omniscv.viewing.look.gathering import Gathered
 
 DEFAULT_SIZE = 1024, 512
 MOST_PIXELS = 1 << 23
@@ -36,11 +27,11 @@ def look(
         what: a dataset, a folder that ``render`` wrote, the ``STEM.json`` or a layer of one image, a picture,
             or a recording; a dataset, a picture or a recording also by URL.
         out: the HTML file.
-        size: of the panoramas that are composed at the places of a recording, px.
-        most_pixels: the frames of more than that in all lie beside the page, in ``NAME.frames/``.
+        size: of the panoramas that are composed at the viewpoints of a recording, px.
+        most_pixels: frames with more pixels in all are written beside the page, into ``NAME.frames/``.
         rerun: a file NAME.rrd to write, too: the same frames for the Rerun viewer (extra ``rerun``).
         progress: called with (frames done, frames in all).
-        warn: called with a line where places of a recording are left out.
+        warn: called with a line if viewpoints of a recording are left out.
 
     Returns:
         The files, the page first, and last the one for Rerun.
@@ -51,7 +42,7 @@ def look(
         StorageError: a URL cannot be read.
     """
     from omniscv.viewing import rerun_file
-    from omniscv.viewing.look import page
+    from omniscv.viewing.look import gathering, page
 
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
@@ -59,31 +50,6 @@ def look(
     if rerun is not None:
         rerun_file.check(Path(rerun))
     title = str(what).rstrip("/").rpartition("/")[2] if is_url(what) else Path(what).resolve().name
-    with _gathered(what, size, progress, warn) as found:
-        written = page.write(found, target, title, most_pixels, progress)
-        return written if rerun is None else [*written, rerun_file.write(found.frames, Path(rerun))]
-
-
-@contextmanager
-def _gathered(
-    what: str | Path,
-    size: tuple[int, int],
-    progress: Callable[[int, int], None] | None,
-    warn: Callable[[str], None] | None,
-) -> Iterator[Gathered]:
-    """The frames of what is looked at; those of a recording lie in a folder that is removed at the end."""
-    from omniscv.viewing.look import gathering, recordings
-
-    place = storage.folder(what)
-    if gathering.is_dataset(place):
-        yield gathering.of_dataset(place)
-        return
-    given = place.local or storage.fetch_file(what)
-    if not recordings.is_recording(given):
-        yield gathering.gather(given)
-        return
-    with TemporaryDirectory() as folder:
-        left_out = recordings.compose(given, Path(folder), size, progress)
-        if left_out and warn:
-            warn(left_out)
-        yield gathering.gather(Path(folder))
+    with gathering.open_frames(what, size, progress, warn) as gathered:
+        written = page.write(gathered, target, title, most_pixels, progress)
+        return written if rerun is None else [*written, rerun_file.write(gathered.frames, Path(rerun))]

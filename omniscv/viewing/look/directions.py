@@ -1,21 +1,18 @@
-"""From directions to pixels and back, as tables that a page can look up for any camera.
+"""Maps from directions to pixels and back, as tables that a page can look up for any camera.
 
 Sphere to image
     The directions of six faces of a cube along the camera's axes. Face ``2 m + s`` has the axis m (x, y, z)
     as its largest component, negative where s = 1; a point of it is ``(a, b)``, the next two components
     (cyclic) over the largest. A face has N x N cells and (N + 1) x (N + 1) nodes. In a smooth cell the pixel
-    is interpolated between the four nodes, whose pixels ``camera.project`` gives; a cell is smooth where that
-    is within ``_SMOOTH_PX`` in its middle. Other cells, at the border of the field of view, at seams and
-    poles, have a table of their own, F x F nearest directions, F up to 16: nothing is interpolated across a
-    border.
+    is interpolated between the four nodes, whose pixels ``camera.project`` gives; a cell is smooth if the
+    error in its middle is within ``_SMOOTH_PX``. Other cells, at the border of the field of view, at seams
+    and poles, have a table of F x F pixels, F up to 16, without interpolation.
 Image to sphere
     Directions (and origins of a non-central camera) at every few pixels.
 
 Directions of a non-central camera are those of its rays: ``camera.project`` of points that are far away. For
 a rolling shutter it is the pixel whose ray is nearest.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +22,7 @@ from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
 from omniscv.geometry import Array
-from omniscv.viewing.look.arrays import pack
+from omniscv.viewing.look.layers import pack
 
 Project = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
 
@@ -33,20 +30,19 @@ _FAR_M = 1e6
 _CELL_PX, _LEAST_CELLS, _MOST_CELLS = 6.0, 48, 384
 _FINE_PX, _LEAST_FINE, _MOST_FINE = 0.375, 4, 16
 _SMOOTH_PX = 0.05
-_NODES = 384  # of the way back, across the image
+_NODES = 384  # across the image, from pixels to directions
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
-_INSIDE = 1 - 1e-9  # nodes of a face lie in it: at its border, cube maps have their seams
-_LEAST_TURN = 1e-7  # rad from a pixel to the next: less, and rays are parallel
-_SLOW = ("rolling-shutter",)  # to project a point takes milliseconds: the nearest pixel is taken
-_SHARE = 0.9  # of the pixels that the way there and back must find again
+_INSIDE = 1 - 1e-9  # keeps nodes off a face's border, where cube maps have their seams
+_LEAST_TURN = 1e-7  # rad from a pixel to the next; below it, rays are parallel
+_SLOW = ("rolling-shutter",)  # projecting a point takes milliseconds: the nearest pixel is used instead
+_SHARE = 0.9  # of the pixels that must be found again from their directions
 
 
 def describe(camera: Camera) -> dict[str, Any]:
     """Return what a page needs to show images of a camera, as plain JSON values.
 
-    ``sphere`` is ``closed`` (equirectangular), the tables of the module, or None for a camera whose rays do
-    not spread over directions, such as a push-broom: its images are shown flat. ``valid`` is None where every
-    pixel is.
+    ``sphere`` is ``closed`` (equirectangular), the tables of the module, or None for a camera with parallel
+    rays, such as a push-broom: its images are shown flat. ``valid`` is None if every pixel is valid.
     """
     closed = camera.name == "equirectangular"
     density = camera.width / (2 * np.pi) if closed else pixels_per_radian(camera)
@@ -65,8 +61,7 @@ def describe(camera: Camera) -> dict[str, Any]:
 
 
 def pixels_per_radian(camera: Camera) -> float | None:
-    """Return how many pixels of an image span a radian, the median; None where directions do not tell its
-    pixels apart."""
+    """Return how many pixels of an image span a radian, the median; None for parallel rays."""
     columns, rows = (
         np.linspace(0.5, size - 1.5, min(size - 1, 64)) for size in (camera.width, camera.height)
     )
@@ -89,10 +84,10 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
 
     Args:
         camera: any.
-        density: px per radian, which decides how many cells there are; None where there is no such number.
+        density: px per radian, for the number of cells; None for parallel rays.
 
     Returns:
-        None where directions do not find the pixels that have them; else
+        None if directions do not determine the pixels that have them; else
         ``cells`` N, ``fine`` F; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as
         whole multiples of 1 / ``perPixel``, plus 1; 0 for none; ``kinds`` (6 N, N): 0 nothing is seen,
         1 smooth, 2 + the index of the cell's table.
@@ -111,7 +106,7 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     between = np.mean(corners, axis=0)
     known = np.asarray(np.isfinite(between).all(axis=-1))
     off = _turned(camera, between, known, directions) * density
-    # Nearest pixels are no values to interpolate between, even where they fit by chance.
+    # Nearest pixels must not be interpolated, even where that fits by chance.
     kinds = np.where((off <= _SMOOTH_PX) & (camera.name not in _SLOW), 1, 0)
     finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     fine = (np.arange(finer) + 0.5) / finer * (2 / count)
@@ -145,17 +140,17 @@ def on_cube(a: Array, b: Array) -> Array:
 
 
 def _on_face(face: int | NDArray[np.int64], a: Array, b: Array) -> Array:
-    """Unit directions (..., 3) of points (a, b) of faces, which have the shape of a, or are one."""
+    """Unit directions (..., 3) of points (a, b) of faces, of the same shape, or of one face."""
     axis, sign = np.broadcast_arrays(np.asarray(face) // 2, 1.0 - 2.0 * (np.asarray(face) % 2))
-    found = np.empty((*a.shape, 3))
-    for shift, part in enumerate((np.broadcast_to(sign, a.shape), a, b)):
+    directions = np.empty((*a.shape, 3))
+    for shift, component in enumerate((np.broadcast_to(sign, a.shape), a, b)):
         where = np.broadcast_to((axis + shift) % 3, a.shape)[..., None]
-        np.put_along_axis(found, where, part[..., None], axis=-1)
-    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+        np.put_along_axis(directions, where, component[..., None], axis=-1)
+    return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
 
 
 def _projector(camera: Camera, density: float) -> Project:
-    """What finds the pixels (..., 2) of directions (..., 3), and which there are."""
+    """The function from directions (..., 3) to pixels (..., 2), and where there is one."""
     if camera.name not in _SLOW:
         return lambda directions: camera.project(_FAR_M * directions)
     from scipy.spatial import cKDTree
@@ -185,15 +180,16 @@ def _fixed(pixels: Array, seen: NDArray[np.bool_]) -> NDArray[np.uint32]:
 
 
 def _turned(camera: Camera, pixels: Array, known: NDArray[np.bool_], directions: Array) -> Array:
-    """The angles, rad, between directions and the rays of pixels; +inf where there is none."""
+    """The angles, rad, between directions and the rays of pixels; +inf without a ray."""
     rays = camera.unproject(np.where(known[..., None], pixels, camera.center))
     angle = np.linalg.norm(rays.directions - directions, axis=-1)
     return np.asarray(np.where(known & rays.valid, angle, np.inf))
 
 
 def _rays(camera: Camera) -> dict[str, Any]:
-    """The way back: ``step`` px between nodes, the first half a pixel from the corner; ``directions``
-    (H', W', 3) int16 of 32767, 0 where not valid; ``origins`` (H', W', 3) float32 metres, or None."""
+    """The map from pixels to rays: ``step`` px between nodes, the first half a pixel from the corner;
+    ``directions`` (H', W', 3) int16 of 32767, 0 where not valid; ``origins`` (H', W', 3) float32 metres, or
+    None."""
     step = max(1, -(-max(camera.width, camera.height) // _NODES))
     u, v = (np.arange(0.5, size, step) for size in (camera.width, camera.height))
     rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1))

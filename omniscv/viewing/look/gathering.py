@@ -1,27 +1,35 @@
-"""What is to be looked at, as frames: of a dataset, of a folder of images, of one image, of a picture."""
+"""Frames to look at: of a dataset, a folder of images, one image, a picture, or a recording."""
 
-from __future__ import annotations
-
+import glob
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from omniscv import dataset, modalities
+from omniscv import dataset, modalities, storage
 from omniscv.arguments import within
-from omniscv.cameras import create, from_dict
+from omniscv.cameras import Camera, create, from_dict
 from omniscv.compose.files import OBJECTS
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import Renderer
 from omniscv.dataset import Frame
 from omniscv.dataset.manifest import DATASET, FRAMES
 from omniscv.dataset.sequences import by_camera
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, MissingCaptureError, RecordingError
 from omniscv.geometry import Pose
-from omniscv.storage import Folder
+from omniscv.sources.registry import open_source
 from omniscv.storage.bounded import read_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _LARGEST_JSON = 1 << 26
+_SQLITE_HEADER = b"SQLite format 3\x00"
+_CUBE_FACES = 6
+
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -29,9 +37,9 @@ class Gathered:
     """Frames that one page shows.
 
     Attributes:
-        frames: those of a camera follow each other, by time or key.
+        frames: grouped by camera, ordered by time or key.
         placed: whether their poses are known.
-        flat: whether the directions of their pixels are not known.
+        flat: whether the directions of their pixels are unknown.
         mask_colors: ``#rrggbb`` of an object in ``object_mask``, by its name.
     """
 
@@ -41,18 +49,30 @@ class Gathered:
     mask_colors: Mapping[str, str] = field(default_factory=dict)
 
 
-def is_dataset(folder: Folder) -> bool:
-    """Return whether a folder holds a dataset, or what is left of one."""
-    return folder.exists(DATASET) or folder.exists(FRAMES)
+@contextmanager
+def open_frames(
+    what: str | Path,
+    size: tuple[int, int],
+    progress: Progress | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Iterator[Gathered]:
+    """Yield the frames of a dataset, folder, file or recording; those of a recording in a temporary folder.
 
-
-def of_dataset(folder: Folder) -> Gathered:
-    """Return the frames of a dataset.
-
-    Raises:
-        ArgumentError, DatasetError: as :func:`omniscv.dataset.open`.
+    Args: as :func:`omniscv.viewing.look.look`.
     """
-    return Gathered([frame for group in by_camera(dataset.open(folder)).values() for frame in group])
+    folder = storage.folder(what)
+    if folder.exists(DATASET) or folder.exists(FRAMES):
+        yield Gathered([frame for group in by_camera(dataset.open(folder)).values() for frame in group])
+        return
+    path = folder.local or storage.fetch_file(what)
+    if not _is_recording(path):
+        yield gather(path)
+        return
+    with TemporaryDirectory() as composed:
+        left_out = _compose(path, Path(composed), size, progress)
+        if left_out and warn:
+            warn(left_out)
+        yield gather(Path(composed))
 
 
 def gather(path: Path) -> Gathered:
@@ -66,64 +86,59 @@ def gather(path: Path) -> Gathered:
         ArgumentError: nothing there, or nothing that can be shown.
     """
     if path.is_dir():
-        return _folder(path)
+        return _of_folder(path)
     if not path.is_file():
         raise ArgumentError(f"{path}: expected a folder, an image or a recording, got nothing there")
     if path.suffix == ".json":
-        return _images(path.parent, [path])
-    described = path.with_name(f"{path.name.split('.')[0]}.json")
-    if described.is_file() and _layer_of(path, described.stem):
-        return _images(path.parent, [described])
-    return _picture(path)
+        return _of_images(path.parent, [path])
+    description = path.with_name(f"{path.name.split('.')[0]}.json")
+    if description.is_file() and _layer_of(path, description.stem):
+        return _of_images(path.parent, [description])
+    return _of_picture(path)
 
 
-def _folder(path: Path) -> Gathered:
-    described = [each for each in sorted(path.glob("*.json")) if _files(each)]
-    if described:
-        return _images(path, described)
-    inside = sorted({each.parent.name for each in path.glob("*/*.json") if _files(each)})
-    got = f"folders of images: choose one of {', '.join(inside)}" if inside else "none"
+def _of_folder(path: Path) -> Gathered:
+    descriptions = [file for file in sorted(path.glob("*.json")) if _files(file)]
+    if descriptions:
+        return _of_images(path, descriptions)
+    inner = sorted({file.parent.name for file in path.glob("*/*.json") if _files(file)})
+    got = f"folders of images: choose one of {', '.join(inner)}" if inner else "none"
     raise ArgumentError(f"{path}: expected images of 'render' or a dataset, got {got}")
 
 
-def _images(folder: Path, described: Iterable[Path]) -> Gathered:
-    names, colors = _objects(folder / OBJECTS)
-    return Gathered([_image(each, names) for each in described], mask_colors=colors)
+def _of_images(folder: Path, descriptions: Iterable[Path]) -> Gathered:
+    labels, colors = _objects(folder / OBJECTS)
+    return Gathered([_image_frame(path, labels) for path in descriptions], mask_colors=colors)
 
 
-def _image(path: Path, names: Mapping[str, int]) -> Frame:
+def _image_frame(path: Path, labels: Mapping[str, int]) -> Frame:
     """The frame of a ``STEM.json``."""
-    data = _json(path)
-    files = _files(path)
+    data, files = _json(path), _files(path)
     if not isinstance(data, dict) or not {"camera", "pose"} <= data.keys() or not files:
         raise ArgumentError(f"{path}: expected the STEM.json of an image with its layers, got another file")
     try:
         with within(path):
             camera, pose = from_dict(data["camera"]), Pose.from_dict(data["pose"])
-        told = data.get("frame") or {}
-        name, time = told.get("camera", camera.name), told.get("time")
+        frame = data.get("frame") or {}
+        name, time = frame.get("camera", camera.name), frame.get("time")
     except (TypeError, KeyError, AttributeError) as cause:
         raise ArgumentError(f"{path}: expected a camera and a pose, got: {cause}") from cause
-    return Frame(path.stem, name, camera, pose, files, names, time=time)
+    return Frame(path.stem, name, camera, pose, files, labels, time=time)
 
 
 def _files(path: Path) -> dict[str, Path]:
     """The layers and records beside a ``STEM.json``, by kind."""
     stem = path.stem
-    beside = path.parent.glob(f"{_literal(stem)}.*.*")
-    found = {kind: each for each in sorted(beside) if (kind := _layer_of(each, stem))}
+    beside = sorted(path.parent.glob(f"{glob.escape(stem)}.*.*"))
+    layers = {layer: file for file in beside if (layer := _layer_of(file, stem))}
     records = {kind: path.with_name(f"{stem}.{kind}.json") for kind in ("truth", "layout")}
-    return {**found, **{kind: each for kind, each in records.items() if found and each.is_file()}}
-
-
-def _literal(name: str) -> str:
-    return "".join(f"[{each}]" if each in "*?[" else each for each in name)
+    return {**layers, **{kind: file for kind, file in records.items() if layers and file.is_file()}}
 
 
 def _layer_of(path: Path, stem: str) -> str:
     """The layer that a file ``STEM.LAYER.SUFFIX`` holds; empty for others."""
-    kind = path.name.removeprefix(f"{stem}.").removesuffix(path.suffix)
-    return kind if kind in {row.name for row in modalities.layers()} else ""
+    layer = path.name.removeprefix(f"{stem}.").removesuffix(path.suffix)
+    return layer if layer in {row.name for row in modalities.layers()} else ""
 
 
 def _objects(path: Path) -> tuple[dict[str, int], dict[str, str]]:
@@ -131,27 +146,26 @@ def _objects(path: Path) -> tuple[dict[str, int], dict[str, str]]:
     if not path.is_file():
         return {}, {}
     try:
-        listed = {each["name"]: (int(label), each["mask_color"]) for label, each in _json(path).items()}
-        colors = {name: "#{:02x}{:02x}{:02x}".format(*color) for name, (_, color) in listed.items()}
-        return {name: label for name, (label, _) in listed.items()}, colors
+        objects = {row["name"]: (int(label), row["mask_color"]) for label, row in _json(path).items()}
+        colors = {name: "#{:02x}{:02x}{:02x}".format(*color) for name, (_, color) in objects.items()}
+        return {name: label for name, (label, _) in objects.items()}, colors
     except (TypeError, KeyError, AttributeError, ValueError, IndexError) as cause:
         raise ArgumentError(f"{path}: expected labels and their objects, got: {cause!r}") from cause
 
 
-def _picture(path: Path) -> Gathered:
-    """A picture without a description: a panorama where it is twice as wide as high, else flat."""
-    from PIL import Image, UnidentifiedImageError
+def _of_picture(path: Path) -> Gathered:
+    """A picture without a description: a panorama if it is twice as wide as high, else flat."""
+    from PIL import Image
 
     try:
         with Image.open(path) as picture:
             width, height = picture.size
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as cause:
+    except (OSError, Image.DecompressionBombError) as cause:
         wanted = "expected a folder of images, a STEM.json, a picture or a recording"
         raise ArgumentError(f"{path}: {wanted}, got: {cause}") from cause
     if path.suffix.lower() not in PICTURES:
-        raise ArgumentError(
-            f"{path}: expected a picture {', '.join(PICTURES)}, got {path.suffix or 'no suffix'}"
-        )
+        got = path.suffix or "no suffix"
+        raise ArgumentError(f"{path}: expected a picture {', '.join(PICTURES)}, got {got}")
     camera = create("equirectangular", width=width, height=height)
     frame = Frame(path.stem, "picture", camera, Pose.from_angles((0, 0, 0)), {"lit": path}, {})
     return Gathered([frame], placed=False, flat=width != 2 * height)
@@ -162,3 +176,53 @@ def _json(path: Path) -> Any:
         return json.loads(read_bytes(path, _LARGEST_JSON))
     except (ValueError, RecursionError) as cause:
         raise ArgumentError(f"{path}: expected JSON, got: {cause}") from cause
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a file is a database, as recordings are."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_SQLITE_HEADER)) == _SQLITE_HEADER
+
+
+def _compose(path: Path, out: Path, size: tuple[int, int], progress: Progress | None) -> str:
+    """Save level panoramas, with all their modes, at the viewpoints that a recording shows all around.
+
+    A viewpoint is left out if the first of the recording's modes, colour where it has any, is incomplete.
+
+    Returns:
+        The number of viewpoints left out, in words; empty for none.
+    """
+    camera = create("equirectangular", width=size[0], height=size[1])
+    with open_source(str(path)) as source:
+        views = Counter(tuple(view.pose.position.tolist()) for view in source.recorded_views() or ())
+        centers = [center for center, count in views.items() if count >= _CUBE_FACES]
+        modes = [mode for mode in modalities.names() if mode in source.capabilities.modes]
+        renderer, left_out = Renderer(source), 0
+        for i, center in enumerate(centers):
+            image = _recorded_image(renderer, camera, Pose.from_angles(center), modes)
+            if image is None:
+                left_out += 1
+            else:
+                image.save(out, stem=f"place-{i:04d}")
+            if progress:
+                progress(i + 1, len(centers))
+    why = f"{left_out} of {len(centers)} optical centres are not recorded in {modes[0]} all around"
+    if left_out == len(centers):
+        raise RecordingError(f"{path}: expected a place that is recorded all around, got none: {why}")
+    return why if left_out else ""
+
+
+def _recorded_image(renderer: Renderer, camera: Camera, pose: Pose, modes: Sequence[str]) -> OmniImage | None:
+    """An image in all recorded modes; None if the first one is not recorded all around."""
+    recorded = list[str]()
+    for wanted in (modes, *([mode] for mode in modes)):
+        try:
+            image = renderer.render(camera, pose, wanted)
+        except MissingCaptureError:
+            continue
+        if wanted is modes:
+            return image
+        recorded += wanted
+    return renderer.render(camera, pose, recorded) if modes[0] in recorded else None

@@ -3,8 +3,6 @@
 A line is a flat list ``[u0, v0, u1, v1, ...]``, px.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -14,10 +12,10 @@ import numpy as np
 from omniscv.dataset import Frame
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.viewing.draw_boxes import Drawn, outline
+from omniscv.viewing.overlays import BoxKind, box_lines
 
-_STEP = 6  # samples of a layout's curve, at most half a pixel apart, to one that is kept
-_KINDS: tuple[Drawn, ...] = ("boxes", "boxes3d")
+_STEP = 6  # every so many samples of a curve, at most half a pixel apart, are kept
+_KINDS: tuple[BoxKind, ...] = ("boxes", "boxes3d")
 
 
 def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
@@ -27,32 +25,22 @@ def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
         ArgumentError: records of another form.
     """
     with _records(frame, "truth"):
-        return _boxes(frame)
+        kinds = [kind for kind in _KINDS if frame.truth.get(kind)]
+        return {kind: [_box(frame, kind, record) for record in frame.truth[kind]] for kind in kinds}
 
 
-def _boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
-    return {
-        kind: [
-            {
-                "id": record["instance_id"],
-                "name": record["name"],
-                "class": record.get("class"),
-                "lines": [
-                    part for line in outline(kind, frame.camera, record) for part in _parts(_thinned(line))
-                ],
-            }
-            for record in frame.truth[kind]
-        ]
-        for kind in _KINDS
-        if frame.truth.get(kind)
-    }
+def _box(frame: Frame, kind: BoxKind, record: Mapping[str, Any]) -> dict[str, Any]:
+    lines = [part for line in box_lines(kind, frame.camera, record) for part in _parts(line)]
+    name, instance = record["name"], record["instance_id"]
+    return {"id": instance, "name": name, "class": record.get("class"), "lines": lines}
 
 
 def layout(frame: Frame) -> dict[str, Any] | None:
     """Return a frame's layout; None without one.
 
-    ``edges`` have a kind, a line, and whether it is seen, in the empty room too; so have ``corners``, with a
-    pixel. ``floor`` is (N, 2), the room from above, world frame, metres.
+    ``edges`` have ``kind``, ``line``, and visibility in the empty room and in the furnished one: ``room``,
+    ``seen``; ``corners`` have ``pixel`` in place of ``line``. ``floor`` is (N, 2), the room from above, world
+    frame, metres.
 
     Raises:
         ArgumentError: a record of another form.
@@ -71,34 +59,34 @@ def _layout(record: Mapping[str, Any]) -> dict[str, Any]:
         }
         for edge in record["edges"]
         for piece in edge["pieces"]
-        for line in _parts(_thinned(np.array(piece["pixels"], dtype=float)))
+        for line in _parts(np.array(piece["pixels"], dtype=float))
     ]
     corners = [
-        {"kind": each["kind"], "room": each["visible_room"], "seen": each["visible"] is not False,
-         "pixel": each["pixel"]}
-        for each in record["corners"]
-        if each["in_image"]
-    ]  # fmt: skip
-    floor = [each["world"][:2] for each in record["corners"] if each["kind"] == "floor"]
+        {
+            "kind": corner["kind"],
+            "room": corner["visible_room"],
+            "seen": corner["visible"] is not False,
+            "pixel": corner["pixel"],
+        }
+        for corner in record["corners"]
+        if corner["in_image"]
+    ]
+    floor = [corner["world"][:2] for corner in record["corners"] if corner["kind"] == "floor"]
     return {"edges": edges, "corners": corners, "floor": floor}
 
 
 @contextmanager
 def _records(frame: Frame, kind: str) -> Iterator[None]:
-    """Raise what is wrong with a file of records as an ArgumentError that names it."""
+    """Turn errors of malformed records into an ArgumentError that names their file."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
         raise ArgumentError(f"{frame.files[kind]}: expected {kind} records, got: {cause!r}") from cause
 
 
-def _thinned(pixels: Array) -> Array:
-    """Every few points of a curve, and its end."""
-    return pixels if len(pixels) < 3 else np.concatenate([pixels[:-1:_STEP], pixels[-1:]])
-
-
-def _parts(line: Array) -> Iterable[list[float]]:
-    """The parts of a line (N, 2) between points that are not in the image."""
+def _parts(pixels: Array) -> Iterable[list[float]]:
+    """The parts of a line (N, 2) px between points that are not in the image, of every few points."""
+    line = pixels if len(pixels) < 3 else np.concatenate([pixels[:-1:_STEP], pixels[-1:]])
     gaps = np.flatnonzero(~np.isfinite(line).all(axis=1))
     for part in np.split(line, gaps):
         known = part[np.isfinite(part).all(axis=1)]

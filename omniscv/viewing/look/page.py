@@ -1,61 +1,50 @@
-"""The page: one HTML file with its style, its programs and its data; frames may lie beside it.
+"""The page: one HTML file with its style, its scripts and its data; frames may lie beside it.
 
-A page opened as a file may not read other files, but it may load programs: frames beside it are ``.js`` files
-that call one function of the page with their data. No text of a frame is ever part of a program or of markup:
+A page opened as a file may not read other files, but it may load scripts: frames beside it are ``.js`` files
+that call one function of the page with their data. No text of a frame is ever part of a script or of markup:
 it is JSON in which ``<`` is escaped.
 """
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TextIO
+
+import numpy as np
 
 from omniscv.compose.files import finite
 from omniscv.dataset import Frame
 from omniscv.storage.local import folder_beside, replace_folder, whole_file
 from omniscv.viewing.look import layers, outlines
 from omniscv.viewing.look.directions import describe
-from omniscv.viewing.look.gathering import Gathered
-from omniscv.viewing.look.palette import color, ramps
+from omniscv.viewing.look.gathering import Gathered, Progress
 
 _ASSETS = files("omniscv.viewing.look") / "assets"
-_PROGRAMS = (
-    "titles",
-    "codec",
-    "geometry",
-    "camera",
-    "frames",
-    "gpu",
-    "painter",
-    "view",
-    "overlay",
-    "plan",
-    "probe",
-    "panel",
-    "controls",
-    "bar",
-    "main",
-    "start",
+_SCRIPTS = (
+    *("titles", "codec", "geometry", "camera", "frames", "gpu", "painter", "view"),
+    *("overlay", "plan", "probe", "panel", "controls", "bar", "main", "start"),
 )
 _PLACEHOLDER = re.compile(r"\{\{(\w+)\}\}")
 
-Progress = Callable[[int, int], None]
+_BASE_COLORS = ("#3b82b5", "#e0a43a", "#2f9e7e", "#c986ae", "#7cbfe6", "#cf6a32", "#e3d85e", "#9a8ee0")
+"""After Okabe and Ito, whose colours people with any kind of colour vision tell apart, a little paler, with a
+violet for their black, which a dark page would hide."""
+_MIXES = ((0.0, 0), (0.4, 255), (0.4, 0), (0.65, 255), (0.52, 0), (0.2, 255), (0.2, 0))
+"""Share and grey level that are mixed into the base colours in each further turn."""
 
 
 def write(
     gathered: Gathered, out: Path, title: str, most_pixels: int, progress: Progress | None = None
 ) -> list[Path]:
-    """Write a page, and the frames beside it where they are many.
+    """Write a page, with many frames beside it.
 
     Args:
-        gathered: what it shows.
+        gathered: the frames.
         out: the HTML file.
         title: of the page.
-        most_pixels: of frames in the page itself; the frames of more lie beside it.
+        most_pixels: of frames in the page itself; with more, all frames are written beside it.
         progress: called with (frames done, frames in all).
 
     Returns:
@@ -64,8 +53,7 @@ def write(
     Raises:
         ArgumentError: a frame cannot be read.
     """
-    frames = gathered.frames
-    pixels = sum(frame.camera.width * frame.camera.height for frame in frames)
+    pixels = sum(frame.camera.width * frame.camera.height for frame in gathered.frames)
     out.parent.mkdir(parents=True, exist_ok=True)
     if pixels <= most_pixels:
         _write(gathered, out, title, None, progress)
@@ -78,69 +66,72 @@ def write(
 
 
 def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progress: Progress | None) -> None:
-    """Write the page, with its frames or with these in a folder."""
-    frames, ranges = gathered.frames, _Ranges()
+    """Write the page with its frames, or its frames into a folder.
 
-    def place(file: TextIO) -> None:
-        for i, frame in enumerate(frames):
-            data = _frame(frame)
-            ranges.widen(data["layers"])
-            if beside is None:
-                file.write(f'<script type="application/json" id="frame-{i}">{_json(data)}</script>\n')
-            else:
-                (beside / f"{i:05d}.js").write_text(f"lookFrame({i},{_json(data)})\n", encoding="utf-8")
-            if progress:
-                progress(i + 1, len(frames))
-
+    In the page, the data follow the frames, because they contain the layers' ranges.
+    """
+    ranges: dict[str, list[float]] = {}
     with whole_file(out) as part, part.open("w", encoding="utf-8") as file:
-        for text, name in _pieces(_asset("page.html")):
-            file.write(text)
-            if name == "frames":
-                place(file)
-            elif name == "data":
+        page, start = _asset("page.html"), 0
+        for placeholder in _PLACEHOLDER.finditer(page):
+            file.write(page[start : placeholder.start()])
+            start = placeholder.end()
+            if placeholder[1] == "frames":
+                _write_frames(gathered, file, beside, ranges, progress)
+            elif placeholder[1] == "data":
                 folder = None if beside is None else f"{out.stem}.frames"
-                file.write(_json(_shared(gathered, title, ranges.found, folder)))
-            elif name:
-                file.write(_part(name))
+                file.write(_json(_shared(gathered, title, ranges, folder)))
+            else:
+                file.write(_constant(placeholder[1]))
+        file.write(page[start:])
 
 
-def _pieces(page: str) -> Iterator[tuple[str, str]]:
-    """Texts of a page, each with the name of the placeholder after it; the last one has none."""
-    start = 0
-    for found in _PLACEHOLDER.finditer(page):
-        yield page[start : found.start()], found[1]
-        start = found.end()
-    yield page[start:], ""
+def _write_frames(
+    gathered: Gathered,
+    file: TextIO,
+    beside: Path | None,
+    ranges: dict[str, list[float]],
+    progress: Progress | None,
+) -> None:
+    """Write the data of all frames, and collect each layer's range, without the last 0.5 % of both ends."""
+    for i, frame in enumerate(gathered.frames):
+        packed = layers.packed_layers(frame)
+        data = {"layers": packed, "boxes": outlines.boxes(frame), "layout": outlines.layout(frame)}
+        for name, layer in packed.items():
+            if ends := layer.get("range"):
+                low, high = ranges.get(name, ends)
+                ranges[name] = [min(low, ends[0]), max(high, ends[1])]
+        if beside is None:
+            file.write(f'<script type="application/json" id="frame-{i}">{_json(data)}</script>\n')
+        else:
+            (beside / f"{i:05d}.js").write_text(f"lookFrame({i},{_json(data)})\n", encoding="utf-8")
+        if progress:
+            progress(i + 1, len(gathered.frames))
 
 
-def _part(name: str) -> str:
-    """A part of the page that is the same in all pages."""
-    if name == "style":
+def _constant(placeholder: str) -> str:
+    """The style, the scripts, or a shader: the same in all pages."""
+    if placeholder == "style":
         return _asset("page.css")
-    if name == "programs":
-        return "\n".join(_asset(f"{each}.js") for each in _PROGRAMS)
-    return _asset(f"{name}.glsl")
+    if placeholder == "programs":
+        return "\n".join(_asset(f"{script}.js") for script in _SCRIPTS)
+    return _asset(f"{placeholder}.glsl")
 
 
 def _asset(name: str) -> str:
     return (_ASSETS / name).read_text(encoding="utf-8")
 
 
-def _frame(frame: Frame) -> dict[str, Any]:
-    """What is shown of a frame."""
-    return {"layers": layers.packed(frame), "boxes": outlines.boxes(frame), "layout": outlines.layout(frame)}
-
-
 def _shared(
     gathered: Gathered, title: str, ranges: Mapping[str, list[float]], folder: str | None
 ) -> dict[str, Any]:
-    """What all frames share, and a line for each."""
+    """The data that all frames share, and a line for each."""
     cameras = {frame.camera_name: frame.camera for frame in gathered.frames}
     described = {name: {"name": name, **describe(camera)} for name, camera in cameras.items()}
     if gathered.flat:
-        described = {name: {**each, "sphere": None} for name, each in described.items()}
+        described = {name: {**camera, "sphere": None} for name, camera in described.items()}
     first = gathered.frames[0]
-    found = dict.fromkeys(name for frame in gathered.frames for name in layers.names(frame))
+    names = dict.fromkeys(name for frame in gathered.frames for name in layers.names(frame))
     table = first.classes
     return {
         "title": title,
@@ -148,21 +139,21 @@ def _shared(
         "placed": gathered.placed,
         "cameras": described,
         "frames": [_line(frame) for frame in gathered.frames],
-        "layers": [{"name": name, "form": layers.form(name)} for name in found],
+        "layers": [{"name": name, "form": layers.form(name)} for name in names],
         "ranges": ranges,
-        "ramps": ramps(),
+        "ramps": _ramps(),
         "labels": {
             str(label): {
                 "name": name,
-                "color": color(label),
+                "color": _color(label),
                 "mask": gathered.mask_colors.get(name),
                 "class": table and table.of_object.get(name),
             }
             for name, label in first.instances.items()
         },
         "classes": {
-            str(each.id): {"name": each.name, "color": color(i)}
-            for i, each in enumerate(table.classes.values() if table else (), start=1)
+            str(row.id): {"name": row.name, "color": _color(i)}
+            for i, row in enumerate(table.classes.values() if table else (), start=1)
         },
     }
 
@@ -179,20 +170,25 @@ def _line(frame: Frame) -> dict[str, Any]:
     }
 
 
-class _Ranges:
-    """The least and the largest number of each layer, but for the last 0.5 % of both ends."""
+def _color(index: int) -> str:
+    """``#rrggbb`` of an object or class, counted from 1: base colours, then paler and darker ones."""
+    turn, base = divmod(index - 1, len(_BASE_COLORS))
+    share, grey = _MIXES[turn % len(_MIXES)]
+    channels = (int(_BASE_COLORS[base][i : i + 2], 16) for i in (1, 3, 5))
+    return "#{:02x}{:02x}{:02x}".format(*(round((1 - share) * each + share * grey) for each in channels))
 
-    def __init__(self) -> None:
-        self.found: dict[str, list[float]] = {}
 
-    def widen(self, packed: Mapping[str, Mapping[str, Any]]) -> None:
-        for name, layer in packed.items():
-            if ends := layer.get("range"):
-                low, high = self.found.get(name, ends)
-                self.found[name] = [min(low, ends[0]), max(high, ends[1])]
+def _ramps() -> dict[str, str]:
+    """Turbo, red near, and cividis, yellow near: 256 RGB bytes each, as base64."""
+    from matplotlib import colormaps
+
+    return {
+        name: layers.text(colormaps[f"{name}_r"](np.linspace(0, 1, 256), bytes=True)[:, :3].tobytes())
+        for name in ("turbo", "cividis")
+    }
 
 
 def _json(data: object) -> str:
-    """Plain values as JSON that is safe within an element ``script``, and in a program."""
+    """Plain values as JSON that is safe within an element ``script``, and in a script."""
     text = json.dumps(finite(data), allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c")
