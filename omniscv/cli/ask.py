@@ -22,7 +22,7 @@ def ask(
 
     The first command that is refused ends it, with exit code 1. What a command changes stays changed.
     """
-    from omniscv.diagnostics import replies_to
+    from omniscv.diagnostics.server import replies_to
 
     for reply in replies_to(uri, commands, **options.deadlines(timeout, patience)):
         console.document(reply)

@@ -33,13 +33,13 @@ def doctor(
             "doctor: expected the address of a server or --self, got " + ("both" if self else "none")
         )
     if uri is None:
-        from omniscv.diagnostics import examine_installation
+        from omniscv.diagnostics.installation import examine_installation
 
         findings = examine_installation()
     else:
         import numpy as np
 
-        from omniscv.diagnostics import examine_address
+        from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
         findings = examine_address(uri, where, **options.deadlines(timeout, patience))

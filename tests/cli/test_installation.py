@@ -10,7 +10,7 @@ import pytest
 from support.command_line import ROOT
 
 from omniscv.cli import run
-from omniscv.diagnostics import examine_installation
+from omniscv.diagnostics.installation import examine_installation
 
 
 def verdicts(findings):

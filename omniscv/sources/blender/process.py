@@ -41,20 +41,11 @@ _RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 
 
 class Process:
-    """A running Blender; its pictures are files in a folder of its own.
-
-    Args:
-        command: what to run.
-        name: of the scene, for messages.
-        timeout_s: how long starting, and each reply, may take.
+    """A running Blender, without a scene at first.
 
     Attributes:
-        folder: for pictures; removed with the process.
+        folder: for the files of its pictures; removed with the process.
         hello: its first reply.
-
-    Raises:
-        ServerConnectionError: it cannot be run, or it ended.
-        DeadlineError: it did not reply in time.
     """
 
     def __init__(self, command: Sequence[str], name: str, timeout_s: float) -> None:
@@ -77,17 +68,11 @@ class Process:
             self.hello = self._reply()
 
     def ask(self, what: str, message: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request, and return its reply. After any error but a refusal the process has ended.
-
-        Args:
-            what: the process is to do, for messages.
-            message: plain JSON values.
+        """Send a request of plain JSON values, to do ``what``, and return its reply.
 
         Raises:
             ServerRefusedError: Blender reports an error.
-            ServerConnectionError: it ended.
-            DeadlineError: no reply in time.
-            BadReplyError: a reply of another form.
+            ServerConnectionError, DeadlineError, BadReplyError: the process has ended, or was ended.
         """
         data = json.dumps(message).encode()
         with self._exchange(what):

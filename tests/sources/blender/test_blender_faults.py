@@ -16,7 +16,7 @@ from support.recordings import contents
 
 import omniscv
 from omniscv import jobs
-from omniscv.diagnostics import examine_address
+from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import ArgumentError, DeadlineError, OmniscvError, SourceError
 from omniscv.sources.blender.settings import INSIDE, blender_command
 

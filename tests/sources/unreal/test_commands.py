@@ -81,7 +81,7 @@ def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, mon
     findings = {each["name"]: each for each in json.loads(capsys.readouterr().out)}
     assert findings["vignette"]["verdict"] == "bad"
     assert "r.Tonemapper.Quality 1" in findings["vignette"]["remedy"]
-    monkeypatch.setattr("omniscv.diagnostics.examine_address", examine)
+    monkeypatch.setattr("omniscv.diagnostics.doctor.examine_address", examine)
     assert run(["doctor", "mock://room", "--position", "0.5,0,1.4", "--timeout", "3"]) == 0
     assert "seam mock://room" in capsys.readouterr().out
 

@@ -12,7 +12,7 @@ from support.unreal import face_requests, many_balls, relayed
 import mock_server
 import omniscv
 from omniscv.cli import run
-from omniscv.diagnostics import examine_address
+from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
