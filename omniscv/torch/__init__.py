@@ -12,12 +12,11 @@ except ImportError as cause:
     message = "omniscv.torch: expected PyTorch, got none; install it with: pip install 'omniscv[torch]'"
     raise OmniscvError(message) from cause
 
+from omniscv.frame import Frame as Record
 from omniscv.torch.faces import Faces
-from omniscv.torch.folders import FolderDataset
-from omniscv.torch.recordings import RecordingDataset
-from omniscv.torch.samples import LAYERS, Record
+from omniscv.torch.recordings import RandomTurns, RecordingDataset
+from omniscv.torch.samples import LAYERS, FolderDataset
 from omniscv.torch.shards import ShardDataset
-from omniscv.torch.turns import RandomTurns
 
 __all__ = [
     "LAYERS",

@@ -21,15 +21,13 @@ from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
-from omniscv.torch.lookup import Lookup, directions_of, look_up
-from omniscv.torch.tiles import TILES, Tiles
-from omniscv.torch.turns import check_central
+from omniscv.torch.sampling import TILES, Lookup, Tiles, check_central, directions_of, look_up
 from omniscv.truth.classes import ClassRules
 
-_FINEST = 1  # px: no face has that size, so that a recording gives the finest that it has
+_FINEST = 1  # px; because no face is as small, a recording returns its finest faces
 _RAYS_AT_ONCE = {"cpu": 1 << 17}
 _RAYS_ON_A_DEVICE = 1 << 23
-"""Rays that are looked up together: what stays in a processor's cache, and a gigabyte on a device."""
+"""Rays of a block: they fit into a processor's cache, and into a gigabyte on a device."""
 
 Rules = str | Path | Mapping[str, Any] | ClassRules
 
@@ -37,24 +35,24 @@ Rules = str | Path | Mapping[str, Any] | ClassRules
 class Faces:
     """Six faces around an optical centre, from which images of any orientation are sampled on a device.
 
-    Colour is bilinear; labels and depth are those of the nearest pixel, equal to the bit to what
-    ``omniscv.render`` makes with ``filter="nearest"``. Everything is captured when it is made.
+    Colour is bilinear. Labels and depth are those of the nearest pixel, equal to the bit to those of
+    ``omniscv.render`` with ``filter="nearest"``. The constructor captures all faces.
 
     Args:
-        source: a recording, or any other source of a world that stands still; not needed afterwards.
+        source: a recording, or another source of a still world; not needed afterwards.
         position: (3,) the optical centre, metres, world frame.
         modes: modalities of :mod:`omniscv.modalities`.
-        face_size: px of a 90 degree face; None: the finest that a recording holds.
-        truth_scale: how many times finer than colours masks, depth and normals are captured.
-        classes: rules, as in ``classes.yaml``, or such a file: images then have ``classes`` too.
-        device: where tensors lie; it must have float64.
+        face_size: px of a 90 degree face; None: the finest faces of a recording.
+        truth_scale: factor by which masks, depth and normals are captured finer than colours.
+        classes: rules, as in ``classes.yaml``, or such a file, for images with ``classes``.
+        device: of the tensors; it must have float64.
 
     Attributes:
         position: of all images.
 
     Raises:
-        ArgumentError: an unknown mode, no ``face_size`` for a source that captures anew, a world that
-            moves, or a device that cannot do it.
+        ArgumentError: an unknown mode, no ``face_size`` for a live source, a world that moves, or a device
+            without float64.
         MissingCaptureError: the recording lacks a face.
     """
 
@@ -69,12 +67,12 @@ class Faces:
         classes: Rules | None = None,
         device: str | torch.device = "cpu",
     ) -> None:
-        self._device = _checked(source, face_size, device)
+        self._device = _check(source, face_size, device)
         self.position = numbers("position", position, (3,))
         options = RenderOptions("cube", face_size=face_size or _FINEST, truth_scale=truth_scale)
         self._tiles: dict[str, tuple[tuple[View, ...], Tiles]] = {}
         self._class_of: Tensor | None = None
-        for mode, (views, faces) in _captured(source, self.position, modes, options).items():
+        for mode, (views, faces) in _capture(source, self.position, modes, options).items():
             if "labels" in modalities.get(mode).derives:
                 objects = source.objects()
                 mode, faces = "labels", list(_labels(np.stack(faces), objects))
@@ -100,23 +98,25 @@ class Faces:
             MissingCaptureError: the faces do not show all rays.
         """
         check_central(camera)
-        given = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
-        batch = numbers("R_w_c", [given] if np.ndim(given) == 2 else given, (None, 3, 3))
-        every = [Pose(self.position, R).R_w_c for R in batch]
+        values = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
+        batch = numbers("R_w_c", [values] if np.ndim(values) == 2 else values, (None, 3, 3))
+        rotations = [Pose(self.position, R).R_w_c for R in batch]
         directions, valid = directions_of(camera, self._device)
-        at_once = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
-        step = max(1, at_once // valid.numel())
-        parts = [self._sampled(directions, valid, every[i : i + step]) for i in range(0, len(every), step)]
-        return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
+        rays = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
+        step = max(1, rays // valid.numel())
+        blocks = [
+            self._sample(directions, valid, rotations[i : i + step]) for i in range(0, len(rotations), step)
+        ]
+        return {name: torch.cat([block[name] for block in blocks]) for name in blocks[0]}
 
     @property
     def nbytes(self) -> int:
-        """What is held in memory."""
+        """Bytes of the faces in memory."""
         return sum(tiles.tensor.nbytes for _, tiles in self._tiles.values())
 
-    def _sampled(self, directions: Tensor, valid: Tensor, R_w_c: Sequence[Array]) -> dict[str, Tensor]:
+    def _sample(self, directions: Tensor, valid: Tensor, R_w_c: Sequence[Array]) -> dict[str, Tensor]:
         lookups: dict[tuple[View, ...], Lookup] = {}
-        found = {}
+        layers = {}
         for name, (views, tiles) in self._tiles.items():
             if views not in lookups:
                 lookups[views] = look_up(directions, views, R_w_c)
@@ -126,42 +126,42 @@ class Faces:
             if row.interpolation == "direction":
                 turn = torch.from_numpy(np.array(R_w_c)).to(self._device)
                 values = (values.double() @ turn).float()
-            found[name] = _shaped(values, valid, row.outside)
+            layers[name] = _as_images(values, valid, row.outside)
             if name == "labels" and self._class_of is not None:
-                found["classes"] = self._class_of[found[name]]
-        return found
+                layers["classes"] = self._class_of[layers[name]]
+        return layers
 
     def _check_seen(self, lookup: Lookup, valid: Tensor) -> None:
         unseen = int(((lookup.view < 0) & valid.reshape(1, -1)).sum())
         if unseen:
-            wanted = f"expected {len(lookup.views)} views at {self.position.tolist()} m to see all rays"
-            raise MissingCaptureError(f"{wanted}, but {unseen} are seen by none")
+            views = f"{len(lookup.views)} views at {self.position.tolist()} m"
+            raise MissingCaptureError(f"expected {views} to see all rays, but {unseen} are in none")
 
 
-def _checked(source: Source, face_size: int | None, device: str | torch.device) -> torch.device:
-    """The device, if it and the source serve."""
-    found = torch.device(device)
-    if found.type == "mps":
+def _check(source: Source, face_size: int | None, device: str | torch.device) -> torch.device:
+    """Return the device; ArgumentError if it or the source cannot be used."""
+    checked = torch.device(device)
+    if checked.type == "mps":
         raise ArgumentError("device: expected one with float64, such as cpu or cuda; mps has none")
     if source.capabilities.moves:
         raise ArgumentError("source: expected a world that stands still; record it, and use the recording")
     if face_size is None and source.recorded_views() is None:
         raise ArgumentError("face_size: expected a whole number of pixels for a source that captures anew")
-    return found
+    return checked
 
 
-def _captured(
+def _capture(
     source: Source, position: Array, modes: Sequence[str], options: RenderOptions
 ) -> dict[str, tuple[tuple[View, ...], list[NDArray[Any]]]]:
-    """By mode the views that came, and their pixels."""
+    """By mode, views and their pixels."""
     chosen = modalities.chosen(modes)
-    # Of all cameras alike: whole cubes are captured.
+    # Any camera of all directions has the same views: whole cubes.
     camera = create("equirectangular", width=4, height=2)
     task = Renderer(source).task(camera, Pose(position, np.eye(3)), options)
-    ((_, came),) = captured(next(rounds(task)), source, chosen)
+    ((_, by_mode),) = captured(next(rounds(task)), source, chosen)
     return {
-        mode: (tuple(each.view for each in captures), [np.asarray(each.pixels) for each in captures])
-        for mode, captures in came.items()
+        mode: (tuple(c.view for c in captures), [np.asarray(c.pixels) for c in captures])
+        for mode, captures in by_mode.items()
     }
 
 
@@ -171,14 +171,14 @@ def _labels(masks: NDArray[Any], objects: ObjectTable) -> NDArray[np.uint16]:
 
 
 def _class_of(rules: ClassRules, objects: ObjectTable) -> Tensor:
-    """(65536,) int64, the class of each label."""
+    """(65536,) int64, the class id of each label."""
     names = objects.names()
     label_of = {name: label for label, name in enumerate(names, start=1)}
     return torch.from_numpy(rules.table(names).ids(label_of).astype(np.int64))
 
 
-def _shaped(values: Tensor, valid: Tensor, outside: float) -> Tensor:
-    """(B, N) or (B, N, C) values as pictures, channels first; whole numbers of maps as int64."""
+def _as_images(values: Tensor, valid: Tensor, outside: float) -> Tensor:
+    """(B, N) or (B, N, C) values as images, channels first; whole numbers of maps as int64."""
     batch, size = len(values), tuple(valid.shape)
     if values.ndim == 3:
         values = values.reshape(batch, *size, -1).movedim(-1, 1).contiguous()

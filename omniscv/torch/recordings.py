@@ -1,27 +1,79 @@
-"""Images that are composed from a recording when they are wanted, each with a draw of its own."""
+"""Images that are composed from a recording on access, each with a random camera and orientation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from torch.utils.data import Dataset
 
 from omniscv import modalities, storage
-from omniscv.arguments import shown, whole_number
+from omniscv.arguments import numbers, shown, whole_number
+from omniscv.cameras import Camera
 from omniscv.compose.cache import ByteCache
 from omniscv.dataset.classes import class_rules
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.frame import Frame
+from omniscv.geometry import Array, Pose
 from omniscv.planning import RecordedViews
+from omniscv.records import checked, record
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.torch.faces import Faces, Rules
-from omniscv.torch.samples import Record, Sample, sample_of
-from omniscv.torch.turns import Draw
+from omniscv.torch.samples import Sample, sample_of
+from omniscv.torch.sampling import check_central
 from omniscv.torch.workers import Epochs, bound_threads
+
+
+class Draw(Protocol):
+    """Draws the camera and the orientation of a sample: any function that can be pickled for workers."""
+
+    def __call__(self, random: np.random.Generator) -> tuple[Camera, Array]:
+        """Return a central camera and (3, 3) ``R_w_c``, from the generator alone."""
+
+
+def _cameras(name: str, value: Any) -> tuple[Camera, ...]:
+    cameras = (value,) if isinstance(value, Camera) else tuple(value)
+    if not cameras:
+        raise ArgumentError(f"{name}: expected at least one camera, got none")
+    for camera in cameras:
+        check_central(camera)
+    return cameras
+
+
+def _range(name: str, value: Any) -> tuple[float, float]:
+    least, most = numbers(name, value, (2,)).tolist()
+    if least > most:
+        raise ArgumentError(f"{name}: expected (least, most), got ({least:g}, {most:g})")
+    return least, most
+
+
+@record
+class RandomTurns:
+    """One of some cameras, and angles from uniform distributions.
+
+    Attributes:
+        cameras: central ones, equally likely. Batches need images of one size.
+        yaw_deg, pitch_deg, roll_deg: least and most, degrees, as of :meth:`omniscv.Pose.from_angles`.
+
+    Raises:
+        ArgumentError: no camera, one that is not central, or a wrong range.
+    """
+
+    cameras: Sequence[Camera] = checked(_cameras)
+    yaw_deg: tuple[float, float] = checked(_range, default=(-180.0, 180.0))
+    pitch_deg: tuple[float, float] = checked(_range, default=(0.0, 0.0))
+    roll_deg: tuple[float, float] = checked(_range, default=(0.0, 0.0))
+
+    def __call__(self, random: np.random.Generator) -> tuple[Camera, Array]:
+        """Return a camera and an orientation; see :class:`Draw`."""
+        camera = self.cameras[int(random.integers(len(self.cameras)))]
+        ranges = self.yaw_deg, self.pitch_deg, self.roll_deg
+        angles = [float(random.uniform(*interval)) for interval in ranges]
+        return camera, Pose.from_angles((0, 0, 0), *angles).R_w_c
+
 
 DEFAULT_CACHE_BYTES = 1 << 30
 
@@ -29,17 +81,17 @@ DEFAULT_CACHE_BYTES = 1 << 30
 class RecordingDataset(Epochs, Dataset[Sample]):
     """Images around the optical centres of a recording, as :class:`Faces` composes them.
 
-    A sample depends on the seed, the epoch and its index alone, so it is the same whatever the workers and
-    the order. Each process opens the file for itself, and keeps the faces of the centres that it used last.
+    A sample depends on the seed, the epoch and its index alone, not on workers or the order. Each process
+    opens the file itself, and keeps the faces of the centres that it used last.
 
     Args:
-        path: the recording, by path or URL; centres are those at which it has six faces.
-        draw: gives the camera and the orientation of a sample, such as :class:`RandomTurns`.
+        path: of the recording, or its URL; it has six faces at each centre.
+        draw: of the camera and the orientation of a sample, such as :class:`RandomTurns`.
         modes: modalities of :mod:`omniscv.modalities`.
         per_center: samples of each centre; those of one follow each other.
         seed: of all draws.
-        truth_scale, classes: as :class:`Faces` has them.
-        cache_bytes: the bound of what each process keeps.
+        truth_scale, classes: as of :class:`Faces`.
+        cache_bytes: most memory of the faces that each process keeps.
 
     Attributes:
         centers: (x, y, z) metres, world frame, in the order of recording.
@@ -85,26 +137,23 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         camera, R_w_c = self.draw(random)
         center = self.centers[index // self.per_center]
         layers = {name: batch[0] for name, batch in self._faces(center).render(camera, R_w_c).items()}
-        pose, place = Pose(np.array(center), R_w_c), ",".join(f"{each:.3f}" for each in center)
-        record = Record(f"{self.epoch}-{index}", camera.name, camera, pose, place=place)
-        return sample_of(record, layers)
+        pose, place = Pose(np.array(center), R_w_c), ",".join(f"{value:.3f}" for value in center)
+        frame = Frame(f"{self.epoch}-{index}", camera.name, camera, pose, place=place)
+        return sample_of(frame, layers)
 
     def _faces(self, center: tuple[float, ...]) -> Faces:
-        def made() -> Faces:
-            return Faces(self._source, center, self.modes, truth_scale=self.truth_scale, classes=self.classes)
-
-        found = self._kept.get(center, made)
-        self._kept.trim()
-        return found
+        make = partial(Faces, truth_scale=self.truth_scale, classes=self.classes)
+        faces = self._cache.get(center, lambda: make(self._source, center, self.modes))
+        self._cache.trim()
+        return faces
 
     def __getstate__(self) -> dict[str, Any]:
-        opened = ("_source", "_kept")
-        return {name: value for name, value in vars(self).items() if name not in opened}
+        return {name: value for name, value in vars(self).items() if name not in ("_source", "_cache")}
 
     @cached_property
     def _source(self) -> RecordedSource:
         return RecordedSource(self.path)
 
     @cached_property
-    def _kept(self) -> ByteCache:
+    def _cache(self) -> ByteCache:
         return ByteCache(self._cache_bytes)

@@ -1,48 +1,60 @@
 """WebDataset shards, read as a stream of samples.
 
-A process opens a group of shards at a time, by their headers, and reads samples from any place in them.
+A process opens a group of shards at a time, by the headers of their members, and reads samples from any
+position in them.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import tarfile
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from torch.utils.data import IterableDataset
+import torch.distributed
+from torch.utils.data import IterableDataset, get_worker_info
 
+from omniscv import storage
 from omniscv.arguments import flag, one_of, texts, whole_number
-from omniscv.errors import ArgumentError
+from omniscv.cameras import from_dict
+from omniscv.dataset.formats.webdataset import SHARDS
+from omniscv.dataset.manifest import IMAGE, Manifest
+from omniscv.errors import ArgumentError, DatasetError
+from omniscv.frame import FileEntry, Frame
 from omniscv.storage import is_url, without_secrets
-from omniscv.torch.order import rank_share, shuffled, worker_share
-from omniscv.torch.packed import Packed, Shard
 from omniscv.torch.samples import LAYERS, Sample, sample_of_frame
 from omniscv.torch.workers import Epochs, bound_threads
 
 _MIXED = 8
 """Shards of a group: enough that a batch is of many places, few enough to keep open."""
 
+_RECORDS = "truth", "layout"
+
 
 class ShardDataset(Epochs, IterableDataset[Sample]):
     """The samples of WebDataset shards, as ``omniscv dataset pack --as webdataset`` writes them.
 
-    Each sample comes once an epoch, in one rank and one of its workers. Their shares differ by one sample at
-    most. Every file that is read is compared with its checksum.
+    Each sample comes once an epoch, in one rank and one of its workers. Their shares differ by at most one
+    sample. Every file that is read is compared with its checksum.
 
     Args:
         folder: with ``shards.json`` and the shards that it lists. Batches need images of one size: pack one
             camera a folder.
-        layers: what samples have; those of :data:`LAYERS` that are there, if not given.
+        layers: of the samples; those of :data:`LAYERS` that are there, if not given.
         split: only shards of this split; of all if empty.
         shuffle: draw the order from seed and epoch; else it is that of the shards.
         seed: of the order; the same in all ranks.
         rank, world_size: of this process; those of ``torch.distributed`` or ``torchrun`` if not given.
 
     Raises:
-        ArgumentError: no shards are there, or an argument is wrong.
-        DatasetError: ``shards.json`` is damaged; while samples are read, that a shard is.
+        ArgumentError: the folder has no shards, or an argument is wrong.
+        DatasetError: ``shards.json`` is damaged; while samples are read: a shard is damaged.
     """
 
     def __init__(
@@ -64,11 +76,12 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
             raise ArgumentError(
                 f"folder: expected one on this machine, got {without_secrets(folder)}; copy it"
             )
-        self._packed = Packed.read(Path(folder).absolute())
-        split_of = {file: file.path.rpartition("-")[0] for file, _ in self._packed.shards}
+        self._folder = Path(folder).absolute()
+        self._manifest, shards = _read_list(self._folder)
+        split_of = {file: file.path.rpartition("-")[0] for file in shards}
         if split:
             one_of("split", split, sorted(set(split_of.values())))
-        self._shards = [shard for shard in self._packed.shards if split in ("", split_of[shard[0]])]
+        self._shards = [(file, keys) for file, keys in shards.items() if split in ("", split_of[file])]
 
     def __len__(self) -> int:
         """How many samples this rank reads in an epoch."""
@@ -89,18 +102,154 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         keys = [keys for _, keys in self._shards]
         if self.shuffle:
             return shuffled(keys, _MIXED, np.random.default_rng((self.seed, self.epoch)))
-        return [[(shard, key) for key in each] for shard, each in enumerate(keys)]
+        return [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
 
-    def _read(self, wanted: Sequence[tuple[int, str]]) -> Iterator[Sample]:
+    def _read(self, samples: Sequence[tuple[int, str]]) -> Iterator[Sample]:
         layers = LAYERS if self.layers is None else self.layers
-        with ExitStack() as opened:
-            folder = Path(opened.enter_context(TemporaryDirectory(prefix="omniscv-")))
-            shards: dict[int, Shard] = {}
-            for number, key in wanted:
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="omniscv-")))
+            shards: dict[int, _Shard] = {}
+            for number, key in samples:
                 if number not in shards:
-                    shard = Shard(self._packed, self._shards[number][0])
-                    shards[number] = opened.enter_context(closing(shard))
+                    shard = _Shard(self._folder, self._shards[number][0], self._manifest)
+                    shards[number] = stack.enter_context(closing(shard))
                 sample = sample_of_frame(shards[number].extract(key, layers, folder), self.layers)
                 for path in folder.iterdir():  # pictures are decoded from files
                     path.unlink()
                 yield sample
+
+
+def _read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
+    """The cameras and names of ``shards.json``, and by shard the keys of its samples."""
+    path = folder / SHARDS
+    if not path.is_file():
+        advice = "write it by 'omniscv dataset pack DIR --as webdataset --out FOLDER'"
+        raise ArgumentError(f"{folder}: expected a folder of shards, it has no {SHARDS}; {advice}")
+    try:
+        content = json.loads(path.read_bytes())
+        shards = {
+            FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
+            for shard in content["shards"]
+        }
+        cameras = {name: from_dict(camera) for name, camera in content["cameras"].items()}
+        return Manifest(cameras, dict(content["names"]), versions={}), shards
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as cause:
+        raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
+
+
+class _Shard:
+    """An open shard.
+
+    Args:
+        folder: of the shard.
+        file: the shard, with its size.
+        manifest: cameras and names.
+
+    Raises:
+        DatasetError: it is missing, has another size, or is no tar file.
+    """
+
+    def __init__(self, folder: Path, file: FileEntry, manifest: Manifest) -> None:
+        self._path, self._manifest = folder / file.path, manifest
+        if fault := file.fault(folder, deep=False):
+            raise DatasetError(f"{self._path}: {fault}")
+        self._members: dict[str, dict[str, tarfile.TarInfo]] = defaultdict(dict)
+        try:
+            self._tar = tarfile.open(self._path, "r:")  # noqa: SIM115, closed by close()
+            for member in self._tar.getmembers():
+                key, _, rest = member.name.partition(".")
+                self._members[key][rest.partition(".")[0] if "." in rest else IMAGE] = member
+        except (OSError, tarfile.TarError) as cause:
+            raise DatasetError(f"{self._path}: expected a shard, got: {cause}") from cause
+
+    def close(self) -> None:
+        """Close its file."""
+        self._tar.close()
+
+    def extract(self, key: str, layers: Sequence[str], folder: Path) -> Frame:
+        """Write files of a sample into a folder, and return their frame.
+
+        Args:
+            key: of the sample.
+            layers: to extract, if the sample has them.
+            folder: of the files, as long as the frame is used.
+
+        Raises:
+            DatasetError: the shard lacks the sample, or a file is damaged.
+        """
+        members = self._members.get(key, {})
+        if IMAGE not in members:
+            raise DatasetError(
+                f"{self._path}: expected the sample {key}, it has none; pack the dataset again"
+            )
+        image = self._extract(members[IMAGE], folder)
+        frame = self._manifest.frame_of_file(image.name, image.read_bytes(), storage.folder(folder))
+        files = {}
+        for kind in members.keys() & frame.entries.keys() & {*layers, *_RECORDS}:
+            files[kind] = self._extract(members[kind], folder)
+            if fault := frame.entries[kind].fault(folder):
+                raise DatasetError(f"{self._path}: {files[kind].name}: {fault}")
+        return replace(frame, files=files)
+
+    def _extract(self, member: tarfile.TarInfo, folder: Path) -> Path:
+        content = self._tar.extractfile(member)
+        if content is None or member.name != Path(member.name).name:
+            raise DatasetError(f"{self._path}: expected files of samples, got {member.name!r}")
+        path = folder / member.name
+        path.write_bytes(content.read())
+        return path
+
+
+@dataclass(frozen=True)
+class Share:
+    """One of several equal parts of a sequence."""
+
+    index: int
+    count: int
+
+    def of(self, length: int) -> slice:
+        """Return the part of a sequence of some length; lengths of parts differ by at most one."""
+        return slice(length * self.index // self.count, length * (self.index + 1) // self.count)
+
+
+def rank_share(rank: int | None, world_size: int | None) -> Share:
+    """Return the part of a rank: as given, else of ``torch.distributed``, else of ``torchrun``'s ``RANK`` and
+    ``WORLD_SIZE``, else all.
+
+    Raises:
+        ArgumentError: one without the other, or a rank beyond the world's size.
+    """
+    if (rank is None) != (world_size is None):
+        raise ArgumentError(f"rank: expected both rank and world_size, got {rank} and {world_size}")
+    if rank is None or world_size is None:
+        if torch.distributed.is_available() and torch.distributed.is_initialized():
+            return Share(torch.distributed.get_rank(), torch.distributed.get_world_size())
+        rank, world_size = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
+    count = whole_number("world_size", world_size)
+    return Share(whole_number("rank", rank, least=0, most=count - 1), count)
+
+
+def worker_share(rank: Share) -> Share:
+    """Return the part of this worker of a rank's loader; outside of workers that of the rank."""
+    info = get_worker_info()
+    if info is None:
+        return rank
+    return Share(rank.index * info.num_workers + info.id, rank.count * info.num_workers)
+
+
+def shuffled(
+    shards: Sequence[Sequence[str]], mixed: int, random: np.random.Generator
+) -> list[list[tuple[int, str]]]:
+    """Return the keys of shards in a random order, (shard, key), in groups that are read one after the other.
+
+    Args:
+        shards: the keys in each.
+        mixed: number of random shards that are shuffled together in a group, and open at a time.
+        random: of the order.
+    """
+    order = random.permutation(len(shards)).tolist()
+    groups = []
+    for first in range(0, len(order), mixed):
+        keys = [(shard, key) for shard in order[first : first + mixed] for key in shards[shard]]
+        groups.append([keys[i] for i in random.permutation(len(keys))])
+    return groups

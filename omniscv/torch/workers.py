@@ -1,4 +1,4 @@
-"""What a dataset shares with the workers of a ``DataLoader``, and what a worker may take of the machine."""
+"""Epochs that are shared with the workers of a ``DataLoader``, and the threads of a worker."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Epochs:
 
     @property
     def epoch(self) -> int:
-        """The epoch that is drawn, 0 at first."""
+        """The epoch, 0 at first."""
         return int(self._epoch)
 
     def set_epoch(self, epoch: int) -> None:
-        """Draw another epoch from now on; call it before the loader is iterated.
+        """Set the epoch; call it before the loader is iterated.
 
         Raises:
             ArgumentError: an epoch below 0.
@@ -38,13 +38,13 @@ class Epochs:
 
 
 def bound_threads() -> None:
-    """Work in one thread in a worker, as PyTorch does there; outside workers, do nothing."""
+    """Use one thread in a worker, as PyTorch does; outside workers do nothing."""
     if get_worker_info() is not None:
         _bound_threads(os.getpid())
 
 
 @lru_cache(maxsize=1)
 def _bound_threads(process: int) -> None:
-    """Once a process: what a parent has done, a forked worker still has to do."""
+    """Cached by process, because a forked worker must set what its parent has set."""
     parallel.limit(1)
-    cv2.setNumThreads(0)  # 1 would stop its threads, and wait for those that did not survive a fork
+    cv2.setNumThreads(0)  # 1 would wait for threads that did not survive the fork

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import translate
-from functools import cached_property, partial
+from functools import cached_property
 from importlib.resources import files
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import Reader, fields, flag, one_of, shown, text, whole_number, within
+from omniscv.arguments import flag, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, UnmatchedNamesError
+from omniscv.records import checked, listed, nested, read, record
 
 Unmatched = Literal["error", "other", "ignore"]
 
 BACKGROUND = 0
-"""The class of pixels that show no object, or one without a class."""
+"""The class of pixels without an object, or of an object without a class."""
 
 _MOST = np.iinfo(np.uint16).max
 _OTHER = {"nyu40": "otherprop"}
-"""The class of a taxonomy for objects that no rule matches; ``other`` elsewhere."""
+"""By taxonomy, the class of objects that no rule matches; ``other`` elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class SemanticClass:
         id: of its pixels in class maps, 1 to 65535; 0 is the background.
         name: unique.
         supercategory: a broader word; empty if none.
-        stuff: whether it is background that is not counted, such as walls.
+        stuff: whether it is background without instances, such as walls.
     """
 
     id: int
@@ -45,12 +46,12 @@ class SemanticClass:
 
 @dataclass(frozen=True)
 class ClassTable:
-    """The classes of a dataset, and the class of every object: frozen when the dataset is begun.
+    """The classes of a dataset, and the class of every object.
 
     Attributes:
         classes: by name, in the order of their ids.
         of_object: object name to class name; objects without a class are left out.
-        taxonomy: the name of a known table, or ``custom``.
+        taxonomy: the name of a table that is shipped, or ``custom``.
     """
 
     classes: Mapping[str, SemanticClass]
@@ -59,25 +60,25 @@ class ClassTable:
 
     def of(self, name: str) -> SemanticClass | None:
         """Return the class of an object; None without one."""
-        found = self.of_object.get(name)
-        return None if found is None else self.classes[found]
+        class_name = self.of_object.get(name)
+        return None if class_name is None else self.classes[class_name]
 
     def ids(self, instances: Mapping[str, int]) -> NDArray[np.uint16]:
-        """Return (65536,) the class id of every instance id; ``BACKGROUND`` where there is none.
+        """Return (65536,) the class id of every instance id; ``BACKGROUND`` without a class.
 
         Args:
             instances: object name to instance id.
         """
         class_of = np.full(_MOST + 1, BACKGROUND, np.uint16)
         for name, instance in instances.items():
-            if (found := self.of(name)) is not None:
-                class_of[instance] = found.id
+            if (of_name := self.of(name)) is not None:
+                class_of[instance] = of_name.id
         return class_of
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Objects whose whole name a pattern matches, case-sensitive, are of a class.
+    """The class of objects whose whole name matches a pattern, case-sensitive.
 
     Attributes:
         pattern: ``*``, ``?`` and ``[...]`` as in file names, or a regular expression.
@@ -100,13 +101,13 @@ class Rule:
 
 @dataclass(frozen=True)
 class ClassRules:
-    """What ``classes.yaml`` says: classes, and rules that give every object name one; the first match wins.
+    """Classes, and rules that give object names a class, as in ``classes.yaml``. The first match wins.
 
     Attributes:
         classes: by name, in the order of their ids.
         rules: in their order.
-        unmatched: what becomes of objects that no rule matches: an error, the class ``other``, or no class.
-        taxonomy: the name of a known table, or ``custom``.
+        unmatched: objects that no rule matches are an error, of the class ``other``, or of no class.
+        taxonomy: the name of a table that is shipped, or ``custom``.
     """
 
     classes: Mapping[str, SemanticClass]
@@ -131,21 +132,16 @@ class ClassRules:
             ArgumentError: an unknown field, a pattern that is none, an id of two classes, a class that the
                 taxonomy does not have, or a class that two rules describe differently.
         """
-        given = fields("", data, _FIELDS, needed=("rules",))
-        taxonomy, unmatched = given.get("taxonomy", "custom"), given.get("unmatched", "error")
-        known = {} if taxonomy == "custom" else _taxonomy(taxonomy)
-        described: dict[str, dict[str, Any]] = {}
-        for i, entry in enumerate(given["rules"]):
-            with within(f"rules[{i}]"):
-                _describe(described, entry, known)
-        if unmatched == "other":
-            name = _OTHER.get(taxonomy, "other")
+        content = read(_File, data)
+        known = {} if content.taxonomy == "custom" else _taxonomy(content.taxonomy)
+        described = _describe(content.rules, known)
+        if content.unmatched == "other":
+            name = _OTHER.get(content.taxonomy, "other")
             described.setdefault(name, {"id": known[name]} if known else {})
         rules = tuple(
-            Rule(entry.get("regex", entry.get("match")), entry["class"], "regex" in entry)
-            for entry in given["rules"]
+            Rule(entry.regex or entry.match, entry.class_name, bool(entry.regex)) for entry in content.rules
         )
-        return cls(_numbered(described), rules, unmatched, taxonomy)
+        return cls(_numbered(described), rules, content.unmatched, content.taxonomy)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_dict` reads."""
@@ -175,18 +171,18 @@ class ClassRules:
         Raises:
             UnmatchedNamesError: no rule matches some names, and ``unmatched`` is ``error``.
         """
-        found = {name: self.class_of(name) for name in names}
-        unmatched = [name for name, class_name in found.items() if class_name is None]
+        class_names = {name: self.class_of(name) for name in names}
+        unmatched = [name for name, class_name in class_names.items() if class_name is None]
         if unmatched and self.unmatched == "error":
             raise UnmatchedNamesError(unmatched)
-        of_object = {name: class_name for name, class_name in found.items() if class_name is not None}
+        of_object = {name: class_name for name, class_name in class_names.items() if class_name is not None}
         return ClassTable(self.classes, of_object, self.taxonomy)
 
 
 def taxonomies() -> tuple[str, ...]:
     """Return the names of the tables that are shipped."""
     folder = files("omniscv.truth") / "taxonomies"
-    return tuple(sorted(each.name.removesuffix(".csv") for each in folder.iterdir()))
+    return tuple(sorted(file.name.removesuffix(".csv") for file in folder.iterdir()))
 
 
 def _taxonomy(name: str) -> dict[str, int]:
@@ -195,54 +191,41 @@ def _taxonomy(name: str) -> dict[str, int]:
     return {line.partition(",")[2]: int(line.partition(",")[0]) for line in text.splitlines()[1:]}
 
 
-def _describe(
-    described: dict[str, dict[str, Any]], entry: Mapping[str, Any], known: Mapping[str, int]
-) -> None:
-    """Add what a rule says of its class to what is known of it."""
-    name = entry["class"]
-    if ("match" in entry) == ("regex" in entry):
-        raise ArgumentError(f"expected one of 'match' and 'regex', got {shown(dict(entry))}")
-    if known and name not in known:
-        raise ArgumentError(f"class: expected one of {', '.join(known)}; got {shown(name)}")
-    said = {key: value for key, value in entry.items() if key in ("id", "supercategory", "stuff")}
-    if known:
-        said = {"id": known[name], **said}
-    before = described.setdefault(name, dict(said))
-    for key, value in said.items():
-        wanted = known[name] if known and key == "id" else before.get(key, value)
-        if value != wanted:
-            raise ArgumentError(f"{key}: expected {shown(wanted)} for class {name!r}, got {shown(value)}")
-    before.update(said)
+def _describe(rules: Sequence[_RuleEntry], known: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+    """By class name, the fields that rules give; ArgumentError for contradictions."""
+    described: dict[str, dict[str, Any]] = {}
+    for i, entry in enumerate(rules):
+        with within(f"rules[{i}]"):
+            name = entry.class_name
+            if known:
+                one_of("class", name, known)
+            values = described.setdefault(name, {"id": known[name]} if known else {})
+            for key in ("id", "supercategory", "stuff"):
+                value = getattr(entry, key)
+                if value is not None and value != values.setdefault(key, value):
+                    expected = f"expected {shown(values[key])} for class {name!r}"
+                    raise ArgumentError(f"{key}: {expected}, got {shown(value)}")
+    return described
 
 
 def _numbered(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClass]:
     """Classes by name in the order of their ids; those without an id get the next free one."""
     owners: dict[int, str] = {}
-    for name, said in described.items():
-        if "id" in said and owners.setdefault(said["id"], name) != name:
-            wanted = f"expected one class for every id, {said['id']} is {owners[said['id']]!r}"
-            raise ArgumentError(f"rules: {wanted}; got {name!r} too")
+    for name, values in described.items():
+        if "id" in values and owners.setdefault(values["id"], name) != name:
+            first = owners[values["id"]]
+            raise ArgumentError(
+                f"rules: expected one class for every id, {values['id']} is {first!r}; got {name!r} too"
+            )
     free = iter(number for number in range(1, _MOST + 1) if number not in owners)
-    found = [
-        SemanticClass(
-            said["id"] if "id" in said else next(free),
-            name,
-            said.get("supercategory", ""),
-            said.get("stuff", False),
-        )
-        for name, said in described.items()
+    classes = [
+        SemanticClass(**{"name": name, **values, "id": values["id"] if "id" in values else next(free)})
+        for name, values in described.items()
     ]
-    return {each.name: each for each in sorted(found, key=lambda each: each.id)}
+    return {row.name: row for row in sorted(classes, key=lambda row: row.id)}
 
 
-# -- the fields of classes.yaml: each is read by a function (name, value) --------------------------------
-
-
-def _rules(name: str, value: object) -> list[dict[str, Any]]:
-    if not isinstance(value, list) or not value:
-        wanted = "expected a list of {match: PATTERN, class: NAME}"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    return [fields(f"{name}[{i}]", each, _RULE, needed=("class",)) for i, each in enumerate(value)]
+# -- classes.yaml ---------------------------------------------------------------------------------------
 
 
 def _regex(name: str, value: object) -> str:
@@ -253,21 +236,41 @@ def _regex(name: str, value: object) -> str:
     return str(value)
 
 
+def _rules(name: str, value: object) -> tuple[_RuleEntry, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise ArgumentError(f"{name}: expected a list of {{match: PATTERN, class: NAME}}, got {shown(value)}")
+    entries: tuple[_RuleEntry, ...] = listed(nested(_RuleEntry))(name, value)
+    return entries
+
+
+def _text_or_empty(name: str, value: object) -> object:
+    return value if value == "" else text(name, value)
+
+
 def _known_taxonomy(name: str, value: object) -> Any:
     return one_of(name, value, ("custom", *taxonomies()))
 
 
-_RULE: dict[str, Reader] = {
-    "match": text,
-    "regex": _regex,
-    "class": text,
-    "id": partial(whole_number, least=1, most=_MOST),
-    "supercategory": lambda name, value: value if value == "" else text(name, value),
-    "stuff": flag,
-}
-_FIELDS: dict[str, Reader] = {
-    "taxonomy": _known_taxonomy,
-    "background": partial(whole_number, least=BACKGROUND, most=BACKGROUND),
-    "rules": _rules,
-    "unmatched": partial(one_of, words=get_args(Unmatched)),
-}
+@record
+class _RuleEntry:
+    """A rule, and what it says of its class."""
+
+    class_name: str = checked(text, key="class")
+    match: str = checked(text, default="")
+    regex: str = checked(_regex, default="")
+    id: int | None = checked(whole_number, least=1, most=_MOST, default=None)
+    supercategory: str | None = checked(_text_or_empty, default=None)
+    stuff: bool | None = checked(flag, default=None)
+
+    def __post_init__(self) -> None:
+        if bool(self.match) == bool(self.regex):
+            got = {"class": self.class_name, "match": self.match, "regex": self.regex}
+            raise ArgumentError(f"expected one of 'match' and 'regex', got {shown(got)}")
+
+
+@record
+class _File:
+    rules: tuple[_RuleEntry, ...] = checked(_rules)
+    taxonomy: str = checked(_known_taxonomy, default="custom")
+    background: int = checked(whole_number, least=BACKGROUND, most=BACKGROUND, default=BACKGROUND)
+    unmatched: Unmatched = checked(one_of, words=get_args(Unmatched), default="error")

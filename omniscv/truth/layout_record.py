@@ -217,7 +217,8 @@ class MapOptions:
     )
     corner_sigma: float | None = checked(_sigma, default=None, help="the same of corners; default 0.0107")
     visibility: Visibility | None = checked(
-        partial(one_of, words=get_args(Visibility)),
+        one_of,
+        words=get_args(Visibility),
         default=None,
         help="room (default): what no wall hides; full: what nothing hides; all",
     )

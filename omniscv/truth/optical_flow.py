@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
@@ -228,7 +227,8 @@ class FlowOptions:
 
     gap: int = checked(whole_number, default=1, help="number of frames from a frame to the other one")
     wrap: Wrap = checked(
-        partial(one_of, words=get_args(Wrap)),
+        one_of,
+        words=get_args(Wrap),
         default="shortest",
         help="shortest: across the seam of a panorama if that is shorter; classic: difference of columns",
     )

@@ -1,12 +1,11 @@
 """Run-length encoded masks in the compressed form of COCO.
 
-Runs go down the columns, the first of pixels that are not set. Each count but the first three is kept as its
-difference to the count before the last, in groups of five bits, the lowest first, each with a sixth that says
-whether more follow, as a printable character from ``0``.
+Runs go down the columns; the first run is of pixels that are not set. Counts from the fourth on are stored as
+differences to the count before the last. A number is stored in groups of five bits, the lowest first; a sixth
+bit is set if more groups follow. A group is a printable character from ``0``.
 Source: the documentation of the format in cocodataset/cocoapi, common/maskApi.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 Mask = NDArray[np.bool_]
 
 _GROUPS = 7
-"""Of five bits: enough for any difference of counts below 2^31."""
+"""Groups of five bits: enough for differences of counts below 2^31."""
 
 
 def encode(mask: Mask) -> dict[str, Any]:
@@ -30,14 +29,6 @@ def encode(mask: Mask) -> dict[str, Any]:
     return {"size": [height, width], "counts": _text(edges[1:] - edges[:-1])}
 
 
-def decode(rle: Mapping[str, Any]) -> Mask:
-    """Return the mask (H, W) of what :func:`encode` returned."""
-    height, width = rle["size"]
-    counts = _counts(rle["counts"])
-    values = np.arange(len(counts)) % 2 == 1
-    return np.repeat(values, counts).reshape((height, width), order="F")
-
-
 def _text(counts: NDArray[np.int64]) -> str:
     left = counts.copy()
     left[3:] -= counts[1:-2]
@@ -50,18 +41,3 @@ def _text(counts: NDArray[np.int64]) -> str:
         characters[going, group] = (low + 32 * more + 48)[going]
         going = more
     return characters[characters > 0].tobytes().decode("ascii")
-
-
-def _counts(text: str) -> list[int]:
-    counts: list[int] = []
-    value = shift = 0
-    for code in text.encode("ascii"):
-        group = code - 48
-        value |= (group & 31) << shift
-        shift += 5
-        if not group & 32:
-            if group & 16:
-                value -= 1 << shift
-            counts.append(value + (counts[-2] if len(counts) > 2 else 0))
-            value = shift = 0
-    return counts

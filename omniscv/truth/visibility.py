@@ -130,9 +130,7 @@ def centers_ball(centers_w: NDArray[np.float64]) -> tuple[Array, float]:
 class AmodalOptions:
     """Options of the truth ``amodal``."""
 
-    kind: Kind = checked(
-        partial(one_of, words=get_args(Kind)), default="boxes", help="boxes, or masks too: run-length encoded"
-    )
+    kind: Kind = checked(one_of, words=get_args(Kind), default="boxes", help="boxes, or masks too")
 
 
 def _derive(observation: Observation, options: AmodalOptions) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ import omniscv
 from omniscv import dataset
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.torch import FolderDataset, ShardDataset
-from omniscv.torch.order import Share, shuffled
+from omniscv.torch.shards import Share, shuffled
 
 
 def keys(samples):

@@ -25,7 +25,6 @@ def library(mask):
 def test_masks_are_encoded_as_pycocotools_does(mask):
     encoded = rle.encode(mask)
     assert encoded == {"size": list(mask.shape), "counts": library(mask)["counts"].decode("ascii")}
-    assert np.array_equal(rle.decode(encoded), mask)
 
 
 def test_long_runs_are_encoded_as_pycocotools_does():
@@ -34,7 +33,6 @@ def test_long_runs_are_encoded_as_pycocotools_does():
     mask[::7, 2000] = True
     encoded = rle.encode(mask)
     assert encoded["counts"] == library(mask)["counts"].decode("ascii")
-    assert np.array_equal(rle.decode(encoded), mask)
 
 
 def test_the_known_answer_of_rows_1_to_2_and_columns_2_to_4():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pycocotools import mask as cocomask
 from support.observed import observed
 
 import mock_server
@@ -9,7 +10,6 @@ import omniscv
 from omniscv import cameras
 from omniscv.dataset import truths
 from omniscv.errors import ArgumentError
-from omniscv.truth import rle
 from omniscv.truth.classes import ClassTable, SemanticClass
 from omniscv.truth.visibility import apart, centers_ball
 
@@ -44,6 +44,7 @@ def shares(request):
         return observation, truths.get("amodal").apply(observation, {"kind": "masks"})
 
 
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
 def test_shares_are_what_rays_meet(shares):
     observation, records = shares
     assert {record["name"] for record in records} <= set(THINGS)
@@ -54,7 +55,7 @@ def test_shares_are_what_rays_meet(shares):
     hidden = 0
     for record in records:
         exact, visible = alone(observation, record["name"]), observation.labels == record["instance_id"]
-        mask = rle.decode(record["segmentation"])
+        mask = cocomask.decode(record["segmentation"]).astype(bool)
         edge = np.count_nonzero(exact ^ eroded(exact))
         assert np.count_nonzero(mask ^ exact) <= 0.4 * edge + 4  # where a capture's grid decides
         assert (mask >= visible).all()

@@ -7,7 +7,6 @@ Source: cfernandezlab/CFL, test_CFL.py.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +29,12 @@ class CflOptions(MapOptions):
     """
 
     image_format: str = checked(
-        partial(one_of, words=("jpg", "png")),
+        one_of,
+        words=("jpg", "png"),
         default="jpg",
         help="jpg, the only one that CFL reads, or png, which is exact",
     )
-    recipe: str = checked(
-        partial(one_of, words=("exact", "original")), default="exact", help="of maps: exact or original"
-    )
+    recipe: str = checked(one_of, words=("exact", "original"), default="exact", help="exact or original maps")
     layout: LayoutKey = checked(nested(LayoutKey), default=LayoutKey(), help="the key of the job")
 
     def __post_init__(self) -> None:

@@ -13,7 +13,6 @@ instance id. Objects without a class, and stuff, have no annotation.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,8 @@ class CocoOptions:
     """Options of the format."""
 
     seam: str = checked(
-        partial(one_of, words=("whole", "split")),
+        one_of,
+        words=("whole", "split"),
         default="whole",
         help="split: an annotation on each side of a panorama's seam for objects that cross it",
     )

@@ -10,7 +10,7 @@ written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_m
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -37,12 +37,14 @@ class ColmapOptions:
     """Options of the format."""
 
     points: float | None = checked(
-        partial(number, above=0),
+        number,
+        above=0,
         default=None,
         help="metres: write points from depth, in each cube of that edge the nearest; default: no points",
     )
     equirectangular: str = checked(
-        partial(one_of, words=("whole", "cubemap")),
+        one_of,
+        words=("whole", "cubemap"),
         default="whole",
         help="cubemap: panoramas as six PINHOLE views of a rig, for COLMAP before 4.1",
     )

@@ -21,7 +21,6 @@ cannot hold becomes the preset's none; nothing is clamped. ``depth.json`` counts
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 from omniscv.arguments import one_of, within
@@ -41,7 +40,7 @@ _DEPTH = Modality("depth", ("uint16", "uint8"))
 class DepthPngOptions:
     """Options of the format."""
 
-    scale: str = checked(partial(one_of, words=PRESETS), default="mm", help="preset of the numbers")
+    scale: str = checked(one_of, words=PRESETS, default="mm", help="preset of the numbers")
 
     def kinds(self, cameras: Mapping[str, Camera]) -> dict[str, Kind]:
         """Return the kind of depth of each camera; ArgumentError for planar depth without a plane."""

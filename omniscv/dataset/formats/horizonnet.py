@@ -7,7 +7,6 @@ Source: sunset1995/HorizonNet, README_PREPARE_DATASET.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from omniscv.arguments import one_of, within
@@ -24,9 +23,7 @@ from omniscv.truth import cor_id
 class HorizonNetOptions:
     """Options of the format."""
 
-    image_format: str = checked(
-        partial(one_of, words=("png", "jpg")), default="png", help="of panoramas: png or jpg"
-    )
+    image_format: str = checked(one_of, words=("png", "jpg"), default="png", help="of panoramas: png or jpg")
 
 
 class HorizonNet(Format):

@@ -12,7 +12,6 @@ bits, by the option ``scale``:
 """
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +34,7 @@ _NORMALS = Modality("normals", ("uint16",), 3)
 class NormalsPngOptions:
     """Options of the format."""
 
-    scale: str = checked(partial(one_of, words=SCALES), default="symmetric", help="how numbers are scaled")
+    scale: str = checked(one_of, words=SCALES, default="symmetric", help="how numbers are scaled")
 
 
 class NormalsPng(Format):

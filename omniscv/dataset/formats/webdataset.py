@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import tarfile
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +28,10 @@ SHARDS = "shards.json"
 class WebDatasetOptions:
     """Options of the format."""
 
-    max_count: int = checked(partial(whole_number, least=1), default=1000, help="frames in a shard")
+    max_count: int = checked(whole_number, least=1, default=1000, help="frames in a shard")
     max_bytes: int = checked(
-        partial(whole_number, least=1),
+        whole_number,
+        least=1,
         default=10**9,
         help="bytes of members in a shard; a larger frame has a shard of its own",
     )
