@@ -26,7 +26,7 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
     """Show what a recording holds and where it came from."""
     from omniscv.sources.recording import inspection
 
-    summary = inspection.info(file).to_dict()
+    summary = asdict(inspection.info(file))
     if as_json:
         console.as_json(summary)
         return

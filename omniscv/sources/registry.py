@@ -28,7 +28,7 @@ _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _HOST_AND_PORT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:]+\]):\d+")
 
 _UNREAL = "omniscv.sources.unreal.opening"
-_RECORDING = "omniscv.sources.recording.replay:open_recording"
+_RECORDING = "omniscv.sources.recording.replay:RecordedSource"
 _openers: dict[str, Opener | str] = {
     "unreal": f"{_UNREAL}:open_unreal",
     "unreal+unix": f"{_UNREAL}:open_unreal",

@@ -12,7 +12,7 @@ import omniscv
 from omniscv.errors import RecordingError
 from omniscv.sources.recording.inspection import verify
 
-FLIPS, SOAK_FLIPS = 100, 10_000
+FLIPS, SOAK_FLIPS = 50, 10_000
 REQUESTS = face_requests(size=8)
 LONGEST_S = 60  # no flip makes a reader hang
 
@@ -70,7 +70,7 @@ def verify_finds(path):
 
 
 FIELDS = {
-    "capture": ("mode", "asked", "captured", "encoding", "provenance", "payload_checksum", "key"),
+    "capture": ("mode", "asked", "captured", "encoding", "provenance", "payload_checksum", "payload", "key"),
     "object": ("name", "red", "instance"),
     "recording": ("id", "scene", "tolerance", "captures", "capture_sum", "object_checksum"),
 }
@@ -93,6 +93,8 @@ def test_a_bit_of_any_value_is_found_by_verify_and_refused(table, column, small,
 def flipped(value):
     if isinstance(value, str):
         return value[:-1] + chr(ord(value[-1]) ^ 1)
+    if isinstance(value, bytes):
+        return value[:-20] + bytes([value[-20] ^ 1]) + value[-19:]
     return 1 if value is None else value ^ 1
 
 

@@ -141,7 +141,7 @@ FAILS = CAPTURES.format(modes=["lit", "depth"]) + "    assert False\n"
 SKIPS = CAPTURES.format(modes=["lit", "depth"]) + "    pytest.skip('not today')\n"
 
 
-@pytest.mark.parametrize("mode", ["once", "new_episodes", "all", "rewrite"])
+@pytest.mark.parametrize("mode", ["once", "all"])
 def test_a_test_that_does_not_pass_neither_creates_nor_changes_a_recording(mode, suite, record, pytester):
     option = f"--record-mode={mode}"
     suite(FAILS, option, failed=1)

@@ -2,13 +2,12 @@
 
 from omniscv.sources.recording.operations import merge, part_file, part_files, split
 from omniscv.sources.recording.recorder import Recording, record
-from omniscv.sources.recording.replay import RecordedSource, open_recording
+from omniscv.sources.recording.replay import RecordedSource
 
 __all__ = [
     "RecordedSource",
     "Recording",
     "merge",
-    "open_recording",
     "part_file",
     "part_files",
     "record",

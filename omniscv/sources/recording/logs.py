@@ -37,7 +37,7 @@ def settle(path: Path) -> None:
             _set_aside(path, journal)
         else:
             got = f"{journal.name} of another program; open it there, or remove the journal"
-            raise NotARecordingError(f"expected a journal of omniscv, got {got}", path)
+            raise NotARecordingError(f"expected a journal of omniscv, got {got}")
 
 
 def _is_hot(path: Path) -> bool:
@@ -54,7 +54,7 @@ def _is_hot(path: Path) -> bool:
 def _tokens(path: Path) -> set[tuple[bytes, ...]]:
     """Return the id with the token, and with the one before, as they are in a file without its journal."""
     with contextlib.closing(connect(path, "ro&immutable=1", torn=True)) as database:
-        check_schema(database, path)
+        check_schema(database)
         ((id_, *tokens),) = database.execute("SELECT id, token, parent FROM recording LIMIT 1")
     return {(str(id_).encode(), str(token).encode()) for token in tokens}
 
@@ -77,5 +77,5 @@ def _set_aside(path: Path, log: Path) -> None:
     except FileNotFoundError:
         return  # another process has done it
     except OSError as cause:
-        raise NotARecordingError(f"expected no foreign log, got {log.name}; remove it", path) from cause
+        raise NotARecordingError(f"expected no foreign log, got {log.name}; remove it") from cause
     _log.warning("%s: %s is a log of another file; set aside as %s", path, log.name, target.name)

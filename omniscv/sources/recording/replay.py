@@ -157,10 +157,6 @@ class RecordedSource(Source):
         return f"{expected}; the nearest recorded view differs in {differences(nearest, request.view)}"
 
 
-open_recording = RecordedSource
-"""The opener of :mod:`omniscv.sources.registry` for addresses without a scheme, and with that of a store."""
-
-
 def sharing(source: S, **changes: object) -> S:
     """Return another source of the same class, which shares all but these attributes."""
     other = object.__new__(type(source))

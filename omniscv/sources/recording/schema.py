@@ -11,9 +11,14 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from omniscv import errors
 from omniscv.arguments import shown
-from omniscv.errors import DamagedRecordingError, NewerRecordingError, NotARecordingError
+from omniscv.errors import (
+    DamagedRecordingError,
+    NewerRecordingError,
+    NotARecordingError,
+    RecordingError,
+    RecordingNotWritableError,
+)
 from omniscv.sources.recording.rows import Head, checked_json
 
 SCHEMA_VERSION = 4
@@ -96,7 +101,7 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     return database
 
 
-def check_header(path: Path, shown_path: Path) -> None:
+def check_header(path: Path) -> None:
     """Check the first bytes of a file; no journal is read, and nothing is changed.
 
     Raises:
@@ -107,22 +112,22 @@ def check_header(path: Path, shown_path: Path) -> None:
         header = file.read(_HEADER.size)
     if len(header) < _HEADER.size or not header.startswith(_MAGIC):
         got = "a file that is not a database" if header else "an empty file"
-        raise NotARecordingError(f"expected a recording, got {got}", shown_path)
+        raise NotARecordingError(f"expected a recording, got {got}")
     _, *log_versions, version, application = _HEADER.unpack(header)
     if application != _APPLICATION_ID:
-        raise NotARecordingError("expected a recording, got another SQLite database", shown_path)
+        raise NotARecordingError("expected a recording, got another SQLite database")
     if version != SCHEMA_VERSION:
         newer = version > SCHEMA_VERSION
         advice = "update omniscv" if newer else "record it again"
         reason = f"expected schema version {SCHEMA_VERSION}, got version {version}; {advice}"
-        raise (NewerRecordingError if newer else NotARecordingError)(reason, shown_path)
+        raise (NewerRecordingError if newer else NotARecordingError)(reason)
     if log_versions != [1, 1]:
         got = "one that another program gave a write-ahead log"
         reason = f"expected a recording with a rollback journal, got {got}"
-        raise NotARecordingError(f"{reason}; run 'PRAGMA journal_mode = DELETE' there", shown_path)
+        raise NotARecordingError(f"{reason}; run 'PRAGMA journal_mode = DELETE' there")
 
 
-def check_schema(database: sqlite3.Connection, path: Path) -> None:
+def check_schema(database: sqlite3.Connection) -> None:
     """Raise NotARecordingError for other tables, triggers or views than those of a recording."""
     expected = _schema()
     query = f"SELECT type, name, tbl_name, sql FROM sqlite_master LIMIT {len(expected) + 1}"
@@ -130,7 +135,7 @@ def check_schema(database: sqlite3.Connection, path: Path) -> None:
     if rows != expected:
         strange = sorted(f"the {row[0]} {shown(row[1])}" for row in rows - expected)
         got = strange[0] if strange else "some of them only"
-        raise NotARecordingError(f"expected the tables of a recording only, got {got}", path)
+        raise NotARecordingError(f"expected the tables of a recording only, got {got}")
 
 
 def most_captures(path: Path) -> int:
@@ -138,15 +143,14 @@ def most_captures(path: Path) -> int:
     return path.stat().st_size // _SHORTEST_BYTES
 
 
-def structural_faults(database: sqlite3.Connection) -> list[str]:
-    """Return what SQLite's integrity check reports; nothing for a sound file."""
-    lines = (line for (text,) in database.execute("PRAGMA integrity_check") for line in text.splitlines())
-    return [line for line in lines if line != "ok" and not line.startswith("***")]  # no headings
-
-
 @contextlib.contextmanager
-def errors_of(path: Path, *, write: bool) -> Iterator[None]:
-    """Raise errors of SQLite and of the file system as errors of a recording.
+def errors_of(path: Path, *, write: bool = False, advice: str = "") -> Iterator[None]:
+    """Raise errors of SQLite and of the file system as errors of a recording, and name the file in them.
+
+    Args:
+        path: of the recording.
+        write: whether it is written.
+        advice: what to do about damage.
 
     Raises:
         RecordingNotWritableError, NotARecordingError: the file cannot be written, or read.
@@ -154,22 +158,22 @@ def errors_of(path: Path, *, write: bool) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, sqlite3.OperationalError) as cause:
-        if write:
-            reason = f"expected a file that can be written, got: {_reason(cause)}; what it held is intact"
-            raise errors.RecordingNotWritableError(reason, path) from cause
-        reason = f"expected a recording that can be read, got: {_reason(cause)}"
-        advice = "open it once in a folder that can be written, together with the files beside it"
-        raise NotARecordingError(f"{reason}; if its recorder was killed, {advice}", path) from cause
-    except (sqlite3.DataError, sqlite3.IntegrityError, UnicodeError) as cause:
-        raise DamagedRecordingError(f"expected rows as recorded, got: {_reason(cause)}", path) from cause
-    except sqlite3.DatabaseError as cause:
-        reason = f"expected a recording, got another file, or damage: {_reason(cause)}"
-        raise NotARecordingError(reason, path) from cause
-
-
-def _reason(cause: Exception) -> str:
-    return cause.strerror or str(cause) if isinstance(cause, OSError) else shown(str(cause))
+    except RecordingError as cause:
+        if cause.path is not None:
+            raise
+        raise cause.at(path, advice) from cause
+    except (OSError, sqlite3.Error, UnicodeError) as cause:
+        got = cause.strerror if isinstance(cause, OSError) and cause.strerror else shown(str(cause))
+        if write and isinstance(cause, OSError | sqlite3.OperationalError):
+            reason = f"expected a file that can be written, got: {got}; what it held is intact"
+            raise RecordingNotWritableError(reason, path) from cause
+        if isinstance(cause, OSError | sqlite3.OperationalError):
+            reason = f"expected a recording that can be read, got: {got}; if its recorder was killed, open it"
+            advice = "once in a folder that can be written, together with the files beside it"
+            raise NotARecordingError(f"{reason} {advice}", path) from cause
+        if isinstance(cause, sqlite3.DataError | sqlite3.IntegrityError | UnicodeError):
+            raise DamagedRecordingError(f"expected rows as recorded, got: {got}", path) from cause
+        raise NotARecordingError(f"expected a recording, got another file, or damage: {got}", path) from cause
 
 
 @cache

@@ -96,17 +96,17 @@ class Store:
             if self._head is not None:
                 return self._head
             found = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
-        with self._named():
             if len(found) != 1:
                 raise DamagedRecordingError(f"expected one row in recording, got {len(found)}")
             head = Head._make(found[0])
             head.check()
-        return head
+            return head
 
     def structural_faults(self) -> list[str]:
         """Return what SQLite's integrity check reports; nothing for a sound file."""
-        with schema.errors_of(self.path, write=False), self._using() as database:
-            return schema.structural_faults(database)
+        reports = self._query("PRAGMA integrity_check")
+        lines = (line for (report,) in reports for line in report.splitlines())
+        return [line for line in lines if line != "ok" and not line.startswith("***")]  # no headings
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
@@ -115,7 +115,7 @@ class Store:
         Raises:
             RecordingNotWritableError: the file cannot be written.
         """
-        with self._using() as database:
+        with self._connected() as database:
             if self._head is not None:
                 yield database
                 return
@@ -142,7 +142,7 @@ class Store:
         """
         with self._reading():
             head, found, states = self.head(), self._rows(), self.states()
-        with self._named(_ADVICE):
+        with self._using(_ADVICE):
             for row in found:
                 row.check(head.id)
             if lost := {row.state for row in found} - {"", *states}:
@@ -175,7 +175,7 @@ class Store:
         row = self.get_row(request)
         if row is None:
             return None
-        with self._named(_ADVICE):
+        with self._using(_ADVICE):
             return replace(row.capture(), request=request)
 
     def get_row(self, request: Request) -> Row | None:
@@ -183,7 +183,7 @@ class Store:
         found = self._query(f"SELECT {_COLUMNS} FROM capture WHERE key = ?", key_of(request))
         if not found:
             return None
-        with self._named(_ADVICE):
+        with self._using(_ADVICE):
             row = Row._make(found[0])
             row.check(self._recording_id())
             return row
@@ -221,7 +221,7 @@ class Store:
 
     def objects(self) -> ObjectTable:
         """Return the recorded objects and how masks show them; DamagedRecordingError if they are damaged."""
-        with self._named(), self._reading():
+        with self._reading():
             head = self.head()
             columns = ", ".join(ObjectRow._fields)
             limit = MOST_OBJECTS + 1
@@ -257,7 +257,7 @@ class Store:
 
     def geometry(self) -> SceneGeometry:
         """Return what is known of shapes; DamagedRecordingError if that is not as written."""
-        with self._named(), self._reading():
+        with self._reading():
             found = self._query("SELECT content, checksum FROM geometry LIMIT 2")
             if len(found) != 1:
                 raise DamagedRecordingError(f"expected one row in geometry, got {len(found)}")
@@ -303,7 +303,7 @@ class Store:
     @property
     def scene_identity(self) -> SceneIdentity:
         """The scene that the captures are of."""
-        with self._named():
+        with self._using():
             return scene_from_json(self.head().scene)
 
     def set_scene(self, identity: SceneIdentity) -> None:
@@ -319,7 +319,7 @@ class Store:
     def _states(self, where: str, *names: str) -> dict[str, WorldState]:
         statement = f"SELECT name, content, checksum FROM state {where} ORDER BY name LIMIT {_MOST_STATES}"
         states = {}
-        with self._named(), self._reading():
+        with self._reading():
             for name, content, crc in self._query(statement, *names):
                 data = json_of_row(f"state {shown(name)}", content, crc, self._recording_id(), name)
                 try:
@@ -347,17 +347,17 @@ class Store:
     @contextlib.contextmanager
     def _changing(self) -> Iterator[sqlite3.Connection]:
         """A transaction in which errors of SQLite are RecordingNotWritableError."""
-        with self.transaction() as database, schema.errors_of(self.path, write=True), self._named():
+        with self.transaction() as database, schema.errors_of(self.path, write=True):
             yield database
 
     def _query(self, statement: str, *values: Any) -> list[Any]:
-        with schema.errors_of(self.path, write=False), self._using() as database:
+        with self._using() as database:
             return database.execute(statement, values).fetchall()
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
         """Let all queries within see one state of the file."""
-        with schema.errors_of(self.path, write=False), self._using() as database:
+        with self._using() as database:
             if database.in_transaction:
                 yield
                 return
@@ -368,17 +368,13 @@ class Store:
                 database.rollback()
 
     @contextlib.contextmanager
-    def _named(self, advice: str = "") -> Iterator[None]:
-        """Name the file in errors."""
-        try:
-            yield
-        except (DamagedRecordingError, RecordingNotWritableError) as cause:
-            if cause.path is not None:
-                raise
-            raise cause.at(self.path, advice) from cause
+    def _using(self, advice: str = "") -> Iterator[sqlite3.Connection]:
+        """Yield the connection; errors raised within are those of this recording."""
+        with schema.errors_of(self.path, advice=advice), self._connected() as database:
+            yield database
 
     @contextlib.contextmanager
-    def _using(self) -> Iterator[sqlite3.Connection]:
+    def _connected(self) -> Iterator[sqlite3.Connection]:
         """Yield the connection, for one thread at a time; open it in a forked child."""
         with self._lock:
             if self._closed:
@@ -388,39 +384,32 @@ class Store:
             yield self._connection
 
     def _open(self) -> sqlite3.Connection:
-        database = self._open_to_write() if self._write else self._open_to_read()
-        try:
-            with schema.errors_of(self.path, write=False):
-                schema.check_schema(database, self.path)
-        except BaseException:
-            database.close()
-            raise
-        return database
-
-    def _open_to_read(self) -> sqlite3.Connection:
-        kind = kind_of(self._file)
-        if kind != "a file":
-            got = kind or "nothing there; record one first"
-            raise NotARecordingError(f"expected a recording, got {got}", self.path)
-        with schema.errors_of(self.path, write=False):
-            schema.check_header(self._file, self.path)
+        with schema.errors_of(self.path, write=self._write):
+            if self._write:
+                self._create_missing()
+            elif (kind := kind_of(self._file)) != "a file":
+                got = kind or "nothing there; record one first"
+                raise NotARecordingError(f"expected a recording, got {got}")
+            schema.check_header(self._file)
             settle(self._file)
-            return schema.connect(self._file, "ro")
+            database = schema.connect(self._file, "rw" if self._write else "ro")
+            try:
+                schema.check_schema(database)
+                if self._write:
+                    database.execute("PRAGMA journal_mode = TRUNCATE")
+                    # Flush each capture, so that it outlives a power cut; little time beside capturing it.
+                    database.execute("PRAGMA synchronous = FULL")
+            except BaseException:
+                database.close()
+                raise
+            return database
 
-    def _open_to_write(self) -> sqlite3.Connection:
+    def _create_missing(self) -> None:
         if kind_of(self._file) == "" or self._file.stat().st_size == 0:
-            with written_for(self._file) as file, schema.errors_of(self.path, write=True):
+            with written_for(self._file) as file:
                 schema.create(file)
                 publish_new(file, self._file)
         remove_leftovers(self._file)
-        with schema.errors_of(self.path, write=True):
-            schema.check_header(self._file, self.path)
-            settle(self._file)
-            database = schema.connect(self._file, "rw")
-            database.execute("PRAGMA journal_mode = TRUNCATE")
-            # Flush each capture, so that it outlives a power cut; little time beside capturing it.
-            database.execute("PRAGMA synchronous = FULL")
-        return database
 
 
 _open_stores: WeakSet[Store] = WeakSet()
