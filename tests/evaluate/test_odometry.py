@@ -15,9 +15,9 @@ from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.evaluate import registry
 from omniscv.evaluate.odometry import evaluation as odometry
 from omniscv.evaluate.odometry import sequence
-from omniscv.evaluate.odometry.features import detect
 from omniscv.evaluate.odometry.pose_estimation import inner_mask, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors
+from omniscv.evaluate.odometry.visual_odometry import detect
 from omniscv.evaluate.registry import Settings
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.sources.registry import open_source

@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from omniscv.evaluate.odometry.adjustment import Observations, adjust, meeting_points
-from omniscv.evaluate.odometry.features import Features
 from omniscv.evaluate.odometry.pose_estimation import absolute_pose, relative_pose
 from omniscv.evaluate.odometry.trajectory_errors import trajectory_errors
-from omniscv.evaluate.odometry.visual_odometry import estimate
+from omniscv.evaluate.odometry.visual_odometry import Features, estimate
 from omniscv.geometry import Pose
 
 LIMIT = np.radians(0.4)

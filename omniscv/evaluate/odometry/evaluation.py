@@ -20,7 +20,6 @@ import numpy as np
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.odometry import sequence, visual_odometry
-from omniscv.evaluate.odometry.features import detect
 from omniscv.evaluate.odometry.pose_estimation import load_pycolmap, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import (
     TrajectoryErrors,
@@ -60,7 +59,7 @@ def odometry(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
     """Return the poses of images of a central camera by index, until tracking is lost."""
     step_rad = float(np.nanmedian(densities.steps(camera.unproject().directions)))
     greys = (np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) for path in images)
-    features = [detect(grey, camera, _FEATURES) for grey in greys]
+    features = [visual_odometry.detect(grey, camera, _FEATURES) for grey in greys]
     return visual_odometry.estimate(features, _LIMIT_PX * step_rad)
 
 
