@@ -50,15 +50,12 @@ def boxes(
             row = {what: next(answers) for what in known}
             points = row.get("vertex_location")
             vertices += 0 if points is None else len(points)
-            if box := _box_of(points, row.get("bounds"), row.get("rotation")):
+            bounds, rotation = row.get("bounds"), row.get("rotation")
+            if points is not None:
+                result[name] = _around(points, np.zeros(3) if rotation is None else rotation)
+            elif bounds is not None and (box := upright_box(bounds)):
                 result[name] = box
     return result
-
-
-def _box_of(vertices: Array | None, bounds: Array | None, rotation: Array | None) -> ObjectBox | None:
-    if vertices is not None:
-        return _around(vertices, np.zeros(3) if rotation is None else rotation)
-    return None if bounds is None else upright_box(bounds)
 
 
 def upright_box(bounds_cm: Array) -> ObjectBox | None:

@@ -11,7 +11,7 @@ from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, Sou
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal.client import Client, Connection, Reply
-from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
+from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEGACY, LEVEL, SCENE, VERSION, CameraTable
 from omniscv.sources.unreal.masks import paint
 from omniscv.sources.unreal.replies import name, numbers
 
@@ -106,12 +106,11 @@ class CameraDriver(ABC):
     """
 
     table: ClassVar[CameraTable]
-    each_mode_lags: ClassVar[bool] = False  # whether modes lag independently after a move
 
     def __init__(self, connection: Connection, dialect: str, fix_exposure: bool = False) -> None:
         self.connection, self._fix_exposure = connection, fix_exposure
         self.capabilities = self.table.capabilities(dialect)
-        self.stale_frames = StaleFrames(each_mode=self.each_mode_lags)
+        self.stale_frames = StaleFrames(each_mode=self.table is LEGACY)
         self.camera = 0
         self.mask_fov_deg: float | None = None
         self._version = ""

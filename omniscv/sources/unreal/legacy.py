@@ -38,7 +38,6 @@ class LegacyDriver(CameraDriver):
     """
 
     table = LEGACY
-    each_mode_lags = True
 
     def attach(self) -> None:
         self.forget()

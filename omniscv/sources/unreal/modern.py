@@ -86,24 +86,22 @@ class ModernDriver(CameraDriver):
 
     def _captures_of_one_tick(self, client: Client, requests: Requests) -> list[Capture]:
         """Return the captures of all requests, answered in one tick, in which no frame becomes fresher."""
-        aimed, commands = self._aimed, list[str]()
-        pictures: list[int] = []
+        aimed, steps = self._aimed, list[Step]()
         for request in requests:
-            commands += self.aim(aimed, request.view)
+            steps += [Step(command, "check") for command in self.aim(aimed, request.view)]
+            steps.append(Step(self.table.image(self.camera, request.mode), "keep", request))
             aimed = request.view
-            pictures.append(len(commands))
-            commands.append(self.table.image(self.camera, request.mode))
         self._aimed = None
-        first, *replies, version = client.stream([f"vbatch {len(commands) + 1}", *commands, VERSION])
+        batch = [f"vbatch {len(steps) + 1}", *(step.command for step in steps), VERSION]
+        first, *replies, version = client.stream(batch)
         self._expect("ok", "vbatch", first)
         self._expect(self._version, VERSION, version)
-        for number, (command, reply) in enumerate(zip(commands, replies, strict=True)):
-            if number not in pictures:
-                self._expect("ok", command, reply)
-        captures = [
-            self._capture(request, request.view, replies[number])
-            for request, number in zip(requests, pictures, strict=True)
-        ]
+        captures: list[Capture] = []
+        for step, reply in zip(steps, replies, strict=True):
+            if step.request is None:
+                self._expect("ok", step.command, reply)
+            else:
+                captures.append(self._capture(step.request, step.request.view, reply))
         for capture in captures:
             self.stale_frames.note(capture.view, {capture.mode: capture.payload or b""})
         self._aimed = aimed

@@ -34,8 +34,8 @@ def test_a_game_that_is_no_program_is_one_clear_error(tmp_path):
 
 def test_a_game_that_never_answers_is_stopped(game):
     behave(game, wait_s=600)
-    with pytest.raises(ServerConnectionError, match=r"reachable at port \d+, got none within 0.5 s"):
-        omniscv.open_source(f"launch:{game}?startup_timeout_s=0.5")
+    with pytest.raises(ServerConnectionError, match=r"reachable at port \d+, got none within 2 s"):
+        omniscv.open_source(f"launch:{game}?startup_timeout_s=2")
     assert waited_for(lambda: not is_running(game))
 
 
