@@ -10,9 +10,9 @@ from typing import NamedTuple
 from omniscv import modalities, storage
 from omniscv.arguments import whole_number
 from omniscv.dataset import exporting, manifest
+from omniscv.dataset.folder import check_new, lock, tidy
 from omniscv.dataset.manifest import Manifest
-from omniscv.dataset.stored import alone, tidy
-from omniscv.dataset.writer import Writer, check_new
+from omniscv.dataset.writer import Writer
 from omniscv.errors import DatasetError
 from omniscv.frame import Frame
 from omniscv.job import Job
@@ -161,8 +161,8 @@ def _run(
             media=job.recipe.media,
         )
         folder = storage.folder(job.out)
-        writer.take_up_marked(read_marker(folder, writer.manifest, part) or ())
-        writer.take_up(frame.key for frame in frames)
+        writer.keep_marked(read_marker(folder, writer.manifest, part) or ())
+        writer.keep(frame.key for frame in frames)
         missing = {frame.key for frame in frames if not writer.has(frame)}
         FrameMaker(job, contents, live, writer, workers, warn).run(planned, missing, progress)
         written = writer.frames(frame.key for frame in frames)
@@ -187,7 +187,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         OmniscvError: as an export.
     """
     folder = storage.folder(job.out)
-    with alone(folder):
+    with lock(folder):
         if folder.exists(manifest.FRAMES) and len(unfinished(folder, count)) == count:
             return
         whole = manifest.read(folder)
