@@ -50,13 +50,33 @@ class RenderOptions:
         ArgumentError: a value outside its domain.
     """
 
-    strategy: str = checked(text, default="auto")
-    viewpoints: int | None = checked(_viewpoints, default=None)
-    face_size: int | Literal["auto"] = checked(_face_size, default="auto")
-    filter: Filter = checked(one_of, default="auto", words=FILTERS)
-    max_error_px: float | None = checked(_max_error, default=None)
-    truth_scale: int = checked(whole_number, default=1, most=FINEST_TRUTH)
-    normals: Normals = checked(one_of, default="captured", words=get_args(Normals))
+    strategy: str = checked(
+        text, default="auto", help="which views are captured: auto, cube, faces, strips, reproject, adaptive"
+    )
+    viewpoints: int | None = checked(
+        _viewpoints, default=None, help="optical centres of a non-central camera; null: the strategy's choice"
+    )
+    face_size: int | Literal["auto"] = checked(
+        _face_size, default="auto", help="px of a 90 degree face, or auto"
+    )
+    filter: Filter = checked(
+        one_of, default="auto", words=FILTERS, help="auto, nearest, bilinear, bicubic or area"
+    )
+    max_error_px: float | None = checked(
+        _max_error, default=None, help="error that reproject and adaptive may make, px of the image"
+    )
+    truth_scale: int = checked(
+        whole_number,
+        default=1,
+        most=FINEST_TRUTH,
+        help="how many times finer masks, depth and normals are captured, 1 to 8",
+    )
+    normals: Normals = checked(
+        one_of,
+        default="captured",
+        words=get_args(Normals),
+        help="captured, or from-depth: of planes fitted to depth",
+    )
 
     def sampled(self, modes: Sequence[str]) -> tuple[str, ...]:
         """Return the modalities that are sampled for those that an image shows: normals may come from

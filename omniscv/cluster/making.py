@@ -90,7 +90,7 @@ def _add_up(
             progress(written + kept, total)
     if warnings and warn:
         warn(f"{warnings} images have unsure or occluded pixels: see their STEM.unsure.png and occluded.png")
-    return Made(written, kept, 0)
+    return Made(written, kept)
 
 
 def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:

@@ -42,7 +42,7 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
         format: an export to check too; with ``deep``, all that the manifest lists are.
 
     Raises:
-        ArgumentError: no dataset is there, or no such format.
+        ArgumentError: no dataset exists there, or no such format.
     """
     folder = storage.folder(out)
     try:
@@ -51,7 +51,7 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     except DatasetError as damaged:
         return [str(damaged)]
     faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
-    for of_frame in _for_each(folder, lambda frame: list(_frame_faults(folder, whole, frame, deep)), frames):
+    for of_frame in _for_each(folder, lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
     wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
@@ -64,22 +64,22 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
 
 
 def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
-    said = json.loads(folder.read(manifest.DATASET))
+    content = json.loads(folder.read(manifest.DATASET))
     if len(set(whole.names.values())) != len(whole.names):
         yield f"{manifest.DATASET}: names: expected another id for each"
     try:
-        made = whole.to_dict()
-    except OmniscvError as wrong:
-        yield f"{manifest.DATASET}: {wrong}"
+        expected = whole.to_dict()
+    except OmniscvError as fault:
+        yield f"{manifest.DATASET}: {fault}"
         return
-    for key, value in made.items():
-        if said.get(key) != value:
-            got = shown(said.get(key))
+    for key, value in expected.items():
+        if content.get(key) != value:
+            got = shown(content.get(key))
             yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {got}"
 
 
 def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
-    """Faults of ``frames.jsonl`` as a whole."""
+    """Yield faults of ``frames.jsonl`` as a whole."""
     keys = [frame.key for frame in frames]
     if keys != sorted(set(keys)):
         yield f"{manifest.FRAMES}: expected every key once, in their order"
@@ -95,44 +95,41 @@ def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
             yield f"{name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
-def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> Iterator[str]:
-    with _here(folder, [entry.path for entry in frame.entries.values()]) as local:
-        here = replace(frame, files=FrameFiles(storage.folder(local), frame.entries))
-        yield from _local_faults(local, whole, here, deep)
+def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:
+    with _local(folder, [entry.path for entry in frame.entries.values()]) as path:
+        files = FrameFiles(storage.folder(path), frame.entries)
+        faults = [f"{file.path}: {fault}" for file in frame.entries.values() if (fault := file.fault(path))]
+        faults = faults or [*_entry_faults(files.folder, whole, frame)]
+        if deep and not faults:
+            local = replace(frame, files=files)
+            faults = [*_layer_faults(local), *_record_faults(local)]
+        return faults
 
 
-def _local_faults(folder: Path, whole: Manifest, frame: Frame, deep: bool) -> Iterator[str]:
-    """Faults of a frame whose files are on this machine."""
-    faults = [f"{file.path}: {fault}" for file in frame.entries.values() if (fault := file.fault(folder))]
-    yield from faults
-    if faults:
-        return
-    path = folder / f"{frame.key}.json"
+def _entry_faults(folder: Folder, whole: Manifest, frame: Frame) -> Iterator[str]:
+    """Yield how a frame's own file differs from its line."""
+    name = f"{frame.key}.json"
     try:
-        content = path.read_bytes()
-        if whole.frame_of_file(path.name, content, storage.folder(folder)).to_dict() != frame.to_dict():
-            yield f"{path.name}: expected what {manifest.FRAMES} says of it, got something else"
-    except (DatasetError, OSError) as wrong:
-        yield str(wrong)
-    if deep:
-        yield from _layer_faults(frame)
-        yield from _record_faults(frame)
+        if whole.frame_of_file(name, folder.read(name), folder).to_dict() != frame.to_dict():
+            yield f"{name}: expected what {manifest.FRAMES} says of it, got something else"
+    except OmniscvError as fault:
+        yield str(fault)
 
 
-def _record_faults(found: Frame) -> Iterator[str]:
-    """Faults of the records of truths: no JSON, no numbers, objects that the manifest does not have."""
-    instances = set(found.instances.values())
-    for kind, path in found.files.items():
+def _record_faults(frame: Frame) -> Iterator[str]:
+    """Yield faults of the records of truths: no JSON, no numbers, objects that the manifest does not have."""
+    instances = set(frame.instances.values())
+    for kind, path in frame.files.items():
         if path.suffix != ".json":
             continue
         try:
             record = json.loads(path.read_bytes(), parse_constant=_refused)
-        except ValueError as wrong:
-            yield f"{path.name}: expected records in JSON, got: {wrong}"
+        except ValueError as fault:
+            yield f"{path.name}: expected records in JSON, got: {fault}"
             continue
-        strange = {each for each in _values(record, "instance_id") if each not in instances}
-        if strange:
-            got = shown(sorted(strange, key=str))
+        unknown = {number for number in _values(record, "instance_id") if number not in instances}
+        if unknown:
+            got = shown(sorted(unknown, key=str))
             yield f"{path.name}: {kind}: expected instance ids of {manifest.DATASET}, got {got}"
 
 
@@ -141,14 +138,11 @@ def _refused(word: str) -> None:
 
 
 def _values(record: Any, key: str) -> Iterator[Any]:
-    """Every value of a key in nested records."""
-    parts: Iterable[Any] = record if isinstance(record, list) else ()
-    if isinstance(record, dict):
-        parts = record.values()
-        if key in record:
-            yield record[key]
-    for part in parts:
-        yield from _values(part, key)
+    """Yield every value of a key in nested records."""
+    if isinstance(record, dict) and key in record:
+        yield record[key]
+    for item in record.values() if isinstance(record, dict) else record if isinstance(record, list) else ():
+        yield from _values(item, key)
 
 
 # -- layers -----------------------------------------------------------------------------------------------
@@ -213,19 +207,19 @@ _CHECKS = {"depth": _depth, "labels": _labels, "classes": _classes, "normals": _
 
 
 def _export_faults(folder: Folder, frames: list[Frame], wanted: Export, deep: bool) -> list[str]:
-    """Faults of an export: those that its format finds, else how it differs from a new one."""
+    """Return faults of an export: those that its format finds, else how it differs from a new one."""
     start = f"{EXPORTS}/{wanted.folder}/"
     names = folder.names(start)
     if not names:
         return [f"{EXPORTS}/{wanted.folder}: expected an export to {wanted.format}, it is missing"]
     if not deep:
         return []
-    with _here(folder, names) as root:
+    with _local(folder, names) as root:
         return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _faults_there(root, frames, wanted)]
 
 
 def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
-    """Faults of an export that is on this machine, below a folder that stands for the dataset's."""
+    """Return faults of a local export, below a folder that stands for the dataset's."""
     place = root / EXPORTS / wanted.folder
     format = registry.get(wanted.format)
     shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
@@ -237,8 +231,9 @@ def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
 
 
 @contextmanager
-def _here(folder: Folder, names: Iterable[str]) -> Iterator[Path]:
-    """Give a local folder with some files of a dataset: its own, or a new one with copies of those there."""
+def _local(folder: Folder, names: Iterable[str]) -> Iterator[Path]:
+    """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a
+    store's."""
     if folder.local is not None:
         yield folder.local
         return
@@ -252,7 +247,7 @@ def _here(folder: Folder, names: Iterable[str]) -> Iterator[Path]:
 
 
 def _for_each(folder: Folder, check: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """The results of a check: on all cores, or by threads that wait for a store."""
+    """Return the results of a check: on all cores, or by threads that wait for a store."""
     if folder.local is not None:
         return side_by_side(check, items)
     with ThreadPoolExecutor(_FETCHES) as threads:
@@ -260,7 +255,7 @@ def _for_each(folder: Folder, check: Callable[[T], R], items: Sequence[T]) -> li
 
 
 def _differences(wanted: Path, got: Path) -> Iterator[str]:
-    """How the files below a folder differ from those below another."""
+    """Yield how the files below a folder differ from those below another."""
     files = {path.relative_to(wanted) for path in wanted.rglob("*") if path.is_file()}
     for name in sorted(files | {path.relative_to(got) for path in got.rglob("*") if path.is_file()}):
         if name not in files:
@@ -278,7 +273,7 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
     """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind of file.
 
     Raises:
-        ArgumentError: no dataset is there.
+        ArgumentError: no dataset exists there.
         DatasetError: its manifest is damaged.
     """
     folder = storage.folder(out)

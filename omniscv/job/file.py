@@ -1,33 +1,13 @@
-"""The file of a job: YAML, checked key by key.
+"""The file of a job: YAML, checked key by key. ``example.yaml`` beside this module has every key.
 
-::
-
-    source: mock://four-wall            # or unreal://host:port, a recording, or a list: replicas of one game
-    record: kitchen.sqlite              # optional: captures are kept here, and taken from here
-    cameras:                            # stem of the files: model and parameters
-      fisheye: {model: fisheye-equidistant, width: 1024, height: 1024, fov_deg: 185}
-    poses:                              # metres and degrees; yaw to the left +, nose up +
-      - {position: [0, 0, 1.5], yaw_deg: 90}  # and, for datasets, time: seconds, place: NAME
-    modes: [lit, object_mask, depth]
-    out: images                         # folder, relative to this file; a dataset's may be s3://bucket/images
-    strategy: auto                      # and the other options of omniscv.RenderOptions
-    image_format: png                   # or jxl, jpg
-    source_options: {timeout_s: 60}     # as omniscv.open_source
-    rig: camchain.yaml                  # of Kalibr, a rig's JSON, or a folder of COLMAP's text files
-    motions: {Ball: ball.tum}           # what moves, and times: see omniscv.job.motions
-    freeze: auto                        # how a live world is kept still, as omniscv.open_source
-    exposure: {seconds: 0.02, instants: 9}  # motion blur: see omniscv.job.motions
-
-A rig may also stand in the file. Positions are metres in the rig's frame (x right, y down, z forward), angles
-degrees from where the rig looks::
+Paths are relative to the file. A rig may stand in the file; positions of its cameras are metres in the rig's
+frame (x right, y down, z forward), angles degrees from where the rig looks::
 
     rig:
       cameras:
         left:  {camera: {model: fisheye-equidistant, width: 640, height: 640, fov_deg: 190}}
         right: {camera: {model: fisheye-equidistant, width: 640, height: 640, fov_deg: 190},
                 position: [0.1, 0, 0], yaw_deg: -90, time_offset: 0.002}
-
-The keys of datasets are those of :mod:`omniscv.job.recipe`.
 """
 
 from __future__ import annotations
@@ -172,20 +152,6 @@ _BELOW: dict[str, type[Any]] = {
     "layout.maps": recipe.LayoutMaps,
     "truth.tolerance": recipe.Tolerance,
 }
-_HELP = {
-    "strategy": "which views are captured: auto, cube, faces, strips, reproject, adaptive",
-    "viewpoints": "optical centres of a non-central camera; null: the strategy's choice",
-    "face_size": "px of a 90 degree face, or auto",
-    "filter": "auto, nearest, bilinear, bicubic or area",
-    "max_error_px": "error that reproject and adaptive may make, px of the image",
-    "truth_scale": "how many times finer masks, depth and normals are captured, 1 to 8",
-    "normals": "captured, or from-depth: of planes fitted to depth",
-    "source_options.timeout_s": "seconds that connecting, and each reply, may take",
-    "source_options.patience_s": "seconds of connecting and sending again after a fault",
-    "source_options.retries": "how often, with exponential backoff",
-    "source_options.fix_exposure": "switch off vignette and auto exposure in the running game",
-}
-_SOURCE_DEFAULTS = {"timeout_s": 15.0, "patience_s": 10.0, "retries": 5, "fix_exposure": False}
 
 
 class Key(NamedTuple):
@@ -202,13 +168,20 @@ class Key(NamedTuple):
     help: str
 
 
+_SOURCE_OPTIONS = (
+    Key("source_options.timeout_s", 15.0, "seconds that connecting, and each reply, may take"),
+    Key("source_options.patience_s", 10.0, "seconds of connecting and sending again after a fault"),
+    Key("source_options.retries", 5, "how often, with exponential backoff"),
+    Key("source_options.fix_exposure", False, "switch off vignette and auto exposure in the running game"),
+)
+
+
 def keys() -> Iterator[Key]:
     """Yield every key that has a fixed name, each followed by the keys below it."""
     for name, key in _FIELDS.items():
-        yield Key(name, key.default, help_of(key) or _HELP.get(name, ""))
+        yield Key(name, key.default, help_of(key))
         if name == "source_options":
-            for option, default in _SOURCE_DEFAULTS.items():
-                yield Key(f"{name}.{option}", default, _HELP[f"{name}.{option}"])
+            yield from _SOURCE_OPTIONS
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
                 yield from (

@@ -1,18 +1,7 @@
 """What a dataset holds beyond images: the keys of a job that only ``omniscv dataset make`` uses.
 
-::
-
-    classes: classes.yaml                 # or its content
-    truth:  {boxes: true, layout: true, amodal: masks, flow: {wrap: shortest}, tolerance: {abs_m: 0.02}}
-    export: [coco, {format: depth_png, scale: mm, out: depth, cameras: [panorama]}]
-    split:  {train: 0.8, val: 0.1, test: 0.1, distance_m: 0.5, seed: 0}
-    shards: {format: webdataset, max_count: 1000, max_bytes: 1000000000}
-    media:  {xmp: true, north: 0.0}
-    seam:   whole                         # or split: objects that cross the seam of a panorama
-    layout: {source: scene, maps: {edge_sigma: 0.0054, corner_sigma: 0.0107}}   # of layouts and their maps
-
-Names and options of truths and formats are checked by :func:`omniscv.make.check_dataset`: they are
-registered.
+Names and options of truths and formats are checked by :func:`omniscv.make.check_dataset`, which knows their
+registries.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ This module computes positions and angles. Free space is tested by a function th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,28 +36,6 @@ _SAMPLES = 1000  # of a spline between two waypoints: its length is then good to
 Angle = float | tuple[float, float]
 IsFree = Callable[[Array], bool]
 """Whether a position (3,), metres, world frame, has the clearance of a description."""
-
-
-class SampledPoses(Protocol):
-    """How poses are chosen.
-
-    Attributes:
-        clearance: metres to every surface, at least; None if the scene has no influence.
-        start: (3,) a free position; None if the scene has no influence.
-    """
-
-    @property
-    def clearance(self) -> float | None: ...
-
-    @property
-    def start(self) -> ArrayLike | None: ...
-
-    def poses(self, is_free: IsFree | None = None) -> Trajectory:
-        """Return the poses; the same ones for the same scene, every time.
-
-        Args:
-            is_free: tests a position; needed where there is a clearance.
-        """
 
 
 def _point(name: str, value: Any) -> Array:
@@ -188,12 +166,15 @@ class GridPoses:
 
 @record
 class PathPoses:
-    """A camera that moves along a smooth curve through waypoints at constant speed.
+    """A camera that moves along a smooth curve through waypoints at constant speed; the scene has no
+    influence.
 
     Raises:
         ArgumentError: a value outside its domain, or equal waypoints in a row.
     """
 
+    clearance: ClassVar[None] = None
+    start: ClassVar[None] = None
     waypoints: ArrayLike = checked(numbers, shape=(None, 3), help="X,Y,Z of at least two positions, metres")
     speed: float = checked(number, above=0, help="metres a second along the curve")
     rate: float = checked(number, above=0, help="poses a second")
@@ -208,14 +189,6 @@ class PathPoses:
         if len(points) < 2 or (steps[: None if self.closed else -1] == 0).any():
             wanted = "expected at least two, each different from the one before"
             raise ArgumentError(f"waypoints: {wanted}, got {shown(points)}")
-
-    @property
-    def clearance(self) -> None:
-        """None: the scene has no influence on a path."""
-
-    @property
-    def start(self) -> None:
-        """None: the scene has no influence on a path."""
 
     def poses(self, is_free: IsFree | None = None) -> Trajectory:
         """Return the poses and their times, from 0 s; ``is_free`` is not used.
@@ -271,6 +244,10 @@ def _check_box(box: RandomPoses | GridPoses) -> None:
     if box.start is None:
         object.__setattr__(box, "start", (low + high) / 2)
 
+
+SampledPoses = RandomPoses | GridPoses | PathPoses
+"""``poses(is_free)`` returns the same poses for the same scene every time. With a ``clearance`` it needs
+``is_free``, which tests positions; ``start`` (3,) is a free position."""
 
 KINDS: dict[str, type[Any]] = {"random": RandomPoses, "grid": GridPoses, "path": PathPoses}
 

@@ -1,7 +1,7 @@
 """Run a job: render its images, capture what they need, count what that costs, or make its dataset."""
 
 from omniscv.make.contents import check, check_dataset
-from omniscv.make.dataset import Made, PartMade, finish, make, run_part
+from omniscv.make.dataset import Made, finish, make, run_part
 from omniscv.make.parts import Part, parts_of
 from omniscv.make.render import capture, costs, run
 from omniscv.make.source import opened, source_options
@@ -9,7 +9,6 @@ from omniscv.make.source import opened, source_options
 __all__ = [
     "Made",
     "Part",
-    "PartMade",
     "capture",
     "check",
     "check_dataset",

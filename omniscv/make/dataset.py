@@ -35,27 +35,18 @@ from omniscv.storage import Folder
 
 
 @dataclass(frozen=True)
-class PartMade:
-    """The result of :func:`run_part`.
+class Made:
+    """Counts of frames.
 
     Attributes:
-        written: frames that were made.
-        kept: frames that existed.
+        written: that were made.
+        kept: that existed.
+        missing: of parts that are not finished; the dataset is not complete without them.
     """
 
     written: int
     kept: int
-
-
-@dataclass(frozen=True)
-class Made(PartMade):
-    """The result of :func:`make`.
-
-    Attributes:
-        missing: frames of parts that are not finished; the dataset is not complete without them.
-    """
-
-    missing: int
+    missing: int = 0
 
 
 def make(
@@ -95,7 +86,7 @@ def make(
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
             remove_markers(folder, [part.marker])
-            return Made(0, made.kept, 0)
+            return Made(0, made.kept)
     missing = sum(len(each.poses(job.poses)) for each in unfinished(folder, part.count)) * len(job.cameras)
     if not missing:
         finish(job, part.count, warn)
@@ -110,7 +101,7 @@ def run_part(
     workers: int = 1,
     progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
-) -> PartMade:
+) -> Made:
     """Make the frames of a part of a job in its ``out``, and then the part's marker.
 
     The same job and part give the same bytes in every process. A part that has its marker is not made again;
@@ -131,7 +122,7 @@ def run_part(
 class _Run(NamedTuple):
     """The result of a part, the job with its poses, and the part's frames."""
 
-    made: PartMade
+    made: Made
     job: Job
     frames: list[Frame]
 
@@ -167,7 +158,7 @@ def _run(
         FrameMaker(job, contents, live, writer, workers, warn).run(planned, missing, progress)
         written = writer.frames(frame.key for frame in frames)
         write_marker(folder, part, written)
-    return _Run(PartMade(len(missing), len(frames) - len(missing)), job, written)
+    return _Run(Made(len(missing), len(frames) - len(missing)), job, written)
 
 
 def _names(job: Job, source: Source) -> dict[str, int]:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from threading import Lock
@@ -32,21 +32,14 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-@dataclass(frozen=True)
-class World:
-    """What is known of the world at an instant: shapes, and the poses of objects that move."""
-
-    instant: Instant
-    geometry: SceneGeometry
-    poses: Mapping[str, Pose]
-
-
 class Composed(NamedTuple):
-    """A frame's image, and the world that it shows."""
+    """A frame's image, and the world that it shows: shapes, and the poses of objects that move."""
 
     frame: Frame
     image: OmniImage
-    world: World
+    instant: Instant
+    geometry: SceneGeometry
+    object_poses: Mapping[str, Pose]
 
 
 class FrameMaker:
@@ -96,21 +89,22 @@ class FrameMaker:
     def _compose(self, moment: Moment, keys: Collection[str], meter: Meter) -> list[Composed]:
         """Return the images of a moment, of captures that its cameras share."""
         only = [i for i, frame in enumerate(moment.frames) if frame.key in keys]
-        worlds: list[World] = []
+        world: list[tuple[SceneGeometry, Mapping[str, Pose]]] = []
 
         def look(source: Source) -> None:
             geometry = source.geometry() if self._job.moves and self._shapes else self._geometry
-            worlds.append(World(moment.instant, geometry, source.object_poses()))
+            world.append((geometry, source.object_poses()))
 
         with self._turn:
             report, options = meter.part(), self._job.options
             images = images_of(self._renderer, moment, options, only=only, progress=report, look=look)
             return [
-                Composed(moment.frames[i], image, worlds[0]) for i, image in zip(only, images, strict=True)
+                Composed(moment.frames[i], image, moment.instant, *world[0])
+                for i, image in zip(only, images, strict=True)
             ]
 
     def _save(self, composed: Composed) -> None:
-        frame, world = composed.frame, composed.world
+        frame = composed.frame
         image = self._writer.with_ids(composed.image)
         if self._warn:
             for line in warnings_of(frame.key, image):
@@ -122,13 +116,13 @@ class FrameMaker:
             labels=image.labels,
             instances=manifest.names,
             classes=manifest.classes,
-            geometry=world.geometry,
-            object_poses=world.poses,
+            geometry=composed.geometry,
+            object_poses=composed.object_poses,
             time=frame.time,
         )
         records: dict[str, Any] = {}
         if self._alone:
-            with self._turn, renderer_at(self._renderer, world.instant) as renderer:
+            with self._turn, renderer_at(self._renderer, composed.instant) as renderer:
                 records = derive(replace(observation, renderer=renderer), self._alone)
         self._writer.write(frame, image, derive(observation, self._beside, records))
 
