@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from omniscv import modalities, storage
 from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
-from omniscv.dataset.exporting import EXPORTS, Export, placed, write_into
+from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
 from omniscv.dataset.manifest import Manifest
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, OmniscvError
 from omniscv.frame import Frame, FrameFiles
@@ -226,7 +226,7 @@ def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
     if (faults := format.check(shown, place)) is not None:
         return faults
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-        write_into(wanted, placed(frames, root), Path(again))
+        wanted.write_into(with_stand_in(frames, root), Path(again))
         return list(_differences(Path(again), place))
 
 

@@ -35,7 +35,7 @@ def object_names(scene: str | Path) -> tuple[str, ...]:
     """Return the names of the objects of a scene, of a source by its address, or of a dataset, sorted.
 
     Raises:
-        ArgumentError: none of these.
+        ArgumentError: another address.
         SourceError, RecordingError: the source cannot be opened.
     """
     address = str(scene)
@@ -48,5 +48,5 @@ def object_names(scene: str | Path) -> tuple[str, ...]:
 
 
 def _recorded(path: Path) -> bool:
-    """Whether a path is a recording, or anything else that is no scene's file."""
+    """Return whether a path exists and is not the file of a scene: a recording."""
     return path.exists() and path.suffix not in (".yaml", ".yml", ".json")

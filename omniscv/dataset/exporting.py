@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -59,37 +59,37 @@ class Export:
         """Return whether a camera's frames are exported."""
         return not self.cameras or camera_name in self.cameras
 
+    def check(self, cameras: Mapping[str, Camera], kinds: Collection[str]) -> None:
+        """Refuse cameras that the format cannot carry, wrong options, and frames without files that it needs.
 
-def check_cameras(wanted: Export, cameras: Mapping[str, Camera]) -> None:
-    """Refuse cameras that a format cannot carry, and options that it does not have.
+        Args:
+            cameras: of the frames, by name.
+            kinds: of the files that every exported frame has.
 
-    Raises:
-        ArgumentError: the first that it refuses, and why; or a camera that is not there.
-    """
-    format = registry.get(wanted.format)
-    for name in wanted.cameras:
-        one_of(f"export: {wanted.format}: cameras", name, cameras)
-    cameras = {name: camera for name, camera in cameras.items() if wanted.shows(name)}
-    for name, camera in cameras.items():
-        if reason := format.refuses(camera):
-            advice = "" if wanted.cameras else "; or name others in 'cameras'"
-            raise ArgumentError(f"export: {wanted.format}: cannot carry camera {name!r}: {reason}{advice}")
-    with within(f"export: {wanted.format}"):
-        format.check_options(format.read_options(wanted.options), cameras)
+        Raises:
+            ArgumentError: the first that is refused, and why; or an unknown name of a camera.
+        """
+        format, start = registry.get(self.format), f"export: {self.format}"
+        for name in self.cameras:
+            one_of(f"{start}: cameras", name, cameras)
+        cameras = {name: camera for name, camera in cameras.items() if self.shows(name)}
+        for name, camera in cameras.items():
+            if reason := format.refuses(camera):
+                advice = "" if self.cameras else "; or name others in 'cameras'"
+                raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}{advice}")
+        with within(start):
+            format.check_options(format.read_options(self.options), cameras)
+        if missing := [kind for kind in format.needs if kind not in kinds]:
+            wanted = f"expected frames with {', '.join(missing)}"
+            raise ArgumentError(f"{start}: {wanted}, they have {', '.join(sorted(kinds))}; make them with it")
 
-
-def check_kinds(format: str, kinds: Iterable[str]) -> None:
-    """Refuse frames without what a format needs: its ``needs``, if it has them.
-
-    Raises:
-        ArgumentError: what is missing.
-    """
-    have = set(kinds)
-    if missing := [kind for kind in registry.get(format).needs if kind not in have]:
-        wanted = f"expected frames with {', '.join(missing)}"
-        raise ArgumentError(
-            f"export: {format}: {wanted}, they have {', '.join(sorted(have))}; make them with it"
-        )
+    def write_into(self, frames: Sequence[Frame], folder: Path) -> list[Path]:
+        """Write frames as the format does, file by file."""
+        format = registry.get(self.format)
+        with within(self.format):
+            return format.export(
+                [frame for frame in frames if self.shows(frame.camera_name)], folder, self.options
+            )
 
 
 def export(
@@ -105,8 +105,8 @@ def export(
     Args:
         folder: the dataset, by path or URL.
         to: a name of :func:`omniscv.dataset.names`.
-        out: the folder to write into, by path or URL, beside what is there; if not given, ``exports/NAME``
-            in the dataset, which is replaced.
+        out: the folder to write into, by path or URL, beside other files; if not given, ``exports/NAME`` in
+            the dataset, which is replaced.
         cameras: names of those whose frames are exported; all if not given.
         options: of the format.
 
@@ -121,10 +121,9 @@ def export(
     wanted = Export(to, options, cameras=tuple(cameras))
     source = storage.folder(folder)
     frames = open(source)
-    check_cameras(wanted, {frame.camera_name: frame.camera for frame in frames})
-    shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
-    if shown:
-        check_kinds(wanted.format, set.intersection(*(set(frame.files) for frame in shown)))
+    shown = [set(frame.files) for frame in frames if wanted.shows(frame.camera_name)]
+    kinds = set.intersection(*shown) if shown else set(registry.get(to).needs)
+    wanted.check({frame.camera_name: frame.camera for frame in frames}, kinds)
     if out is None:
         return write(wanted, frames, source)
     target = storage.folder(out)
@@ -133,13 +132,14 @@ def export(
     if target.local is not None:
         return [*_written(wanted, frames, target.local, _merge)]
     with tempfile.TemporaryDirectory(prefix="omniscv-") as part:
-        return _put(target, Path(part), write_into(wanted, frames, Path(part)))
+        return _put(target, Path(part), wanted.write_into(frames, Path(part)))
 
 
 def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
-    """Write an export into its folder of a dataset; one that is there is replaced by the complete new one.
+    """Write an export into its folder of a dataset; the complete new one replaces an existing one.
 
-    In a store, files are put there one by one, what lists them last; then earlier ones are removed.
+    In a store, files are put one by one, those that list others last; then files of an earlier one are
+    removed.
 
     Raises:
         ArgumentError: as the format.
@@ -149,7 +149,7 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
     with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
         part = Path(root) / EXPORTS / wanted.folder
         part.mkdir(parents=True)
-        written = write_into(wanted, placed(frames, Path(root)), part)
+        written = wanted.write_into(with_stand_in(frames, Path(root)), part)
         target = out.below(f"{EXPORTS}/{wanted.folder}")
         found = _put(target, part, written)
     for name in target.names():
@@ -158,8 +158,8 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
     return found
 
 
-def placed(frames: Sequence[Frame], root: Path) -> list[Frame]:
-    """Return frames of a store whose files are named as if a local folder were that of their dataset."""
+def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
+    """Return frames whose files have a local folder as stand-in for that of a store."""
     return [
         replace(frame, files=replace(frame.files, stand_in=root))
         if isinstance(frame.files, FrameFiles)
@@ -169,7 +169,7 @@ def placed(frames: Sequence[Frame], root: Path) -> list[Frame]:
 
 
 def _put(target: Folder, part: Path, paths: Sequence[Path]) -> list[str | Path]:
-    """Put all files below a local folder into one of a store, some of them last, in their order.
+    """Put all files below a local folder into a folder of a store; ``paths`` are the last, in their order.
 
     Returns:
         Their URLs.
@@ -182,26 +182,18 @@ def _put(target: Folder, part: Path, paths: Sequence[Path]) -> list[str | Path]:
 
 
 def _written(
-    wanted: Export, frames: Sequence[Frame], folder: Path, place: Callable[[Path, Path], None]
+    wanted: Export, frames: Sequence[Frame], folder: Path, move: Callable[[Path, Path], None]
 ) -> list[Path]:
-    """The files of an export, written beside a folder, and put there when they are complete."""
+    """Write an export beside a folder, move it there when it is complete, and return its files."""
     target = Path(os.path.abspath(folder))
     with folder_beside(target) as part:  # relative paths out of it stay true
-        written = write_into(wanted, frames, part)
-        place(part, target)
+        written = wanted.write_into(frames, part)
+        move(part, target)
     return [folder / path.relative_to(part) for path in written]
 
 
-def write_into(wanted: Export, frames: Sequence[Frame], folder: Path) -> list[Path]:
-    """Write an export as its format does, file by file."""
-    format = registry.get(wanted.format)
-    shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
-    with within(wanted.format):
-        return format.export(shown, folder, wanted.options)
-
-
 def _merge(part: Path, target: Path) -> None:
-    """Move files into a folder, each whole; others that are there stay."""
+    """Move files into a folder, each whole; other files stay."""
     for path in sorted(part.rglob("*")):
         moved = target / path.relative_to(part)
         if path.is_dir():

@@ -30,38 +30,38 @@ def copy_lit(frame: Frame, folder: Path) -> Path:
     Raises:
         ArgumentError: the frame has no colours.
     """
-    own = frame.files.get("lit")
-    suffix = own.suffix if own is not None and own.suffix in _READABLE else ".png"
+    lit = frame.files.get("lit")
+    suffix = lit.suffix if lit is not None and lit.suffix in _READABLE else ".png"
     return write_color(folder / f"{frame.key}{suffix}", frame)
 
 
 def write_color(path: Path, frame: Frame) -> Path:
     """Write the colours of a frame as the file's suffix has it, and return the path.
 
-    The frame's own file is copied where it is of that kind; of floating point, 0 to 1 becomes 0 to 255.
+    The frame's file is copied if it has that suffix; floating point 0 to 1 becomes 0 to 255.
 
     Raises:
         ArgumentError: the frame has no colours.
     """
-    own = frame.files.get("lit")
-    if own is None or own.suffix != path.suffix:
+    lit = frame.files.get("lit")
+    if lit is None or lit.suffix != path.suffix:
         return write_pixels(path, uint8_colors(frame.layer("lit")))
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as part:
-        shutil.copyfile(own, part)
+        shutil.copyfile(lit, part)
     return path
 
 
 def without_limit(camera: Camera) -> Camera:
     """Return a calibrated lens without its limit ``fov_deg``, which its mask holds; others as they are."""
-    given = camera.to_dict()
-    if "fx" not in given or "fov_deg" not in given:
+    parameters = camera.to_dict()
+    if "fx" not in parameters or "fov_deg" not in parameters:
         return camera
-    return from_dict({key: value for key, value in given.items() if key != "fov_deg"})
+    return from_dict({key: value for key, value in parameters.items() if key != "fov_deg"})
 
 
 def write_mask(camera: Camera, path: Path) -> Path | None:
-    """Write a mask, black outside the field of view; return None where every pixel is inside."""
+    """Write a mask, black outside the field of view; return None if every pixel is inside."""
     valid = camera.valid()
     if valid.all():
         return None

@@ -11,7 +11,7 @@ from omniscv.arguments import stem, within
 from omniscv.compose.files import check_format
 from omniscv.dataset import registry
 from omniscv.dataset.classes import class_rules
-from omniscv.dataset.exporting import Export, check_cameras, check_kinds
+from omniscv.dataset.exporting import Export
 from omniscv.dataset.manifest import IMAGE
 from omniscv.errors import ArgumentError
 from omniscv.job import Exposure, Job, Recipe
@@ -57,8 +57,7 @@ def check_dataset(job: Job) -> None:
         if export.folder in folders:
             raise ArgumentError(f"export: expected different folders, got {export.folder!r} twice; set 'out'")
         folders.add(export.folder)
-        check_cameras(export, job.cameras)
-        check_kinds(export.format, kinds)
+        export.check(job.cameras, kinds)
 
 
 def _missing_modes(name: str, missing: list[str], job: Job) -> ArgumentError:

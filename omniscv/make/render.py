@@ -31,7 +31,7 @@ from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 
 _TICK_S = 1 / 60
-"""What a request takes of a live engine, at least; counted where nothing is opened to measure it."""
+"""Least seconds of a request to a live engine; used if no source is opened to measure them."""
 _PROBES, _PROBE_PX = 3, 16
 
 
@@ -44,7 +44,7 @@ def run(
 
     Args:
         job: what to render.
-        progress: called with how far the job has come.
+        progress: called as images progress.
         warn: called with a line for each image that has unsure or occluded pixels.
 
     Returns:
@@ -52,7 +52,7 @@ def run(
 
     Raises:
         ArgumentError: the job's ``out`` is a URL, which only datasets have.
-        OmniscvError: as :func:`omniscv.render`; the images before are on disk, whole.
+        OmniscvError: as :func:`omniscv.render`; images before it are written.
     """
     if is_url(job.out) or was_url(job.out):
         wanted = "expected a folder for images; 'omniscv dataset make' writes to a URL"
@@ -72,7 +72,7 @@ def run(
 
 
 def _images(job: Job, renderer: Renderer, progress: Report | None) -> Iterator[tuple[str, OmniImage]]:
-    """Stem and image of every camera at every pose; those of a moment share captures."""
+    """Yield stem and image of every camera at every pose; those of a moment share captures."""
     meter = Meter(len(job), progress)
     for moment in moments(job):
         images = images_of(renderer, moment, job.options, progress=meter.part())
@@ -98,8 +98,8 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
 
     Args:
         job: what the captures are for.
-        path: the file; made if it is not there.
-        progress: called with how far the captures have come; an image counts when it has all of its own.
+        path: the file; made if it does not exist.
+        progress: called as captures progress; an image counts when all its captures are made.
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
 
     Returns:

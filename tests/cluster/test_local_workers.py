@@ -31,7 +31,7 @@ out: {out}
 """
 
 
-def job_of(folder, out, source="mock://four-wall", rate=14):
+def job_of(folder, out, source="mock://four-wall", rate=8):
     path = folder / f"{out.rpartition('/')[2]}.yaml"
     path.write_text(JOB.format(source=source, out=out, rate=rate), encoding="utf-8")
     return path

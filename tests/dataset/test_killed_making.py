@@ -10,7 +10,7 @@ from omniscv import dataset
 from omniscv.dataset import manifest
 from omniscv.frame import FileEntry
 
-KILLS, SOAK_KILLS = 5, 20
+KILLS, SOAK_KILLS = 3, 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 EXPORT = "export: [webdataset, hf]\n"
 

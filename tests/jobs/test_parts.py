@@ -6,7 +6,7 @@ from itertools import groupby, pairwise
 from typing import ClassVar
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.datasets import job_file, made, tree
 
@@ -52,6 +52,7 @@ def job_of(folder, **fields):
 AT = [Pose.from_angles((place, 0, 0)) for place in range(4)]
 
 
+@settings(max_examples=50)
 @given(st.lists(st.integers(0, 3), max_size=40), st.integers(1, 50))
 def test_every_pose_is_in_one_part_and_one_position_in_as_few_as_can_hold_it(places, count):
     poses = [AT[place] for place in places]
@@ -76,7 +77,7 @@ def test_parts_capture_what_one_process_captures_and_make_its_bytes(counted, tmp
     jobs.make(replace(job, out=tmp_path / "single"))
     single = Counter(counted)
     wanted = tree(tmp_path / "single")
-    for count, order in ((2, (1, 0)), (7, range(7))):
+    for count, order in ((3, (2, 0, 1)),):
         counted.clear()
         parted = replace(job, out=tmp_path / f"of-{count}")
         made_of = [jobs.run_part(parted, Part(i, count)) for i in order]
