@@ -81,8 +81,11 @@ def test_classes_of_a_dataset(whole, capsys):
         (["make", "{job}", "--shard", "x"], "--shard: expected I/N"),
         (["make", "{job}"], "expected a new folder, got a dataset"),
         (["export", "{out}", "--to", "kitti"], "format: expected one of"),
-        (["export", "{out}", "--to", "webdataset", "--option", "max_count"], "--option: expected NAME=VALUE"),
-        (["export", "{out}", "--to", "webdataset", "--option", "size=3"], "expected fields among max_count"),
+        (["export", "{out}", "--to", "webdataset", "--set", "max_count"], "--set: expected KEY=VALUE"),
+        (
+            ["export", "{out}", "--to", "webdataset", "--set", "size=3"],
+            "unknown key 'size'; known keys: max_count",
+        ),
         (["export", "{folder}", "--to", "webdataset"], "expected the folder of a dataset"),
         (
             ["export", "{out}", "--to", "webdataset", "--out", "{out}"],
@@ -90,7 +93,10 @@ def test_classes_of_a_dataset(whole, capsys):
         ),
         (["info", "{folder}"], "expected the folder of a dataset"),
         (["classes", "mars", "{folder}/classes.yaml"], "mars"),
-        (["classes", "four-wall", "{folder}/dataset.yaml"], "expected fields among taxonomy"),
+        (
+            ["classes", "four-wall", "{folder}/dataset.yaml"],
+            "unknown key 'source'; known keys: rules, taxonomy",
+        ),
     ],
 )
 def test_wrong_usage_is_one_line_and_code_2(arguments, says, whole, capsys):
