@@ -49,7 +49,6 @@ def project_layout(
     camera: Camera,
     pose: Pose,
     depth: ArrayLike | None = None,
-    depth_room: ArrayLike | None = None,
     tolerance: Tolerance | None = None,
 ) -> dict[str, Any]:
     """Return the record of a room's layout in an image.
@@ -58,8 +57,6 @@ def project_layout(
         room: as :func:`omniscv.truth.layout` returns it.
         camera, pose: of the image, central or not.
         depth: (H, W) metres along each pixel's ray from its own origin, for ``visible``.
-        depth_room: the same of the room without furniture, for ``visible_room``; if not given, the room's own
-            walls decide.
         tolerance: between depths that are taken for equal.
 
     Returns:
@@ -69,7 +66,7 @@ def project_layout(
         ArgumentError: a depth of another size than the image, or a room that is none.
     """
     known = RoomLayout(room) if isinstance(room, Room) else room
-    view = _View(known.room, camera, pose, depth, depth_room, tolerance or Tolerance())
+    view = _View(known.room, camera, pose, depth, tolerance or Tolerance())
     ends, kinds, planes = _edges(known.room)
     corners_c = pose.to_camera(_corners(known.room))
     curves = sample_edges(camera, corners_c[ends[:, 0]], corners_c[ends[:, 1]])
@@ -125,19 +122,15 @@ class _View:
     camera: Camera
     pose: Pose
     depth: ArrayLike | None
-    depth_room: ArrayLike | None
     tolerance: Tolerance
 
     def flags(self, points_c: Array, pixels: Array, origins_c: Array) -> tuple[Flags, Flags | None]:
         """(S,) ``visible_room`` and ``visible`` of points on the room's edges."""
-        if self.depth_room is None:
-            in_room = seen_in_room(self.room, self.pose, points_c, origins_c)
-        else:
-            in_room = self._in_depth(pixels, self.depth_room)
-        return in_room, None if self.depth is None else in_room & self._in_depth(pixels, self.depth)
-
-    def _in_depth(self, pixels: Array, depth: ArrayLike) -> Flags:
-        return seen_in_depth(self.room, self.camera, self.pose, pixels, depth, self.tolerance)
+        in_room = seen_in_room(self.room, self.pose, points_c, origins_c)
+        if self.depth is None:
+            return in_room, None
+        in_depth = seen_in_depth(self.room, self.camera, self.pose, pixels, self.depth, self.tolerance)
+        return in_room, in_room & in_depth
 
 
 def _corner_records(view: _View) -> list[dict[str, Any]]:

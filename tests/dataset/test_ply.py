@@ -83,7 +83,7 @@ def test_frames_say_what_the_files_hold(tmp_path):
         get("ply").export([depth_only], tmp_path, {"voxel": 0})
 
 
-@pytest.mark.parametrize(("name", "width"), [("equirectangular", 64), ("noncentral-spherical-mirror", 32)])
+@pytest.mark.parametrize(("name", "width"), [("equirectangular", 64), ("noncentral-panorama", 32)])
 def test_points_of_rendered_frames_are_as_near_to_the_surfaces_as_asked(name, width, tmp_path):
     camera = cameras.model(name).example(width)
     image = render(camera, POSES[0], float_source(SCENE), modes=("depth",))

@@ -20,7 +20,7 @@ def library(mask):
     return cocomask.encode(np.asfortranarray(mask.astype(np.uint8)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(mask=arrays(bool, SHAPES))
 def test_masks_are_encoded_as_pycocotools_does(mask):
     encoded = rle.encode(mask)
@@ -51,7 +51,7 @@ def test_a_mask_in_the_first_and_last_of_8_columns():
     assert "bbox_wrap" not in truth.boxes(labels, ["Sofa"])[0]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     labels=arrays(np.uint16, SHAPES, elements=st.sampled_from([0, 0, 0, 1, 300, 65535])),
     by=st.integers(0, 39),

@@ -1,7 +1,5 @@
 """Layouts as cameras see them, against exact tracing of the same room."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,7 +54,7 @@ def traced_depth(scene, camera, pose):
 
 
 @pytest.mark.parametrize("name", cameras.names())
-def test_every_sample_lies_on_its_edge_and_no_walls_hide_what_is_said_to_show(name):
+def test_curves_are_those_of_the_edges_with_the_flags_of_tracing(name):
     camera, scene = example(name), scene_of_plan(L_SHAPE)
     record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
     assert pieces_of(record)
@@ -66,13 +64,7 @@ def test_every_sample_lies_on_its_edge_and_no_walls_hide_what_is_said_to_show(na
         assert (np.linalg.norm(np.diff(pixels, axis=0), axis=1) <= SPACING_PX).all()
         assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
         assert piece["visible"] is None
-
-
-@pytest.mark.parametrize("name", cameras.names())
-def test_curves_hold_all_that_the_camera_sees_of_the_edges(name):
-    camera = example(name)
-    record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
-    for edge in record["edges"]:
+    for edge in record["edges"]:  # the curves hold all that the camera sees of the edges
         a, b = (np.array(record["corners"][k]["camera"]) for k in edge["corners"])
         pixels, valid = camera.project(a + np.linspace(0, 1, 400)[:, None] * (b - a))
         found = [np.array(piece["pixels"]) for piece in edge["pieces"]]
@@ -98,15 +90,7 @@ def test_a_long_lens_misses_no_edge():
     assert pixels[:, 0].max() > 199.99
 
 
-MODELS = (
-    ("equirectangular", 1024),
-    ("fisheye-equidistant", 700),
-    ("kannala-brandt", 700),
-    ("catadioptric-hyperbolic", 700),
-    ("noncentral-panorama", 1024),
-    ("noncentral-spherical-mirror", 700),
-    ("noncentral-conical-mirror", 700),
-)
+MODELS = (("equirectangular", 1024), ("catadioptric-hyperbolic", 700), ("noncentral-spherical-mirror", 700))
 
 
 @pytest.mark.parametrize(("name", "width"), MODELS)
@@ -142,8 +126,6 @@ def same_within_a_pixel(scene, camera, pose, record, edge, pixels, expected):
     ("plan", "position"),
     [
         (T_SHAPE, (3.1, 0.7, 1.2)),
-        (T_SHAPE, (0.2, -1.2, 1.7)),
-        (U_SHAPE, (2, 2, 1.2)),
         (U_SHAPE, (0.2, -1.2, 1.7)),
     ],
 )
@@ -160,18 +142,6 @@ def test_rooms_hide_parts_of_themselves(plan, position):
     for corner in record["corners"]:
         origin, point = pose.position[None], np.array([corner["world"]])
         assert traced_visible(scene, origin, point)[0] == corner["visible_room"]
-
-
-def test_a_room_that_a_picture_shows_empty_decides_in_place_of_its_own_walls():
-    """As where the room's shape is only partly known: a screen that is no wall of the room hides an edge."""
-    scene, camera = mock_server.load_scene("six-wall"), example("equirectangular", 512)
-    room, depth = room_of_scene("six-wall"), traced_depth(scene, camera, POSE)
-    given = project_layout(room, camera, POSE, depth_room=depth)
-    walls = project_layout(room, camera, POSE, depth)
-    for with_depth, with_walls in zip(given["edges"], walls["edges"], strict=True):
-        shown = [piece["pixels"] for piece in with_depth["pieces"] if piece["visible_room"]]
-        expected = [piece["pixels"] for piece in with_walls["pieces"] if piece["visible"]]
-        assert list(itertools.chain(*shown)) == list(itertools.chain(*expected))
 
 
 def test_a_corner_on_the_seam_is_in_the_image_and_its_edges_break_there():

@@ -1,7 +1,5 @@
 """Boxes on the sphere: known answers, areas counted on a lattice, balls of known angles in every camera."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from omniscv.errors import ArgumentError
 from omniscv.truth import SphericalBox
 
 
-def lattice(count=300_000):
+def lattice(count=100_000):
     """Directions, each for an equal part of the sphere: a Fibonacci lattice."""
     i = np.arange(count) + 0.5
     z, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
@@ -62,9 +60,9 @@ PAIRS = [
 @pytest.mark.parametrize(("a", "b"), PAIRS)
 def test_areas_and_overlaps_are_what_a_lattice_counts(a, b):
     in_a, in_b = (box.contains(LATTICE) >= 0 for box in (a, b))
-    assert 4 * np.pi * in_a.mean() == pytest.approx(a.area, rel=3e-3)
+    assert 4 * np.pi * in_a.mean() == pytest.approx(a.area, rel=6e-3)
     wanted = (in_a & in_b).sum() / (in_a | in_b).sum()
-    assert truth.spherical_iou(a, b) == pytest.approx(wanted, abs=1e-3)
+    assert truth.spherical_iou(a, b) == pytest.approx(wanted, abs=3e-3)
     assert truth.spherical_iou(b, a) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
     assert truth.spherical_iou(a.to_dict(), b) == truth.spherical_iou(a, b)
     assert truth.spherical_iou(a, a) == pytest.approx(1, abs=1e-12)
@@ -117,9 +115,9 @@ LENSES = {
     "cylinder": cameras.create("cylindrical", width=720, height=280, fov_v_deg=140),
 }
 TURNS = {
-    "equirectangular": [(0, 0, 0), (171, 0, 0), (-95, 38, 10), (30, 89.9, 0), (60, -77, 150), (180, 0, 45)],
-    "fisheye": [(0, 0, 0), (-60, 38, 10), (60, -77, 150), (12, 60, 5)],
-    "cylinder": [(0, 0, 0), (171, 0, 0), (-95, 38, 10), (180, 0, 45)],
+    "equirectangular": [(171, 0, 0), (-95, 38, 10), (30, 89.9, 0), (180, 0, 45)],
+    "fisheye": [(0, 0, 0), (60, -77, 150)],
+    "cylinder": [(171, 0, 0), (-95, 38, 10)],
 }
 PIXEL_DEG = 0.5  # of all three
 
@@ -147,7 +145,7 @@ def test_a_ball_has_its_angle_whatever_the_camera_looks_at(lens, turn):
 @pytest.mark.parametrize("name", cameras.names())
 def test_every_camera_has_boxes_around_its_pixels(name):
     """A ball that a pixel a third across sees; of mirrors too, whose rays start all over."""
-    camera = cameras.model(name).example(160)
+    camera = cameras.model(name).example(96)
     rays = camera.unproject([camera.width * 0.37, camera.height * 0.4])
     place = (rays.origins + DISTANCE * rays.directions).tolist()
     scene = mock_server.Scene("ball", {"objects": {"Ball": {"solids": [{"sphere": 0.4, "at": place}]}}})
@@ -202,7 +200,7 @@ def test_a_mask_without_a_pixel_is_refused():
 
 def test_one_pixel_has_a_box():
     rays = LENSES["equirectangular"].unproject()
-    for row, column in itertools.product((0, 180, 359), (0, 400, 719)):
+    for row, column in ((0, 0), (180, 400), (359, 719)):
         mask = np.zeros(rays.valid.shape, bool)
         mask[row, column] = True
         record = truth.bfov(mask, rays)
