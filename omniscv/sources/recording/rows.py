@@ -6,9 +6,9 @@ Anybody may have written a file: values are checked when they are read.
 import contextlib
 import json
 import secrets
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 from zlib_ng import zlib_ng
 
@@ -21,6 +21,8 @@ from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.records import checked, named, nested, optional, read, record
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, payload_of
+
+T = TypeVar("T")
 
 DEFAULT_TOLERANCE = 3  # of a new recording's object table: that of UnrealCV servers
 MOST_OBJECTS = 0xFFFF
@@ -304,12 +306,15 @@ def checked_json(data: Mapping[str, Any], *prefix: str) -> tuple[str, int]:
     return content, checksum((*prefix, content))
 
 
-def json_of_row(name: str, content: Any, crc: Any, *prefix: str) -> dict[str, Any]:
-    """Return the inverse of :func:`checked_json`; DamagedRecordingError if it is not as written."""
+def json_of_row(name: str, read: Callable[[Any], T], content: Any, crc: Any, *prefix: str) -> T:
+    """Return what ``read`` makes of a row of :func:`checked_json`; DamagedRecordingError for other values."""
     is_text = isinstance(content, str) and len(content) <= _LONGEST_JSON
     if not is_text or crc != checksum((*prefix, content)):
         raise DamagedRecordingError(f"expected checksum {shown(crc)} of {name}, got another")
-    return object_from_json(content)
+    try:
+        return read(object_from_json(content))
+    except ArgumentError as cause:
+        raise DamagedRecordingError(f"{name}: {cause.message}") from cause
 
 
 def key_of(request: Request) -> str:

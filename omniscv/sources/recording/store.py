@@ -10,12 +10,13 @@ import sqlite3
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 from weakref import WeakSet
 
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, DamagedRecordingError, NotARecordingError, RecordingNotWritableError
+from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import schema
@@ -95,10 +96,10 @@ class Store:
         with self._using():
             if self._head is not None:
                 return self._head
-            found = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
-            if len(found) != 1:
-                raise DamagedRecordingError(f"expected one row in recording, got {len(found)}")
-            head = Head._make(found[0])
+            rows = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
+            if len(rows) != 1:
+                raise DamagedRecordingError(f"expected one row in recording, got {len(rows)}")
+            head = Head._make(rows[0])
             head.check()
             return head
 
@@ -141,17 +142,17 @@ class Store:
             DamagedRecordingError: one is damaged or lost.
         """
         with self._reading():
-            head, found, states = self.head(), self._rows(), self.states()
-        with self._using(_ADVICE):
-            for row in found:
+            head, rows, states = self.head(), self._rows(), self.states()
+        with schema.errors_of(self.path, advice=_ADVICE):
+            for row in rows:
                 row.check(head.id)
-            if lost := {row.state for row in found} - {"", *states}:
+            if lost := {row.state for row in rows} - {"", *states}:
                 raise DamagedRecordingError(f"expected a row of state {shown(min(lost))}, got none")
-            total = head._replace(captures=0, capture_sum=0).with_rows(found)
+            total = head._replace(captures=0, capture_sum=0).with_rows(rows)
             if (total.captures, total.capture_sum) != (head.captures, head.capture_sum):
                 expected = f"expected {head.captures} captures as recorded"
                 raise DamagedRecordingError(f"{expected}, got {total.captures}, or others")
-        return found
+        return rows
 
     def rows(self, numbers: Iterable[int] | None = None) -> Iterator[Row]:
         """Yield captures as stored, unchecked.
@@ -161,8 +162,8 @@ class Store:
         """
         if numbers is None:
             most = schema.most_captures(self._file)
-            found = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
-            numbers = (number for (number,) in found)
+            rows = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
+            numbers = (number for (number,) in rows)
         for number in dict.fromkeys(numbers):
             yield from map(Row._make, self._query(f"SELECT {_COLUMNS} FROM capture WHERE number = ?", number))
 
@@ -175,16 +176,16 @@ class Store:
         row = self.get_row(request)
         if row is None:
             return None
-        with self._using(_ADVICE):
+        with schema.errors_of(self.path, advice=_ADVICE):
             return replace(row.capture(), request=request)
 
     def get_row(self, request: Request) -> Row | None:
         """Return the capture of a request as stored, all but its payload checked; None if there is none."""
-        found = self._query(f"SELECT {_COLUMNS} FROM capture WHERE key = ?", key_of(request))
-        if not found:
+        rows = self._query(f"SELECT {_COLUMNS} FROM capture WHERE key = ?", key_of(request))
+        if not rows:
             return None
-        with self._using(_ADVICE):
-            row = Row._make(found[0])
+        with schema.errors_of(self.path, advice=_ADVICE):
+            row = Row._make(rows[0])
             row.check(self._recording_id())
             return row
 
@@ -225,8 +226,8 @@ class Store:
             head = self.head()
             columns = ", ".join(ObjectRow._fields)
             limit = MOST_OBJECTS + 1
-            found = self._query(f"SELECT {columns} FROM object ORDER BY name LIMIT {limit}")
-            table_rows = sorted(map(ObjectRow._make, found), key=lambda row: str(row.name))  # may be NULL
+            rows = self._query(f"SELECT {columns} FROM object ORDER BY name LIMIT {limit}")
+            table_rows = sorted(map(ObjectRow._make, rows), key=lambda row: str(row.name))  # may be NULL
             if (crc := object_checksum(table_rows)) != head.object_checksum:
                 expected = f"expected checksum {head.object_checksum} of the object table"
                 raise DamagedRecordingError(f"{expected}, got {crc}")
@@ -258,14 +259,10 @@ class Store:
     def geometry(self) -> SceneGeometry:
         """Return what is known of shapes; DamagedRecordingError if that is not as written."""
         with self._reading():
-            found = self._query("SELECT content, checksum FROM geometry LIMIT 2")
-            if len(found) != 1:
-                raise DamagedRecordingError(f"expected one row in geometry, got {len(found)}")
-            content = json_of_row("the geometry", *found[0], self._recording_id())
-            try:
-                return SceneGeometry.from_dict(content)
-            except ArgumentError as cause:
-                raise DamagedRecordingError(f"geometry: {cause.message}") from cause
+            rows = self._query("SELECT content, checksum FROM geometry LIMIT 2")
+            if len(rows) != 1:
+                raise DamagedRecordingError(f"expected one row in geometry, got {len(rows)}")
+            return json_of_row("geometry", SceneGeometry.from_dict, *rows[0], self._recording_id())
 
     def set_geometry(self, geometry: SceneGeometry) -> None:
         """Add boxes, and a room, to what is known of shapes."""
@@ -321,17 +318,15 @@ class Store:
         states = {}
         with self._reading():
             for name, content, crc in self._query(statement, *names):
-                data = json_of_row(f"state {shown(name)}", content, crc, self._recording_id(), name)
-                try:
-                    states[name] = WorldState.from_dict(name, data)
-                except ArgumentError as cause:
-                    raise DamagedRecordingError(f"state {cause.message}") from cause
+                read = partial(WorldState.from_dict, name)
+                prefix = self._recording_id(), name
+                states[name] = json_of_row(f"state {shown(name)}", read, content, crc, *prefix)
         return states
 
     def _rows(self) -> list[Row]:
         most = schema.most_captures(self._file)
-        found = self._query(f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT {most}")
-        return [*map(Row._make, found)]
+        rows = self._query(f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT {most}")
+        return [*map(Row._make, rows)]
 
     def _refuse(self, expected: str) -> NoReturn:
         raise RecordingNotWritableError(f"expected {expected}; record into another file", self.path)
@@ -368,9 +363,9 @@ class Store:
                 database.rollback()
 
     @contextlib.contextmanager
-    def _using(self, advice: str = "") -> Iterator[sqlite3.Connection]:
+    def _using(self) -> Iterator[sqlite3.Connection]:
         """Yield the connection; errors raised within are those of this recording."""
-        with schema.errors_of(self.path, advice=advice), self._connected() as database:
+        with schema.errors_of(self.path), self._connected() as database:
             yield database
 
     @contextlib.contextmanager
