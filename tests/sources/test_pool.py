@@ -183,7 +183,7 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
     """Over TCP, into one recording: the same as from one server alone."""
     requests = [
         request
-        for step in range(8)
+        for step in range(18)
         for request in face_requests(32, ("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
     ]
     alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
