@@ -62,20 +62,20 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
     """
     u_0, v_0 = camera.center.tolist()
     focal = getattr(camera, "focal", None)
-    place = {"fx": getattr(camera, "fx", focal), "fy": getattr(camera, "fy", focal), "cx": u_0, "cy": v_0}
+    matrix = {"fx": getattr(camera, "fx", focal), "fy": getattr(camera, "fy", focal), "cx": u_0, "cy": v_0}
     if camera.name == "fisheye-equidistant":
-        return [Intrinsics("kannala-brandt", place)]
+        return [Intrinsics("kannala-brandt", matrix)]
     if camera.name == "fisheye-stereographic":  # the sphere model seen from its pole, where f = 2 focal
-        unified = Intrinsics("unified", {**place, "fx": 2 * place["fx"], "fy": 2 * place["fy"], "xi": 1.0})
+        unified = Intrinsics("unified", {**matrix, "fx": 2 * matrix["fx"], "fy": 2 * matrix["fy"], "xi": 1.0})
         return [unified, _extended(unified)]
     if camera.name not in _ARGUMENTS:
         return []
     refuse_limit(camera)
     for argument, names in _ARGUMENTS[camera.name].items():
         values = np.ravel(getattr(camera, argument, 0.0)).tolist()
-        place |= zip(names.split(), values, strict=False)
-    exact = Intrinsics(camera.name, place)
-    distorted = any(place.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
+        matrix |= zip(names.split(), values, strict=False)
+    exact = Intrinsics(camera.name, matrix)
+    distorted = any(matrix.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
     return [exact, _extended(exact)] if camera.name == "unified" and not distorted else [exact]
 
 

@@ -51,11 +51,11 @@ _APIS = {
     "opencvPinhole": "OmniLensDistortionOpenCvPinholeAPI",
     "opencvFisheye": "OmniLensDistortionOpenCvFisheyeAPI",
 }
-_PLACE = ("fx", "fy", "cx", "cy")
+_MATRIX = ("fx", "fy", "cx", "cy")
 _PLAIN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 _MODELS = {
-    "opencvPinhole": FormatModel("opencvPinhole", "pinhole", (*_PLACE, *_PLAIN)),
-    "opencvFisheye": FormatModel("opencvFisheye", "kannala-brandt", (*_PLACE, "k1", "k2", "k3", "k4")),
+    "opencvPinhole": FormatModel("opencvPinhole", "pinhole", (*_MATRIX, *_PLAIN)),
+    "opencvFisheye": FormatModel("opencvFisheye", "kannala-brandt", (*_MATRIX, "k1", "k2", "k3", "k4")),
 }
 
 

@@ -34,12 +34,12 @@ from omniscv.records import checked, mapping, record
 
 Floats = NDArray[np.float64]
 
-_PLACE = "fx fy cx cy"
+_MATRIX = "fx fy cx cy"
 _PLAIN = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4".split()  # noqa: SIM905 - as OpenCV's manual lists them
 _COUNTS = (4, 5, 8, 12)
-_FISHEYE = FormatModel("opencv-fisheye", "kannala-brandt", (*_PLACE.split(), "skew", "k1", "k2", "k3", "k4"))
-_OMNIDIR = FormatModel("opencv-omnidir", "unified", (*_PLACE.split(), "skew", "k1", "k2", "p1", "p2", "xi"))
-_PINHOLES = [FormatModel("opencv", "pinhole", (*_PLACE.split(), *_PLAIN[:count])) for count in _COUNTS]
+_FISHEYE = FormatModel("opencv-fisheye", "kannala-brandt", (*_MATRIX.split(), "skew", "k1", "k2", "k3", "k4"))
+_OMNIDIR = FormatModel("opencv-omnidir", "unified", (*_MATRIX.split(), "skew", "k1", "k2", "p1", "p2", "xi"))
+_PINHOLES = [FormatModel("opencv", "pinhole", (*_MATRIX.split(), *_PLAIN[:count])) for count in _COUNTS]
 _SUFFIXES = (".yml", ".yaml", ".xml", ".json")
 
 
@@ -60,14 +60,14 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
         ArgumentError: other shapes, numbers that are not finite, skew, a tilted sensor, or focal lengths not
             above 0.
     """
-    place = _place(K, skewed=False)
+    matrix = _matrix_numbers(K, skewed=False)
     values = _vector(D, None)
     if len(values) == 14 and values[12:] == [0, 0]:
         values = values[:12]
     if len(values) not in _COUNTS:
         got = f"{len(values)}: {shown(values)}"
         raise ArgumentError(f"D: expected 4, 5, 8 or 12 coefficients (and no tilt), got {got}")
-    return camera_of("pinhole", width, height, place | dict(zip(_PLAIN, values, strict=False)))
+    return camera_of("pinhole", width, height, matrix | dict(zip(_PLAIN, values, strict=False)))
 
 
 def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
@@ -95,7 +95,7 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
         ArgumentError: other shapes, numbers that are not finite, or focal lengths not above 0.
     """
     k = dict(zip(("k1", "k2", "k3", "k4"), _vector(D, 4), strict=True))
-    return camera_of("kannala-brandt", width, height, _place(K) | k)
+    return camera_of("kannala-brandt", width, height, _matrix_numbers(K) | k)
 
 
 def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
@@ -125,7 +125,7 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
     """
     terms = dict(zip(("k1", "k2", "p1", "p2"), _vector(D, 4), strict=True))
     xi = number("xi", np.asarray(xi, dtype=object).item() if np.size(xi) == 1 else xi)
-    return camera_of("unified", width, height, _place(K) | terms | {"xi": xi})
+    return camera_of("unified", width, height, _matrix_numbers(K) | terms | {"xi": xi})
 
 
 def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
@@ -138,7 +138,7 @@ def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
     return _matrix(values, values[4]), values[9], np.array(values[5:9])
 
 
-def _place(K: ArrayLike, *, skewed: bool = True) -> dict[str, float]:
+def _matrix_numbers(K: ArrayLike, *, skewed: bool = True) -> dict[str, float]:
     rows = numbers("K", K, (3, 3)).tolist()
     (fx, s, cx), (_, fy, cy), _ = rows
     if rows != [[fx, s, cx], [0, fy, cy], [0, 0, 1]] or (s != 0 and not skewed) or fx == 0:

@@ -55,12 +55,8 @@ def first_positive_root(coefficients: ArrayLike) -> float:
     trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
     if trimmed.size < 2:
         return np.inf
-    constant, least = trimmed[0], 1e-300 * np.abs(trimmed).max()
-    if abs(constant) < least:  # keeps the reciprocal of a root near 0 finite
-        trimmed = np.append(np.copysign(least, constant), trimmed[1:])
     # The least root is the greatest reciprocal, which the solver finds best. Coinciding roots come out
-    # scattered in the complex plane; a crossing is next to the real part of one. Tiny coefficients have roots
-    # near infinity, which may overflow.
+    # scattered in the complex plane; a crossing is next to the real part of one.
     roots = 1 / np.roots(trimmed).astype(np.complex128)
     near = np.sort(roots.real[np.isfinite(roots) & (roots.real > 0)])
     between = np.sqrt(near) * np.sqrt(np.append(near[1:], 4 * near[-1:]))

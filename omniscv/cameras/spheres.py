@@ -11,8 +11,6 @@ from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import BEFORE_TURN, ROUNDING, FocalLens, Meridian
 from omniscv.cameras.registry import register
 
-_NO_DIRECTION = 1e-300  # a point at the second sphere's centre, on the first sphere for xi = 1
-
 
 @register
 class DoubleSphere(FocalLens):
@@ -67,7 +65,7 @@ class DoubleSphere(FocalLens):
         d = np.hypot(across, k)
         # For xi near 1 the angle does not separate the end of the domain from straight back.
         r = _over(across, self.alpha * d + (1 - self.alpha) * k)
-        return np.where((k >= -(self._w + ROUNDING) * d) & (d > _NO_DIRECTION), r, np.nan)
+        return np.where((k >= -(self._w + ROUNDING) * d) & (d > 0), r, np.nan)  # d = 0: xi = 1, straight back
 
 
 @register
