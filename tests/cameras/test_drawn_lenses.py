@@ -32,7 +32,7 @@ def last_radii(camera):
 
 
 @every_lens
-@cases(16)
+@cases(8)
 @given(seeds)
 def test_the_whole_domain_comes_back_and_nothing_beyond(name, seed):
     rng = np.random.default_rng(seed)
@@ -48,7 +48,7 @@ def test_the_whole_domain_comes_back_and_nothing_beyond(name, seed):
 
 
 @every_lens
-@cases(16)
+@cases(8)
 @given(seeds)
 def test_both_sides_of_the_border_agree(name, seed):
     """Rays next to the last one of every direction: what is seen has a ray, and that ray points there."""

@@ -122,7 +122,7 @@ def closest_rays(camera, points, samples=4001):
 def test_a_point_is_unseen_only_where_no_ray_comes_near(name, parameters):
     """Against all rays tried one after the other: nothing visible is lost, nothing hidden is found."""
     camera = cameras.create(name, width=SIZE, height=SIZE, **parameters)
-    points = np.random.default_rng(3).normal(size=(300, 3)) * (2, 2, 3) + (0, 0, 1)
+    points = np.random.default_rng(3).normal(size=(120, 3)) * (2, 2, 3) + (0, 0, 1)
     if name == "noncentral-spherical-mirror":
         outside = np.linalg.norm(points - (0, 0, 0.8), axis=1) > 0.5
     else:
