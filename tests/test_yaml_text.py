@@ -84,7 +84,7 @@ VALUES = st.recursive(
 
 
 @pytest.mark.parametrize("write", [partial(json.dumps, ensure_ascii=False), yaml.safe_dump])
-@cases(60)
+@cases(30)
 @given(value=VALUES)
 def test_what_other_programs_write_is_read(write, value):
     assert bounded.parse_yaml(write(value)) == value

@@ -9,7 +9,8 @@ app = Typer(add_completion=False)
 
 
 @app.command(
-    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
+    epilog="Example: omniscv serve four-wall --port 9000 --dialect 0.3.10 --size 512x512",
 )
 def serve(context: typer.Context) -> None:
     """Serve a scene over the UnrealCV protocol, for any client, until Ctrl-C."""

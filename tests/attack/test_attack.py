@@ -4,7 +4,7 @@ import pytest
 
 from attack.runner import ROUND, Tally, Worker, run
 
-SHORT = {"texts": 90, "flips": 60, "recordings": 40, "servers": 6, "folders": 20, "signals": 1}
+SHORT = {"texts": 45, "flips": 30, "recordings": 20, "servers": 3, "folders": 10, "signals": 1}
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``."""
 
 

@@ -21,7 +21,10 @@ def captures_in(path):
 
 @pytest.mark.parametrize(
     ("number", "ignored"),
-    [(signal.SIGINT, [signal.SIGINT, signal.SIGHUP]), (signal.SIGHUP, [])],
+    [
+        (signal.SIGINT, [signal.SIGINT, signal.SIGHUP]),
+        pytest.param(signal.SIGHUP, [], marks=pytest.mark.soak),
+    ],
 )
 def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path):
     """It may come several times, as from ``timeout`` and terminals. SIGHUP under nohup changes nothing."""

@@ -1,11 +1,12 @@
-"""Every command's help has an example, and the example runs."""
+"""Every command's help has an example, which runs; it is parsed where a document runs the command."""
 
 import contextlib
 import shutil
 
 import pytest
-from support.command_line import ROOT, example_inputs, run
+from support.command_line import ROOT, example_inputs, name_of, run
 from support.documents import examples
+from test_documents import BY_NAME, commands
 from typer.main import get_command
 
 from omniscv.cli import app
@@ -20,6 +21,7 @@ def leaves(command, words=("omniscv",)):
 
 
 COMMANDS = leaves(get_command(app))
+DOCUMENTED = {name_of(words) for name in BY_NAME for words in commands(name)}
 
 
 def test_commands_are_found():
@@ -37,13 +39,14 @@ def inputs(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_example_of_a_command_runs(name, folder, ports, inputs):
+def test_the_example_of_a_command_runs(name, folder, ports, request):
     command = COMMANDS[name]
     found = examples(f"{command.help}\n\n{command.epilog}")
     assert found, f"{name}: expected 'Example: {name} ...' in its help"
     assert all(" ".join(words).startswith(name) for words in found)
-    shutil.copytree(inputs, folder, dirs_exist_ok=True)
+    if name.removeprefix("omniscv ") not in DOCUMENTED:
+        shutil.copytree(request.getfixturevalue("inputs"), folder, dirs_exist_ok=True)
     if name == "omniscv captures export":
-        shutil.rmtree("faces")  # what it makes
+        shutil.rmtree("faces", ignore_errors=True)  # what it makes
     for words in found:
-        run(words, ports)
+        run(words, ports, parsed_only=name_of(words) in DOCUMENTED)

@@ -36,7 +36,7 @@ class Wire:
         return block
 
 
-@cases(150)
+@cases(50)
 @given(STREAMS, st.integers(1, 50))
 def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     wire = Wire(data, piece)
@@ -48,7 +48,7 @@ def test_any_stream_is_read_to_its_end_or_refused(data, piece):
     assert wire.most <= 1 << 16
 
 
-@cases(100)
+@cases(30)
 @given(st.lists(st.binary(min_size=1, max_size=200), max_size=8), st.integers(1, 50))
 def test_frames_come_out_as_they_went_in(payloads, piece):
     wire = Wire(b"".join(map(frame, payloads)), piece)
@@ -93,7 +93,7 @@ def test_any_command_is_answered(name, start, open_raw):
     known = st.sampled_from([t for t in templates if t and "vbatch" not in t]).flatmap(filled)
     anything = st.text(st.characters(exclude_characters="\n\0", exclude_categories=["Cs"]), max_size=30)
 
-    @cases(150)
+    @cases(50)
     @given(known | anything)
     def answered(command):
         assert client.ask(command.encode())
@@ -104,7 +104,7 @@ def test_any_command_is_answered(name, start, open_raw):
 
 
 @pytest.mark.parametrize("name", ["L", "M", "N1", "N2"])
-@cases(80)
+@cases(40)
 @given(payload=st.binary(max_size=60) | st.from_regex(rb"\d{0,12}:vget /[a-z/0-9]{0,20}", fullmatch=True))
 def test_any_request_is_parsed_or_not(name, payload):
     kind = BY_NAME[name]
@@ -125,7 +125,7 @@ OBJECTS = {name: object.__new__(kind) for name, kind in BY_NAME.items()}
 def test_a_server_serves_on_after_any_stream(start, open_raw):
     server = start(size=(8, 8))
 
-    @cases(50)
+    @cases(20)
     @given(STREAMS)
     def survives(data):
         rude = open_raw(server)
@@ -137,7 +137,7 @@ def test_a_server_serves_on_after_any_stream(start, open_raw):
     assert open_raw(server).text("vget /scene/name") == "four-wall"
 
 
-@cases(150)
+@cases(50)
 @given(
     st.text(max_size=30)
     | st.builds("{}={}@{}".format, st.sampled_from(list(faults.KINDS)), DECIMALS | WORDS, DECIMALS)

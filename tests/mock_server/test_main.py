@@ -15,7 +15,7 @@ from support.wire import RawClient
 import mock_server
 from mock_server.__main__ import main
 
-STOPS = 30
+STOPS = 10
 
 STOPPED_BY_ANOTHER_THREAD = f"""
 import signal, socket, threading
@@ -55,7 +55,7 @@ SERVERS = {
     [
         ("mock_server", signal.SIGINT, [signal.SIGINT, signal.SIGHUP]),
         pytest.param("mock_server", signal.SIGTERM, [], marks=pytest.mark.soak),
-        ("mock_server", signal.SIGHUP, []),
+        pytest.param("mock_server", signal.SIGHUP, [], marks=pytest.mark.soak),
         pytest.param("omniscv serve", signal.SIGINT, [signal.SIGINT], marks=pytest.mark.soak),
         ("omniscv serve", signal.SIGTERM, [signal.SIGHUP]),
         pytest.param("omniscv serve", signal.SIGHUP, [signal.SIGINT], marks=pytest.mark.soak),

@@ -15,7 +15,25 @@ ROOT = Path(__file__).resolve().parents[2]
 PARSED_ONLY = ("demo", "chart", "evaluate")
 """Commands that take long, and have tests of their own."""
 
+READING = (
+    *("ask", "cameras", "doctor", "job", "plan", "scenes", "serve", "dataset check", "dataset info"),
+    *("captures info", "captures places", "captures verify"),
+)
+"""Commands that leave nothing behind: one document runs them for all, the others' are parsed."""
+
 _EXIT_CODES = {"doctor": (0, 1)}  # 1: it found something bad
+
+
+def name_of(words):
+    """The command of a command line: its first word or, of a group, two."""
+    pair = " ".join(words[1:3])
+    return pair if words[1] in ("captures", "dataset") else words[1]
+
+
+def shape_of(words):
+    """What two command lines that run the same code share: the command and its options' names."""
+    options = {word.partition("=")[0] for word in words if word.startswith("--")}
+    return name_of(words), frozenset(options), words[2].partition("://")[0] if len(words) > 2 else ""
 
 
 def parse(command, words):
@@ -26,8 +44,8 @@ def parse(command, words):
             parse(*command.resolve_command(context, rest)[1:])
 
 
-def run(words, ports):
-    """Run a command line in the present folder; an AssertionError names it if it fails."""
+def run(words, ports, parsed_only=False):
+    """Run a command line in the present folder, or parse it; an AssertionError names it if it fails."""
     if words[0] != "omniscv":
         script = ROOT / words[0]
         assert os.access(script, os.X_OK), f"{words[0]}: expected an executable file"
@@ -37,7 +55,7 @@ def run(words, ports):
     from omniscv import cli
 
     arguments = at_ports(shrunk("\0".join(words[1:])), ports).split("\0")
-    if arguments[0] in PARSED_ONLY or "--launch" in arguments:
+    if parsed_only or arguments[0] in PARSED_ONLY or "--launch" in arguments:
         parse(get_command(cli.app), arguments)
     elif arguments[0] == "serve":
         _serve(arguments)
