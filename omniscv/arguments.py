@@ -2,7 +2,7 @@
 
 import math
 import reprlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import PurePath
 from typing import Any
@@ -131,31 +131,6 @@ def texts(name: str, value: object) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or not value:
         raise ArgumentError(f"{name}: expected a list of texts, got {shown(value)}")
     return tuple(text(f"{name}[{i}]", each) for i, each in enumerate(value))
-
-
-def fields(name: str, value: object, readers: Mapping[str, Reader], needed: Collection[str] = ()) -> Any:
-    """Return the values of a mapping as a dict, each read by the function of its key.
-
-    Args:
-        name: of the mapping, for messages; may be empty.
-        value: what should be a mapping.
-        readers: by key.
-        needed: keys that must be there.
-
-    Raises:
-        ArgumentError: no mapping, an unknown or missing key, or as a reader raises.
-    """
-    start = f"{name}: " if name else ""
-    if not isinstance(value, Mapping):
-        wanted = ", ".join(map(repr, needed or readers))
-        raise ArgumentError(f"{start}expected a mapping with {wanted}; got {shown(value)}")
-    for key in value:
-        if key not in readers:
-            raise ArgumentError(f"{start}expected fields among {', '.join(readers)}; got {shown(key)}")
-    for key in needed:
-        if key not in value:
-            raise ArgumentError(f"{start}expected a field {key!r}, which is missing")
-    return {key: readers[key](f"{name}.{key}" if name else key, each) for key, each in value.items()}
 
 
 def _as_float(value: Any) -> float:

@@ -34,11 +34,11 @@ COMMANDS = (
     "doctor",
     "ask",
 )
-"""Each is a module of this package with an ``app``."""
+"""Modules of this package, each with an ``app``."""
 
 
 class _Modules(Mapping[str, Any]):
-    """The commands by name, each imported when it is looked up."""
+    """The commands by name, imported when looked up."""
 
     def __getitem__(self, name: str) -> Any:
         if name not in COMMANDS:
@@ -82,8 +82,8 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Run the process's command line, and end the process with its exit code."""
-    if isinstance(sys.stdout, TextIOWrapper):  # names may hold what the terminal's encoding has not
+    """Run the process's command line, and exit with its code."""
+    if isinstance(sys.stdout, TextIOWrapper):  # names may have characters that the encoding lacks
         sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(signals.unwound(lambda: run(sys.argv[1:])))
 
@@ -95,14 +95,14 @@ def run(arguments: list[str]) -> int:
         code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
     except TyperException as usage:
         code, text = usage.exit_code, usage.format_message()
-        message = text and f"{text} (see omniscv --help)"  # no text where the help was printed
+        message = text and f"{text} (see omniscv --help)"  # no text if the help was printed
     except OmniscvError as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
     except OSError as error:
         from omniscv.storage.local import refusal
 
         code, message = 1, refusal(error)
-    except ImportError as error:  # of what is missing, or of the system libraries that it needs
+    except ImportError as error:  # a missing package or system library
         code, message = 1, f"{error}; 'omniscv doctor --self' checks this installation"
     except MemoryError as error:
         code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"

@@ -1,6 +1,5 @@
 """``omniscv captures``: inspect, check and convert recordings."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,14 +30,13 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
         console.as_json(summary)
         return
     states = summary.pop("states")
-    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
-    console.table(("", ""), [(key.replace("_", " "), text) for key, text in texts.items()])
+    console.summary(summary)
     if states.keys() - {""}:
-        console.table(("state", "captures", "time", "placed", "hidden"), map(_of_state, states.items()))
+        console.table(("state", "captures", "time", "placed", "hidden"), map(_state_row, states.items()))
 
 
-def _of_state(item: tuple[str, dict[str, Any]]) -> tuple[str, ...]:
-    """A line of the table of states."""
+def _state_row(item: tuple[str, dict[str, Any]]) -> tuple[str, ...]:
+    """Return a row of the table of states."""
     name, state = item
     known = state["instant"] or {"time": None, "poses": {}, "hidden": []}
     time = "" if known["time"] is None else f"{known['time']:.9g} s"

@@ -1,4 +1,4 @@
-"""What commands print: lines and tables."""
+"""Output of commands: lines, tables, JSON, and errors."""
 
 import json
 import sys
@@ -8,14 +8,14 @@ from omniscv.errors import one_line, printable
 
 
 def line(text: object) -> None:
-    """Print text in one line on standard output, what is not printable in it as escapes."""
+    """Print a text in one line on standard output, with escapes for unprintable characters."""
     print(printable(text), flush=True)
 
 
 def document(text: str) -> None:
-    """Print text of several lines on standard output, each as :func:`line` does."""
-    for each in text.splitlines():
-        line(each)
+    """Print a text of several lines on standard output, each as :func:`line` does."""
+    for one in text.splitlines():
+        line(one)
 
 
 def as_json(value: object) -> None:
@@ -23,8 +23,14 @@ def as_json(value: object) -> None:
     document(json.dumps(value, indent=2))
 
 
+def summary(values: Mapping[str, object]) -> None:
+    """Print a table of keys and values; those that are no texts as JSON."""
+    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
+    table(("", ""), [(key.replace("_", " "), text) for key, text in texts.items()])
+
+
 def error(text: object) -> None:
-    """Print text on standard error, after the name of the program: one line of at most 300 characters."""
+    """Print an error on standard error, in one line of at most 300 characters."""
     print(one_line(f"omniscv: {text}"), file=sys.stderr, flush=True)
 
 

@@ -1,6 +1,5 @@
 """``omniscv dataset``: make, export, check, pack and describe datasets."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -113,12 +112,7 @@ def info(folder: Dataset, as_json: AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
     from omniscv.dataset.checking import info
 
-    summary = info(folder)
-    if as_json:
-        console.as_json(summary)
-        return
-    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in summary.items()}
-    console.table(("", ""), list(texts.items()))
+    (console.as_json if as_json else console.summary)(info(folder))
 
 
 @app.command(epilog="Example: omniscv dataset classes scene://four-wall classes.yaml")

@@ -1,4 +1,4 @@
-"""``omniscv demo``: everything once, without Unreal."""
+"""``omniscv demo``: the whole pipeline once, without Unreal."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``omniscv doctor``: measure what would spoil captures."""
+"""``omniscv doctor``: find what would spoil captures."""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -46,10 +46,10 @@ def doctor(
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:
-        for each in findings:
-            remedy = f": {each.remedy}" if each.remedy else ""
-            console.line(f"{each.verdict:<8} {each.name}: {each.value}{remedy}")
+        for finding in findings:
+            remedy = f": {finding.remedy}" if finding.remedy else ""
+            console.line(f"{finding.verdict:<8} {finding.name}: {finding.value}{remedy}")
     else:
-        rows = [(each.verdict, each.name, each.value, each.remedy) for each in findings]
+        rows = [(finding.verdict, finding.name, finding.value, finding.remedy) for finding in findings]
         console.table(("", "measured", "found", "remedy"), rows, _STYLES)
     raise Exit(1 if any(finding.verdict == "bad" for finding in findings) else 0)

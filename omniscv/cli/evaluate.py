@@ -27,7 +27,7 @@ def evaluate(
     ] = None,
     progress: StyleOption = None,
 ) -> None:
-    """Feed an algorithm with images whose truth is known, and score it."""
+    """Run an algorithm on images with known truth, and score it."""
     from omniscv.evaluate.registry import Settings, run
 
     out.mkdir(parents=True, exist_ok=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from typer import Option
@@ -27,11 +26,11 @@ _LINES_EVERY_S = 5.0
 
 @dataclass(frozen=True)
 class Pace:
-    """A progress, and the time it took; ``seen`` is the progress when the last image was done.
+    """Progress and time.
 
     Attributes:
-        now: how far the work has come.
-        seen: of what is finished.
+        now: the progress.
+        seen: the progress when the last image was done.
         seconds: since the start.
     """
 
@@ -40,25 +39,25 @@ class Pace:
     seconds: float
 
     def at(self, now: Progress, seconds: float) -> Self:
-        """Return the pace of a later moment."""
+        """Return the pace at a later time."""
         return replace(
             self, now=now, seconds=seconds, seen=now if now.images != self.now.images else self.seen
         )
 
     @property
     def fraction(self) -> float:
-        """What is done of all, 0 to 1; of the images under way, their captures count."""
+        """The share of the work that is done, 0 to 1; of images in progress, their captures count."""
         came, needed = self.now.captures - self.seen.captures, self.now.of_captures - self.seen.captures
         part = came / needed if needed > 0 else 0.0
         return min(1.0, (self.now.images + part) / max(1, self.now.of_images))
 
     @property
     def left_s(self) -> float | None:
-        """Seconds that are left if what is to come is like what was; None at the start."""
+        """Estimate of the seconds that are left; None at the start."""
         return self.seconds * (1 / self.fraction - 1) if self.fraction > 0 else None
 
     def captures(self) -> str:
-        """``345/460 captures, 45.2 MB, 22/s, 1.9 MB/s``; empty for work without captures."""
+        """Return ``345/460 captures, 45.2 MB, 22/s, 1.9 MB/s``; empty for work without captures."""
         now, seconds = self.now, max(self.seconds, 1e-3)
         if not now.of_captures:
             return ""
@@ -66,14 +65,14 @@ class Pace:
         return f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}"
 
     def line(self, what: str) -> str:
-        """All of it in one line."""
+        """Return everything in one line."""
         left = "" if self.left_s is None else f"{_clock(self.left_s)} left"
         done = f"{what} {self.now.images}/{self.now.of_images}"
         return ", ".join(part for part in (done, self.captures(), left) if part)
 
 
 class Display:
-    """Takes progress while it is open, and shows nothing; subclasses do.
+    """Receives progress, and shows nothing; the base of displays.
 
     Args:
         what: is counted, such as "images".
@@ -86,7 +85,7 @@ class Display:
         self._pace = Pace(Progress(), Progress(), 0.0)
 
     def __call__(self, now: Progress) -> None:
-        """Show a :class:`omniscv.progress.Progress`; raise KeyboardInterrupt where a signal has come."""
+        """Show a :class:`omniscv.progress.Progress`; raise KeyboardInterrupt after a signal."""
         signals.check()
         self._pace = self._pace.at(now, time.monotonic() - self._started)
         self._show(self._pace)
@@ -97,14 +96,6 @@ class Display:
 
         self(Progress(done, total))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _show(self, pace: Pace) -> None:
         pass
 
@@ -113,11 +104,11 @@ class Display:
 
 
 class Lines(Display):
-    """A line each few seconds, the first and the last always.
+    """A line every few seconds; the first and the last always.
 
     Args:
         what: is counted.
-        every_s: seconds from one line to the next, at least.
+        every_s: least seconds between lines.
     """
 
     def __init__(self, what: str, every_s: float = _LINES_EVERY_S) -> None:
@@ -166,15 +157,15 @@ class _Bars(Display):
 
 @contextmanager
 def display(what: str, style: Style | None = None) -> Iterator[Display]:
-    """Show progress: call what is given with each :class:`omniscv.progress.Progress`.
+    """Yield a display to be called with each :class:`omniscv.progress.Progress`.
 
     Args:
         what: is counted, such as "images".
-        style: how; a bar where standard error is a terminal, else nothing, if not given.
+        style: by default a bar if standard error is a terminal, else nothing.
     """
     style = style or ("bar" if sys.stderr and sys.stderr.isatty() else "none")  # None: it is closed
     kinds: dict[Style, type[Display]] = {"bar": _Bars, "plain": Lines, "none": Display}
-    with kinds[style](what) as shown:
+    with closing(kinds[style](what)) as shown:
         yield shown
 
 

@@ -26,8 +26,8 @@ def _list(as_json: bool) -> None:
     import mock_server
 
     columns = ("scene", "objects", "moving", "description")
-    found = [(each, mock_server.load_scene(each)) for each in mock_server.scene_names()]
-    rows = [(each, len(s.objects), len(s.moving), mock_server.summary(each)) for each, s in found]
+    loaded = {name: mock_server.load_scene(name) for name in mock_server.scene_names()}
+    rows = [(name, len(s.objects), len(s.moving), mock_server.summary(name)) for name, s in loaded.items()]
     if as_json:
         console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
     else:
@@ -41,14 +41,14 @@ def _describe(name: str, as_json: bool) -> None:
         scene = mock_server.load_scene(name)
     except ValueError as wrong:
         raise ArgumentError(str(wrong)) from wrong
-    boxes = {each: [corner.tolist() for corner in scene.bounds(each)] for each in scene.objects}
+    boxes = {key: [corner.tolist() for corner in scene.bounds(key)] for key in scene.objects}
     if as_json:
-        objects = {each: {"box_m": box, "moves": each in scene.moving} for each, box in boxes.items()}
+        objects = {key: {"box_m": box, "moves": key in scene.moving} for key, box in boxes.items()}
         console.as_json({"scene": scene.name, "description": mock_server.summary(name), "objects": objects})
         return
     console.line(f"{scene.name}: {mock_server.summary(name)}")
     rows = []
-    for each, box in boxes.items():
+    for key, box in boxes.items():
         least, greatest = (" ".join(f"{x:.4g}" for x in corner) for corner in box)
-        rows.append((each, least, greatest, "yes" if each in scene.moving else ""))
+        rows.append((key, least, greatest, "yes" if key in scene.moving else ""))
     console.table(("object", "least corner m", "greatest corner m", "moves"), rows)

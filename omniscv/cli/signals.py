@@ -10,22 +10,22 @@ from types import FrameType
 from typing import Any
 
 STOPPED = 128 + signal.SIGINT
-"""The exit code of a command that was stopped; of its signal where that is known."""
+"""The exit code of a stopped command if its signal is not known."""
 
 _ONE_STOP_S = 1.0
-"""Signals within this time are one: terminals and ``timeout`` send several."""
+"""Signals within this time count as one: terminals and ``timeout`` send several."""
 
 _received: list[int] = []
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt where a signal has come: raised within an import or callback it may be lost."""
+    """Raise KeyboardInterrupt after a signal: one raised within an import or callback may be lost."""
     if _received:
         raise KeyboardInterrupt
 
 
 def _unraisable(lost: Any) -> None:
-    """Print what Python ignores, but for a stop raised in ``__del__``, which :func:`check` notices."""
+    """Print an unraisable error, except a stop raised in ``__del__``, which :func:`check` raises again."""
     if lost.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(lost)
 
@@ -40,10 +40,10 @@ def _ignore(numbers: Sequence[int]) -> None:
 
 
 def unwound(command: Callable[[], int]) -> int:
-    """Run a command and return its exit code: 128 + the signal's number where a signal stopped it.
+    """Run a command and return its exit code: 128 + the signal's number if a signal stopped it.
 
-    Each signal raises KeyboardInterrupt in the main thread. SIGINT counts also where it is ignored, as by
-    background jobs of a shell; SIGHUP does not, as under ``nohup``.
+    Each signal raises KeyboardInterrupt in the main thread. An inherited SIG_IGN of SIGINT, as in background
+    jobs of a shell, is overridden; that of SIGHUP, as under ``nohup``, is kept.
     """
     _received.clear()
     latest = -_ONE_STOP_S
@@ -60,7 +60,7 @@ def unwound(command: Callable[[], int]) -> int:
         numbers.append(signal.SIGHUP)
     for number in numbers:
         signal.signal(number, stop)
-    atexit.register(_ignore, numbers)  # Python's own end brings the default back, which kills
+    atexit.register(_ignore, numbers)  # Python's shutdown restores the default, which kills
     sys.unraisablehook = _unraisable
     try:
         code = command()
@@ -69,8 +69,8 @@ def unwound(command: Callable[[], int]) -> int:
     except Exception:
         if not _received:
             raise
-        code = STOPPED  # an import that was interrupted may raise anything
+        code = STOPPED  # an interrupted import may raise anything
     finally:
         for number in numbers:
-            signal.signal(number, _end)  # what is left of the process ends at once
+            signal.signal(number, _end)  # a second signal ends the process at once
     return 128 + _received[0] if code == STOPPED and _received else code

@@ -1,5 +1,6 @@
 """How far long work has come: sums that agree with what was captured, and what is printed of them."""
 
+import contextlib
 import re
 from itertools import pairwise
 from threading import Thread
@@ -70,7 +71,7 @@ def test_plain_progress_is_lines(job, capfd):
 
 
 def test_lines_come_at_a_bounded_rate(capsys):
-    with Lines("images", every_s=3600) as shown:
+    with contextlib.closing(Lines("images", every_s=3600)) as shown:
         for done in range(100):
             shown.steps(done, 100)
     assert capsys.readouterr().err.startswith("images 0/100\nimages 99/100")
