@@ -111,14 +111,11 @@ class FrameMaker:
                 self._warn(line)
         manifest = self._writer.manifest
         observation = Observation(
-            key=frame.key,
+            frame=replace(frame, instances=manifest.names, classes=manifest.classes),
             image=image,
             labels=image.labels,
-            instances=manifest.names,
-            classes=manifest.classes,
             geometry=composed.geometry,
             object_poses=composed.object_poses,
-            time=frame.time,
         )
         records: dict[str, Any] = {}
         if self._alone:

@@ -16,6 +16,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import NoOptions, checked, read, record
@@ -51,26 +52,30 @@ class Observation:
     """An image in memory, and what is known of its scene.
 
     Attributes:
-        key: start of the frame's file names.
+        frame: without files; with the instances and classes of the dataset.
         image: with the camera, the pose and the layers.
         labels: (H, W) uint16 instance ids of the dataset; None without object masks.
-        instances: object name to instance id.
-        classes: of the dataset; None without.
         geometry: the shapes that the source knows.
         renderer: of the source, to capture more; None offline.
         object_poses: by name, of the objects whose poses are known.
-        time: seconds; None where poses have no times.
     """
 
-    key: str
+    frame: Frame
     image: OmniImage
     labels: NDArray[np.uint16] | None
-    instances: Mapping[str, int]
-    classes: ClassTable | None
     geometry: SceneGeometry
     renderer: Renderer | None = None
     object_poses: Mapping[str, Pose] = field(default_factory=dict)
-    time: float | None = None
+
+    @property
+    def instances(self) -> Mapping[str, int]:
+        """Object name to instance id."""
+        return self.frame.instances
+
+    @property
+    def classes(self) -> ClassTable | None:
+        """The classes of the dataset; None without."""
+        return self.frame.classes
 
     def require_labels(self) -> NDArray[np.uint16]:
         """Return the labels; ArgumentError where there are none."""
@@ -169,7 +174,7 @@ def derive(
     contents: dict[str, Any] = {kind: dict(content) for kind, content in (records or {}).items()}
     for name, options in truths.items():
         truth = get(name)
-        with within(f"{observation.key}: truth.{name}"):
+        with within(f"{observation.frame.key}: truth.{name}"):
             record = truth.apply(observation, options)
         if truth.file == SHARED_FILE:
             contents.setdefault(truth.kind, {})[name] = record

@@ -16,7 +16,8 @@ def observed(source, camera, pose, modes=MODES, classes=None, renderer=None, **o
     image = renderer.render(camera, pose, modes, omniscv.RenderOptions(**options))
     instances = {name: 100 + image.objects.label(name) for name in image.objects.names()}
     labels = image.labels + (image.labels > 0) * image.labels.dtype.type(100)
-    return Observation("frame", image, labels, instances, classes, source.geometry(), renderer)
+    frame = Frame("frame", "camera", camera, pose, instances=instances, classes=classes)
+    return Observation(frame, image, labels, source.geometry(), renderer)
 
 
 def framed(observation, folder, wanted=(), key="frame", split="", **options):

@@ -8,6 +8,7 @@ import mock_server
 from omniscv import Pose, Renderer, cameras, open_source
 from omniscv.dataset import Observation, truths
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.scene import SceneSource
@@ -135,7 +136,8 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
         PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")
     )
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
-    observed = Observation("a", image, image.labels, instances, None, SceneGeometry())
+    planned = Frame("a", "pano", image.camera, image.pose, instances=instances)
+    observed = Observation(planned, image, image.labels, SceneGeometry())
     truth = truths.get("layout")
     record = truth.apply(observed, {})
     assert record["source"] == "fitted"
@@ -144,7 +146,7 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     known = SceneGeometry(room=room_of_scene("four-wall"))
     assert not truth.may_capture(known, {})
     assert truth.may_capture(known, {"source": "fitted"})
-    observed = Observation("a", image, image.labels, instances, None, known)
+    observed = Observation(planned, image, image.labels, known)
     assert (
         truth.apply(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]
         == "scene"
@@ -184,7 +186,8 @@ def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
     renderer = Renderer(source)
     image = renderer.render(lens, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals"))
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
-    known = ("a", image, image.labels, instances, None, SceneGeometry())
+    planned = Frame("a", "lens", image.camera, image.pose, instances=instances)
+    known = (planned, image, image.labels, SceneGeometry())
     with pytest.raises(ArgumentError, match="walls that do not close"):
         truths.get("layout").apply(Observation(*known), {})
     record = truths.get("layout").apply(Observation(*known, renderer), {})
