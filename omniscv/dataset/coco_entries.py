@@ -1,4 +1,4 @@
-"""What files in the form of COCO have in common: entries of images, categories and annotations."""
+"""Entries of images, categories and annotations, for all files in the form of COCO."""
 
 from __future__ import annotations
 
@@ -21,40 +21,43 @@ _FROM_TRUTH = {
     "bfov": {"bfov": "bfov", "rbfov": "rbfov"},
     "amodal": {"visib_fract": "visib_fract", "px_all": "area_amodal", "bbox": "bbox_amodal"},
 }
-"""By truth, the fields of its records and what annotations call them."""
+"""By truth: fields of its records, and their names in annotations."""
 
 
 def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
-    """Return the entry of ``images`` of a frame, whose file is named as seen from a folder."""
-    name = frame.reference("lit" if "lit" in frame.files else "labels", out)
-    camera = frame.camera
-    found: dict[str, Any] = {"id": number, "file_name": name}
-    found |= {"width": camera.width, "height": camera.height, "key": frame.key}
-    found |= {"camera": camera.to_dict(), "pose": frame.pose.to_dict(), "split": frame.split}
-    return found | {"place": frame.place} | ({} if frame.time is None else {"time": frame.time})
+    """Return the entry of ``images`` of a frame; its file's name is relative to a folder."""
+    return {
+        "id": number,
+        "file_name": frame.reference("lit" if "lit" in frame.files else "labels", out),
+        "width": frame.camera.width,
+        "height": frame.camera.height,
+        "key": frame.key,
+        "camera": frame.camera.to_dict(),
+        "pose": frame.pose.to_dict(),
+        "split": frame.split,
+        "place": frame.place,
+        **({} if frame.time is None else {"time": frame.time}),
+    }
 
 
 def category_entries(frames: Sequence[Frame], stuff: bool) -> list[dict[str, Any]]:
-    """Return the entries of ``categories``: the classes; without, every object is one."""
-    found: dict[int, dict[str, Any]] = {}
+    """Return the entries of ``categories``: the classes, or without classes every object."""
+    categories: dict[int, SemanticClass] = {}
     for frame in frames:
         if frame.classes is not None:
-            for each in frame.classes.classes.values():
-                if stuff or not each.stuff:
-                    found[each.id] = _category(each)
+            classes = frame.classes.classes.values()
+            categories |= {each.id: each for each in classes if stuff or not each.stuff}
         else:
-            for object_name, instance in frame.instances.items():
-                found[instance] = _category(SemanticClass(instance, object_name))
-    return [found[each] for each in sorted(found)]
-
-
-def _category(each: SemanticClass) -> dict[str, Any]:
-    return {
-        "id": each.id,
-        "name": each.name,
-        "supercategory": each.supercategory,
-        "isthing": int(not each.stuff),
-    }
+            categories |= {number: SemanticClass(number, name) for name, number in frame.instances.items()}
+    return [
+        {
+            "id": number,
+            "name": category.name,
+            "supercategory": category.supercategory,
+            "isthing": int(not category.stuff),
+        }
+        for number, category in sorted(categories.items())
+    ]
 
 
 def class_of(frame: Frame, object_name: str) -> SemanticClass | None:
@@ -65,25 +68,28 @@ def class_of(frame: Frame, object_name: str) -> SemanticClass | None:
 
 
 def object_entries(frame: Frame, split: bool) -> Iterator[dict[str, Any]]:
-    """Yield the entries of ``annotations`` of a frame, without ids; in parts where they cross the seam, if
-    ``split``. Objects without a class, and stuff, have none."""
+    """Yield the entries of ``annotations`` of a frame, without ids.
+
+    Objects without a class, and stuff, have none. With ``split``, objects that cross the seam have one on
+    either side.
+    """
     labels = frame.layer("labels")
-    known = _known(frame)
+    from_truth = _fields_from_truth(frame)
     for record in boxes(labels, frame.instances, frame.classes, wrap=frame.camera.wraps):
-        of = class_of(frame, record["name"])
-        if of is None or of.stuff:
+        category = class_of(frame, record["name"])
+        if category is None or category.stuff:
             continue
         instance = record["instance_id"]
-        shared: dict[str, Any] = {"category_id": of.id, "iscrowd": 0, "instance_id": instance}
+        shared: dict[str, Any] = {"category_id": category.id, "iscrowd": 0, "instance_id": instance}
         shared["name"] = record["name"]
         shared |= {key: record[key] for key in ("bbox_wrap", "crosses_seam") if key in record}
-        shared |= known.get(instance, {})
-        for mask in _parts(labels == instance, record, split):
-            yield {**_outlined(mask), **shared}
+        shared |= from_truth.get(instance, {})
+        for mask in _parts_of(labels == instance, record, split):
+            yield {**_mask_fields(mask), **shared}
 
 
-def _parts(mask: NDArray[np.bool_], record: Mapping[str, Any], split: bool) -> list[NDArray[np.bool_]]:
-    """The mask; or, where it crosses the seam without going all the way round, its parts on either side."""
+def _parts_of(mask: NDArray[np.bool_], record: Mapping[str, Any], split: bool) -> list[NDArray[np.bool_]]:
+    """Return a mask, or if it crosses the seam without going all the way round, its parts on either side."""
     x, _, width, _ = record.get("bbox_wrap", record["bbox"])
     if not split or x + width <= mask.shape[1]:
         return [mask]
@@ -93,21 +99,21 @@ def _parts(mask: NDArray[np.bool_], record: Mapping[str, Any], split: bool) -> l
     return [right, left]
 
 
-def _outlined(mask: NDArray[np.bool_]) -> dict[str, Any]:
+def _mask_fields(mask: NDArray[np.bool_]) -> dict[str, Any]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     x, y = int(columns[0]), int(rows[0])
     box = [x, y, int(columns[-1]) + 1 - x, int(rows[-1]) + 1 - y]
     return {"bbox": box, "area": int(np.count_nonzero(mask)), "segmentation": rle.encode(mask)}
 
 
-def _known(frame: Frame) -> dict[int, dict[str, Any]]:
-    """What a frame's truth knows of instances, by their ids."""
-    found: dict[int, dict[str, Any]] = {}
+def _fields_from_truth(frame: Frame) -> dict[int, dict[str, Any]]:
+    """Return fields of annotations from a frame's truth, by instance id."""
+    fields: dict[int, dict[str, Any]] = {}
     for truth, names in _FROM_TRUTH.items():
         for record in frame.truth.get(truth, ()):
-            own = found.setdefault(record["instance_id"], {})
-            own |= {new: record[old] for old, new in names.items() if record.get(old) is not None}
-    return found
+            instance = fields.setdefault(record["instance_id"], {})
+            instance |= {new: record[old] for old, new in names.items() if record.get(old) is not None}
+    return fields
 
 
 def write_compact(path: Path, data: Mapping[str, Any]) -> Path:

@@ -113,7 +113,7 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
         renderer = Renderer(source)
         for moment in moments(job):
             for done, take in enumerate(moment.takes, start=1):
-                part = meter.part() if done == len(moment.takes) else without_images(meter.part())
+                report = meter.part() if done == len(moment.takes) else without_images(meter.part())
                 with renderer_at(renderer, take.instant) as renderer_then:
                     views = [
                         renderer_then.task(camera, pose, job.options, border_px=border_px)
@@ -121,18 +121,18 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                     ]
                     modes = job.options.sampled(take.modes)
                     plans = planning.share_captures(views, modes)
-                    fresh = _Capturing(plans, modes, needed, part)
-                    needed |= planning.verify_still(renderer_then.source, modes, fresh)
+                    capturing = _Capturing(plans, modes, needed, report)
+                    needed |= planning.verify_still(renderer_then.source, modes, capturing)
     return len(needed)
 
 
 class _Capturing:
-    """Captures what plans need, but for what was captured before.
+    """Captures what plans need, except what was captured before.
 
     Args:
         plans: of one instant.
         modes: of their images.
-        before: what is not captured again.
+        before: requests that are not captured again.
         report: called after each viewpoint and task.
     """
 
@@ -146,38 +146,39 @@ class _Capturing:
         self._plans, self._modes, self._before, self._report = plans, modes, before, report
 
     def __call__(self, source: Source) -> dict[Request, None]:
-        """Capture from a source; return what was captured."""
-        fresh: dict[Request, None] = {}
+        """Capture from a source; return the new requests in their order."""
+        new: dict[Request, None] = {}
         self._progress = Progress()
         for plan in self._plans:
-            drive(plan.rounds(), partial(self._round, source, fresh))
+            drive(plan.rounds(), partial(self._round, source, new))
             self._add(Progress(images=1))
-        return fresh
+        return new
 
     def _add(self, more: Progress) -> None:
         self._progress += more
         self._report(self._progress)
 
-    def _round(self, source: Source, fresh: dict[Request, None], round_: Round) -> Kept:
-        before, modes = self._before, self._modes
-        here = dict.fromkeys(each for each in round_.requests(modes) if each not in before)
+    def _round(self, source: Source, new: dict[Request, None], round_: Round) -> Kept:
+        """Capture a round; return the captures that the strategy keeps."""
+        modes, known = self._modes, ChainMap(new, self._before)
+        self._progress += Progress(
+            of_captures=len({each for each in round_.requests(modes) if each not in known})
+        )
         kept = []
-        self._progress += Progress(of_captures=len(here.keys() - fresh.keys()))
-        skip = ChainMap(fresh, before)
-        for viewpoint, captures in planning.captured(round_, source, modes, skip=skip):
-            new = dict.fromkeys(r for r in viewpoint.requests(modes) if r not in skip)
-            fresh.update(new)
+        for viewpoint, captures in planning.captured(round_, source, modes, skip=known):
+            requests = dict.fromkeys(each for each in viewpoint.requests(modes) if each not in known)
+            new.update(requests)
             if viewpoint.keep:
                 kept.append(captures)
-            self._add(replace(planning.captured_progress(captures), captures=len(new)))
+            self._add(replace(planning.captured_progress(captures), captures=len(requests)))
         return kept
 
 
 def costs(job: Job, *, measure: bool = False) -> list[Cost]:
-    """Return what every strategy would ask of the job's source, side by side, without capturing images.
+    """Return what every strategy would request from the job's source, without capturing images.
 
-    A source is opened only where what it can do is not known from its address, or to measure how long
-    a request takes; else a request is taken to last one tick of an engine.
+    A source is opened if its capabilities do not follow from its address, if poses are sampled in it, or to
+    measure how long a request takes. Otherwise a request is taken to last one tick of an engine.
 
     Args:
         job: whose images.
@@ -194,28 +195,28 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
             renderer = Renderer(source)
             planned = _planned(job, partial(renderer.task, options=job.options))
             seconds_per_request = _request_seconds(source)
-    found = []
+    costs_of_all = []
     for name in planning.names():
-        with suppress(ArgumentError):  # the source cannot do it
-            parts = [cost(name, frames, modes, seconds_per_request) for modes, frames in planned]
-            found.append(reduce(add, parts))
-    return found
+        with suppress(ArgumentError):  # the source does not support the strategy
+            of_states = [cost(name, tasks, modes, seconds_per_request) for modes, tasks in planned]
+            costs_of_all.append(reduce(add, of_states))
+    return costs_of_all
 
 
 def _planned(
     job: Job, task_of: Callable[[Camera, Pose], Task]
 ) -> list[tuple[tuple[str, ...], list[list[Task]]]]:
-    """The modes and the tasks of what is captured of each state of the world: captures of it are shared."""
-    found: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
+    """Return the modes and tasks of each state of the world, whose captures are shared."""
+    tasks_of: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
     for moment in moments(job):
         for take in moment.takes:
             tasks = [task_of(camera, pose) for camera, pose in take.views]
-            found.setdefault((take.instant.state, take.modes), []).append(tasks)
-    return [(job.options.sampled(modes), frames) for (_, modes), frames in found.items()]
+            tasks_of.setdefault((take.instant.state, take.modes), []).append(tasks)
+    return [(job.options.sampled(modes), tasks) for (_, modes), tasks in tasks_of.items()]
 
 
 def _request_seconds(source: Source) -> float:
-    """Seconds that a small capture takes; 0 for a recording, which captures nothing."""
+    """Return the seconds that a small capture takes; 0 for a recording, which captures nothing."""
     if source.recorded_views() is not None:
         return 0.0
     size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
