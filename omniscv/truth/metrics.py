@@ -1,8 +1,8 @@
-"""How far a layout that a network found is off the truth, by the measures that papers print.
+"""Measures of predicted layouts against the truth, as published.
 
-Of corners in upright panoramas: :func:`layout_scores`; sources: sunset1995/HorizonNet eval_general.py
+Corners in upright panoramas: :func:`layout_scores`; sources: sunset1995/HorizonNet eval_general.py
 (intersection over union, depth), zhigangjiang/LGT-Net evaluation/accuracy.py (corner and pixel error).
-Of CFL's maps: :func:`map_scores`; source: cfernandezlab/CFL test_CFL.py.
+CFL's maps: :func:`map_scores`; source: cfernandezlab/CFL test_CFL.py.
 Plans are intersected by shapely (the extra ``evaluate``).
 """
 
@@ -22,17 +22,17 @@ from omniscv.truth.cor_id import room_seen
 from omniscv.truth.room_surfaces import first_hits
 
 _CLOSE = 1.25  # ratio of depths that count as equal
-_TRUE_FROM, _FOUND_ABOVE = 0.01, 0.1  # CFL's thresholds, which differ on purpose
+_TRUE_FROM, _PREDICTED_ABOVE = 0.01, 0.1  # CFL's thresholds, which differ on purpose
 
 
 class LayoutScores(NamedTuple):
-    """Of one panorama.
+    """Scores of one panorama.
 
     Attributes:
         iou_2d, iou_3d: intersection over union of the plans, of the volumes; 0 to 1.
-        corner_error: mean distance of corners, percent of the image's diagonal; None of unequal counts.
-        pixel_error: percent of pixels that show another of ceiling, wall and floor.
-        rmse_m: of the depth along rays, metres, the camera being 1.6 m up.
+        corner_error: mean distance of corners, percent of the image's diagonal; None for unequal counts.
+        pixel_error: percent of pixels with another of ceiling, wall and floor.
+        rmse_m: of the depth along rays, metres, for a camera 1.6 m above the floor.
         delta_1: share of pixels whose depths are within a factor of 1.25.
     """
 
@@ -45,7 +45,7 @@ class LayoutScores(NamedTuple):
 
 
 class MapScores(NamedTuple):
-    """Of one map of edges or corners; all 0 to 1."""
+    """Scores of one map of edges or corners; all 0 to 1."""
 
     precision: float
     recall: float
@@ -55,15 +55,15 @@ class MapScores(NamedTuple):
 
 
 def layout_scores(found: ArrayLike, truth: ArrayLike, width: int = 1024, height: int = 512) -> LayoutScores:
-    """Return the measures of corners against the true ones.
+    """Return the measures of predicted corners against the true ones.
 
     Args:
-        found, truth: (2N, 2) px as :mod:`omniscv.truth.cor_id` orders them; a column's depth is that of the
-            nearest wall, the ceiling is level.
+        found, truth: (2N, 2) px as :mod:`omniscv.truth.cor_id` orders them; the depth of a column is that of
+            the nearest wall, the ceiling is level.
         width, height: of the panorama, px.
 
     Raises:
-        ArgumentError: corners that are none of an upright panorama, or whose plan crosses itself.
+        ArgumentError: corners that no upright panorama has, or whose plan crosses itself.
         OmniscvError: shapely is not installed.
     """
     rooms = [room_seen(corners, width, height) for corners in (found, truth)]
@@ -83,9 +83,9 @@ def layout_scores(found: ArrayLike, truth: ArrayLike, width: int = 1024, height:
 
 
 def map_scores(found: ArrayLike, truth: ArrayLike) -> MapScores:
-    """Return CFL's measures of a map against the true one.
+    """Return CFL's measures of a predicted map against the true one.
 
-    What is found counts above 0.1, what is true from 0.01: a map against itself has a precision of 1 and a
+    Predictions count above 0.1, the truth from 0.01, so a map against itself has a precision of 1 and a
     recall below 1.
 
     Args:
@@ -103,7 +103,7 @@ def map_scores(found: ArrayLike, truth: ArrayLike) -> MapScores:
         raise ArgumentError(f"maps: expected (H, W) numbers and a uint8 (H, W) map, got {got}")
     size = prediction.shape[::-1]
     resized = np.asarray(Image.fromarray(expected).resize(size)) / 255.0
-    positive, true = prediction > _FOUND_ABOVE, resized >= _TRUE_FROM
+    positive, true = prediction > _PREDICTED_ABOVE, resized >= _TRUE_FROM
     both, either = int((positive & true).sum()), int((positive | true).sum())
     precision, recall = _ratio(both, positive.sum()), _ratio(both, true.sum())
     f1 = _ratio(2 * precision * recall, precision + recall)
@@ -115,7 +115,7 @@ def _ratio(part: float, whole: float) -> float:
 
 
 def _areas(rooms: list[Room]) -> tuple[float, float, float]:
-    """Areas of two plans and of what they share, square metres."""
+    """Areas of two plans and of their intersection, square metres."""
     try:
         from shapely import Polygon
     except ImportError as cause:
@@ -137,6 +137,6 @@ def _depth(room: Room, width: int, height: int) -> tuple[Array, NDArray[np.int16
 def _corner_error(found: Array, truth: Array, width: int, height: int) -> float | None:
     if found.shape != truth.shape:
         return None
-    ordered = [np.roll(each, -2 * int(each[1::2, 0].argmin()), axis=0) for each in (found, truth)]
-    apart = np.linalg.norm(ordered[0] - ordered[1], axis=1).mean()
-    return 100 * float(apart / np.hypot(width, height))
+    predicted, true = (np.roll(px, -2 * int(px[1::2, 0].argmin()), axis=0) for px in (found, truth))
+    distance = np.linalg.norm(predicted - true, axis=1).mean()
+    return 100 * float(distance / np.hypot(width, height))

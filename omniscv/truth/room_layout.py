@@ -64,8 +64,6 @@ class RoomLayout:
                 "room: expected at least 3 different corners, counterclockwise from above; got "
                 f"{shown(corners)}"
             )
-        if len(self.room.walls) != len(corners):
-            raise ArgumentError(f"room.walls: expected {len(corners)} names, got {len(self.room.walls)}")
         number("room.ceiling_z", self.room.ceiling_z, above=number("room.floor_z", self.room.floor_z))
 
 

@@ -1,9 +1,9 @@
 """Boxes on the sphere of directions (BFoV), upright and rotated, their areas and overlaps.
 
-A box has a centre and two angles. Its region is where the angles in its tangent frame (x right, y down, z to
-its centre) are small: ``|atan(x/z)| <= fov_h/2`` and ``|atan(y/z)| <= fov_v/2``, z > 0: inside four great
-circles. Longitude is positive to the right, latitude up; ``rot`` turns the frame clockwise as the image shows
-it. An object too wide for that has the kind ``lonlat``: the ranges of its longitudes and latitudes.
+A box has a centre and two angles. In its tangent frame (x right, y down, z to the centre) it is the region
+``|atan(x/z)| <= fov_h/2`` and ``|atan(y/z)| <= fov_v/2``, z > 0, inside four great circles. Longitude is
+positive to the right, latitude up; ``rot`` turns the frame clockwise in the image. An object that is too wide
+for that has the kind ``lonlat``: ranges of longitude and latitude.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 
 Kind = Literal["perspective", "lonlat"]
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 _FLAT = 1e-12
-"""Of products of unit vectors: rounding."""
+"""Rounding error of products of unit vectors."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,10 @@ class SphericalBox:
     """A box on the sphere; all angles in degrees.
 
     Attributes:
-        lon, lat: of its centre: -180 to 180, -90 to 90.
+        lon, lat: of the centre: -180 to 180, -90 to 90.
         fov_h, fov_v: across and down.
         rot: clockwise, -90 to 90.
-        kind: what the angles mean.
+        kind: the meaning of the angles.
     """
 
     lon: float
@@ -42,16 +43,16 @@ class SphericalBox:
 
     @classmethod
     def of(cls, box: SphericalBox | Mapping[str, Any]) -> Self:
-        """Return a box of its record, or the box itself."""
+        """Return the box of a record, or the box itself."""
         return cls(**(asdict(box) if isinstance(box, SphericalBox) else box))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values: the record."""
+        """Return the record: plain values."""
         return asdict(self)
 
     @property
     def R_c_b(self) -> Array:
-        """(3, 3) from the box's tangent frame to the camera's: its columns are right, down, forward."""
+        """(3, 3) from the box's tangent frame to the camera's; columns right, down, forward."""
         return np.asarray(frames(*np.radians([[self.lon], [self.lat], [self.rot]]))[0])
 
     @property
@@ -64,10 +65,7 @@ class SphericalBox:
         return float(4 * np.arcsin(np.sin(a / 2) * np.sin(b / 2)))
 
     def contains(self, directions: Array) -> Array:
-        """Return (...) how far directions (..., 3) are inside, degrees: below 0 if they are outside.
-
-        It is the least of the angles, in the tangent frame, to the four sides.
-        """
+        """Return (...) the least angle of directions (..., 3) to the four sides, degrees; below 0 outside."""
         if self.kind == "lonlat":
             lon, lat = lon_lat(directions)
             across = np.abs((np.degrees(lon) - self.lon + 180) % 360 - 180)
@@ -92,7 +90,7 @@ def lon_lat(directions: Array) -> tuple[Array, Array]:
 
 def frames(lon: Array, lat: Array, rot: Array) -> Array:
     """Return (N, 3, 3) tangent frames, columns right, down, forward, of angles (N,), radians."""
-    (sl, cl), (sp, cp), (sr, cr) = ((np.sin(each), np.cos(each)) for each in (lon, lat, rot))
+    (sl, cl), (sp, cp), (sr, cr) = ((np.sin(angle), np.cos(angle)) for angle in (lon, lat, rot))
     zero = np.zeros_like(sl)
     right = np.stack([cl, zero, -sl], axis=-1)
     down = np.stack([sp * sl, cp, sp * cl], axis=-1)
@@ -102,10 +100,9 @@ def frames(lon: Array, lat: Array, rot: Array) -> Array:
 
 
 def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
-    """Return the unbiased overlap of two boxes: the area that both cover over the area that either does.
+    """Return the exact intersection over union of two boxes.
 
-    Where both are is the spherical polygon inside eight great circles: its area is the sum of its angles,
-    less ``(n - 2) pi`` (Girard).
+    The intersection is the spherical polygon inside eight great circles.
 
     Raises:
         ArgumentError: a box of kind ``lonlat``, or a fov of 180 degrees or more.
@@ -116,8 +113,9 @@ def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mappi
 
 
 def fov_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
-    """Return FoV-IoU: the overlap of the boxes' angles as if they lay in one plane; exact side by side at the
-    horizon, cheap elsewhere. ``rot`` does not count.
+    """Return FoV-IoU: the intersection over union of the boxes' angles as if they lay in one plane.
+
+    It is exact side by side at the horizon, approximate elsewhere, and ignores ``rot``.
 
     Source: Cao et al. 2022, Field-of-View IoU for object detection in 360 degree images.
 
@@ -134,17 +132,15 @@ def fov_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str
 
 
 def _perspective(name: str, box: SphericalBox | Mapping[str, Any]) -> SphericalBox:
-    from omniscv.errors import ArgumentError
-
-    found = SphericalBox.of(box)
-    if found.kind != "perspective" or not (0 < found.fov_h < 180 and 0 < found.fov_v < 180):
-        wanted = "expected a box of kind perspective with angles between 0 and 180 degrees"
-        raise ArgumentError(f"{name}: {wanted}, got {found}")
-    return found
+    checked = SphericalBox.of(box)
+    if checked.kind != "perspective" or not (0 < checked.fov_h < 180 and 0 < checked.fov_v < 180):
+        expected = "expected a box of kind perspective with angles between 0 and 180 degrees"
+        raise ArgumentError(f"{name}: {expected}, got {checked}")
+    return checked
 
 
 def _sides(box: SphericalBox) -> Array:
-    """(4, 3) inward normals of the great circles that a box lies within."""
+    """(4, 3) inward normals of the great circles of a box's sides."""
     corners = box.corners()
     normals = np.cross(corners, np.roll(corners, -1, axis=0))
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
@@ -154,15 +150,15 @@ def _clipped(polygon: Array, normals: Array) -> Array:
     """Return the part (N, 3) of a convex spherical polygon inside great circles (Sutherland and Hodgman)."""
     for normal in normals:
         inside = polygon @ normal
-        kept = []
+        clipped = []
         for i in range(len(polygon)):
             a, b, da, db = polygon[i - 1], polygon[i], inside[i - 1], inside[i]
             if (da > _FLAT and db < -_FLAT) or (da < -_FLAT and db > _FLAT):
                 crossing = a * abs(db) + b * abs(da)
-                kept.append(crossing / np.linalg.norm(crossing))
+                clipped.append(crossing / np.linalg.norm(crossing))
             if db >= -_FLAT:
-                kept.append(b)
-        polygon = np.array(kept).reshape(-1, 3)
+                clipped.append(b)
+        polygon = np.array(clipped).reshape(-1, 3)
     return polygon
 
 
