@@ -7,7 +7,7 @@ from support.exact import distance_to_surfaces
 from support.traced_frames import traced
 
 import mock_server
-from omniscv import Pose, truth
+from omniscv import Pose, cameras, truth
 from omniscv.errors import ArgumentError
 from omniscv.truth import Points
 
@@ -16,9 +16,9 @@ SCENE = mock_server.load_scene("six-wall")
 POSE = Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3)
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("name", cameras.names())
 def test_points_lie_on_the_surfaces(name):
-    camera = CAMERAS[name]
+    camera = CAMERAS[f"{name}-example"]
     layers = traced(SCENE, camera, POSE)
     depth, normals = layers.pop("depth"), layers["normals"]
     found = truth.points(depth, camera.unproject(), POSE, layers)
