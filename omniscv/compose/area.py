@@ -147,7 +147,7 @@ def _sample(
     x: Floats, y: Floats, counts: Ints, spacing: Floats, out: Pixels,
     picture: Pixels, k0: int, k1: int, k2: int, half: np.float32,
 ) -> None:  # fmt: skip
-    """Write means of three channels. Indices are unsigned: signed ones take 1.3 times as long."""
+    """Write means of three channels."""
     one = np.float32(1)
     for i in range(x.shape[0]):
         many, more = np.int32(counts[i, 0]), np.int32(counts[i, 1])
@@ -162,12 +162,12 @@ def _sample(
         for _ in range(more):
             at_x, at_y = row_x, row_y
             for _ in range(many):
-                c, r = np.uint32(at_x), np.uint32(at_y)
+                c, r = int(at_x), int(at_y)
                 p, q = at_x - np.float32(c), at_y - np.float32(r)
                 w11 = p * q
                 w01, w10 = p - w11, q - w11
                 w00 = one - p - w10
-                n, m = c + np.uint32(1), r + np.uint32(1)
+                n, m = c + 1, r + 1
                 sum0 += w00 * np.float32(picture[r, c, k0]) + w01 * np.float32(picture[r, n, k0])
                 sum0 += w10 * np.float32(picture[m, c, k0]) + w11 * np.float32(picture[m, n, k0])
                 sum1 += w00 * np.float32(picture[r, c, k1]) + w01 * np.float32(picture[r, n, k1])

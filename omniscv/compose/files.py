@@ -38,31 +38,27 @@ Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 
 OBJECTS = "objects.json"
 
-_NO_CLOCK = "1970:01:01 00:00:00"  # the same pixels make the same bytes, whenever they are written
-_LAST_BUFFER = 1 << 16  # bytes, more than libraries hold back
+_NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
+_LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
 _LOOKED_AT, _ALIKE = 64, 0.1
-"""Rows in which neighbours are compared, and the part of them from which on run lengths pay."""
+"""Rows in which neighbours are compared, and the share of equal ones from which on run lengths pay."""
 _JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
 def register(suffix: str, writer: Writer) -> None:
-    """Write files of a suffix with a function; images may then have it as their ``image_format``."""
+    """Register a function that writes files of a suffix, which then is an ``image_format`` of images."""
     _writers[suffix] = writer
 
 
 def formats() -> tuple[str, ...]:
-    """Return what ``image_format`` may be."""
+    """Return the values of ``image_format``."""
     plugins.load()
     return tuple(_writers)
 
 
 def check_format(image_format: str) -> None:
-    """Refuse what is no image format.
-
-    Raises:
-        ArgumentError: no writer is registered for it.
-    """
+    """Raise ArgumentError unless a writer is registered for an image format."""
     if image_format not in formats():
         raise ArgumentError(f"image_format: expected one of {', '.join(formats())}; got {image_format!r}")
 
@@ -75,7 +71,7 @@ def write(
     stem: str,
     image_format: str = "png",
 ) -> list[Path]:
-    """Write an image's layers and what is known of it.
+    """Write an image's layers and its description.
 
     Args:
         layers: by the names of :mod:`omniscv.modalities`.
@@ -160,7 +156,7 @@ def read(path: Path, name: str) -> NDArray[Any]:
 
 
 def _merged(path: Path, objects: ObjectTable) -> dict[str, Any]:
-    """What ``objects.json`` is to hold: the objects, and those of the images that are in the folder already.
+    """Return the content of ``objects.json``: the objects, and those of the images in the folder.
 
     Raises:
         ArgumentError: a label would get another object or mask colour, or an object another label.
@@ -170,19 +166,19 @@ def _merged(path: Path, objects: ObjectTable) -> dict[str, Any]:
     if not path.exists():
         return listed
     try:
-        before = json.loads(path.read_text(encoding="utf-8"))
-        label_of = {entry["name"]: label for label, entry in before.items()}
+        existing = json.loads(path.read_text(encoding="utf-8"))
+        label_of = {entry["name"]: label for label, entry in existing.items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as cause:
         got = f"{type(cause).__name__}, {shown(str(cause))}"
         raise ArgumentError(f"{path}: expected labels and their objects, got: {got}") from cause
     for label, entry in listed.items():
         name = entry["name"]
-        was = label_of.get(name, label)
-        if was != label or before.get(label, entry) != entry:
-            had = f"label {shown(was)}" if was != label else shown(before[label])
-            wanted = f"expected the objects of the images in this folder, {had}"
-            raise ArgumentError(f"{path}: {wanted}; got {label}: {shown(entry)}; save into another folder")
-    return dict(sorted({**before, **listed}.items(), key=lambda item: (len(item[0]), item[0])))
+        previous = label_of.get(name, label)
+        if previous != label or existing.get(label, entry) != entry:
+            conflict = f"label {shown(previous)}" if previous != label else shown(existing[label])
+            expected = f"expected the objects of the images in this folder, {conflict}"
+            raise ArgumentError(f"{path}: {expected}; got {label}: {shown(entry)}; save into another folder")
+    return dict(sorted({**existing, **listed}.items(), key=lambda item: (len(item[0]), item[0])))
 
 
 def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -> str:
@@ -209,12 +205,12 @@ def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
 def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     import cv2
 
-    # Not by OpenImageIO: where the disk is full, the library for JPEG that it has ends the process.
+    # Not by OpenImageIO: its library for JPEG ends the process where the disk is full.
     grey = pixels.ndim == 2
     fits = (grey or pixels.shape[2:] == (3,)) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
     if pixels.dtype != np.uint8 or not fits:
-        wanted = f"expected uint8 pixels for JPEG, grey or RGB, {_JPEG_LARGEST_PX} a side at most"
-        raise OmniscvError(f"{path.name}: {wanted}; got {pixels.dtype} of shape {pixels.shape}; choose png")
+        expected = f"expected uint8 pixels for JPEG, grey or RGB, {_JPEG_LARGEST_PX} a side at most"
+        raise OmniscvError(f"{path.name}: {expected}; got {pixels.dtype} of shape {pixels.shape}; choose png")
     swapped = pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     path.write_bytes(cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
 
@@ -235,7 +231,7 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.attribute("ImageDescription", row.doc)
     if path.suffix == ".exr":
         spec.attribute("compression", _exr_compression(planes))
-        # By measurement: to hand each row to a pool of threads takes longer than to write it.
+        # By measurement: passing rows to a pool of threads takes longer than writing them.
         OpenImageIO.attribute("exr_threads", -1)
     if path.suffix == ".jxl":
         spec.attribute("compression", "lossless")

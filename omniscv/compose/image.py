@@ -27,15 +27,15 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OmniImage:
-    """What :func:`omniscv.render` makes. Indexing gives a layer: ``image["depth"]``.
+    """An image that :func:`omniscv.render` returns. Indexing gives a layer: ``image["depth"]``.
 
     Attributes:
-        camera, pose: what was rendered, and from where.
+        camera, pose: of the image.
         valid: (H, W) bool, the pixel is inside the field of view.
-        layers: by the names of :mod:`omniscv.modalities`; those that were requested and what is derived.
+        layers: by the names of :mod:`omniscv.modalities`: those that were requested, and derived ones.
         centers_w: (H, W, 3) or (3,), where depth is measured from, world frame, metres.
         objects: names and mask colours; None without labels.
-        unknown_colors: mask colours that no object has, and on how many pixels.
+        unknown_colors: mask colours that no object has, and the number of their pixels.
         provenance: where the captures came from.
         options: how it was captured and composed.
     """
@@ -82,8 +82,8 @@ class OmniImage:
 
     @property
     def depth_error(self) -> NDArray[np.float32] | None:
-        """(H, W) float32 metres: how far depth may be off the distance along the pixel's own ray, from its
-        own origin; +inf where nothing bounds it, 0 outside the field of view."""
+        """(H, W) float32 metres: bound on the error of depth along the pixel's own ray; +inf where nothing
+        bounds it, 0 outside the field of view."""
         return self.layers.get("depth_error")
 
     @property
@@ -151,7 +151,7 @@ class OmniImage:
         return sheet(self) if layer is None else Image.fromarray(picture(self, layer))
 
     def show(self, layer: str | None = None) -> None:
-        """Show what :meth:`to_pil` returns: in a notebook, else in the system's viewer of pictures."""
+        """Show the picture of :meth:`to_pil`: in a notebook, else in the system's viewer of pictures."""
         shown = self.to_pil(layer)
         notebook = sys.modules.get("IPython")
         if notebook is not None and notebook.get_ipython() is not None:
@@ -166,6 +166,7 @@ class OmniImage:
         return encoded.getvalue()
 
     def description(self) -> dict[str, Any]:
+        """Return the plain values of ``STEM.json``."""
         return {
             "camera": self.camera.to_dict(),
             "pose": self.pose.to_dict(),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Picture = NDArray[np.uint8]
 
 OUTSIDE = (230, 233, 238)
-"""The colour of what is outside the field of view."""
+"""The colour of pixels outside the field of view."""
 _INK = (28, 35, 48)
 _TILE_PX, _MARGIN_PX, _CAPTION_PX = 480, 8, 20
 
@@ -27,7 +27,7 @@ def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
     are ``127.5 (1 + n)``; marks are white where they are set.
 
     Args:
-        image: whose layer.
+        image: with the layer.
         layer: its name.
         most: metres at which the colours of depth end; :func:`farthest` of the layer if not given.
 
@@ -37,14 +37,14 @@ def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
     values = image[layer]
     if layer == "labels" and image.objects is not None:
         colors = [(0, 0, 0), *(image.objects.colors[name] for name in image.objects.names())]
-        found = np.array(colors, np.uint8)[values]
+        shown = np.array(colors, np.uint8)[values]
     elif layer == "normals":
-        found = np.round(127.5 * (1 + values)).astype(np.uint8)
+        shown = np.round(127.5 * (1 + values)).astype(np.uint8)
     elif layer in ("depth", "depth_error"):
-        found = colored_depth(values, most or farthest(values[image.valid]))
+        shown = colored_depth(values, most or farthest(values[image.valid]))
     else:
-        found = _plain(values)
-    return np.where(image.valid[..., None], found, np.array(OUTSIDE, np.uint8))
+        shown = _plain(values)
+    return np.where(image.valid[..., None], shown, np.array(OUTSIDE, np.uint8))
 
 
 def uint8_colors(colors: NDArray[Any]) -> Picture:
@@ -74,7 +74,7 @@ def colored_depth(depth: NDArray[np.float32], most: float) -> Picture:
 
 
 def farthest(depth: NDArray[np.float32]) -> float:
-    """Return the depth that colours end at: all but the last percent of what is finite; else 1."""
+    """Return the 99 % quantile of finite depths, at which colours end; 1 without any."""
     seen = depth[np.isfinite(depth) & (depth > 0)]
     return float(np.quantile(seen, 0.99)) if seen.size else 1.0
 

@@ -53,7 +53,7 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
     best, least = (capabilities.min_size, capabilities.min_size), np.inf
     for count in range(1, _MOST_VIEWS + 1):
         strips = [strip for circle in circles for strip in _shares(*circle, count)]
-        if len(strips) >= least:  # too many already, whatever their size
+        if len(strips) >= least:  # too many, whatever their size
             continue
         half = np.max([_strip(*strip)[1] for strip in strips], axis=0)
         if half[0] > STEEPEST:
@@ -95,26 +95,26 @@ def holding_size(half: Array, focal_px: float, border_px: int, capabilities: Cap
 
 
 def _thinned(items: Any, count: int) -> Any:
-    """About ``count`` of the items, the first and the last among them."""
+    """Return about ``count`` of the items, the first and the last among them."""
     return [*items[:: max(1, len(items) // count)], items[-1]]
 
 
 def _shares(rays: Array, axis: Array, azimuth: Array, count: int) -> list[tuple[Array, Array]]:
-    """Up to ``count`` parts of the circle that rays lie on: the rays of each, and the circle's axis."""
+    """Return up to ``count`` arcs of the circle that rays lie on: the rays of each, and the circle's axis."""
     if count == 1:
         return [(rays, axis)]
     span = azimuth.max() * (1 + 1e-12) + 1e-12
     share = np.minimum((azimuth / span * count).astype(int), count - 1)
-    return [(mine, axis) for k in range(count) if len(mine := rays[share == k])]
+    return [(arc, axis) for k in range(count) if len(arc := rays[share == k])]
 
 
 def _strip(rays: Array, axis: Array) -> tuple[Array, Array]:
-    """The view of a part of a circle: its R_w_c, and the tangents of its rays."""
+    """Return the view of an arc: its R_w_c, and the tangents of its rays."""
     return looking(rays, rays.mean(axis=0), axis)
 
 
 def _circle(rays: Array) -> tuple[Array, Array]:
-    """The axis of the circle that rays lie on, and each ray's azimuth about it, from its largest gap."""
+    """Return the axis of the circle that rays lie on, and their azimuths about it, from its largest gap."""
     if len(rays) < 3:
         axis = _cross(rays[0], np.eye(3)[np.argmin(np.abs(rays[0]))])
     else:
@@ -160,6 +160,6 @@ def looking(rays: Array, toward: Array, axis: Array) -> tuple[Array, Array]:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """The cross product of two vectors; NumPy's own, for arrays of any shape, takes ten times as long."""
+    """Return the cross product of two vectors; numpy.cross takes ten times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

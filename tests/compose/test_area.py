@@ -73,9 +73,15 @@ def kept(values, scene, camera):
     return ((values[some] - 0.5) * wave).sum() / (wave**2).sum()
 
 
-@pytest.mark.parametrize("face_size", [160, 512])
-@pytest.mark.parametrize("period_px", [2.5, pytest.param(3.0, marks=pytest.mark.soak), 4.0])
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(
+    ("name", "period_px", "face_size"),
+    [
+        ("equirectangular", 2.5, 160),
+        ("equirectangular", 4.0, 512),
+        ("fisheye-equidistant", 2.5, 512),
+        ("fisheye-equidistant", 4.0, 160),
+    ],
+)
 def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
     """.77, .84 and .91 of their height in a panorama."""
     camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
@@ -111,15 +117,15 @@ def test_checkerboards_show_their_means(name):
 
 def test_a_floor_fades_towards_the_horizon():
     """Near it tiles are smaller than a face's pixels: the faces pass over some, and so do 64 rays. Where
-    these are as good as 400, on more than nine pixels in ten, so is the image."""
+    these are as good as 144, on more than nine pixels in ten, so is the image."""
     camera = CAMERAS["equirectangular"]
     image, wanted = shown(FLOOR, camera, 512), means(FLOOR, camera)
-    known = np.abs(wanted - means(FLOOR, camera, subrays=20)).max(axis=-1) < 2 / 255
+    known = np.abs(wanted - means(FLOOR, camera, subrays=12)).max(axis=-1) < 2 / 255
     assert known[image.valid].mean() > 0.9
     assert rms(image, wanted, known) <= 2
 
 
-@pytest.mark.parametrize("fov_deg", [180, 300])
+@pytest.mark.parametrize("fov_deg", [pytest.param(180, marks=pytest.mark.soak), 300])
 def test_at_the_rim_only_what_is_inside_the_field_of_view_counts(fov_deg):
     camera = create("fisheye-equidistant", width=96, height=96, fov_deg=fov_deg)
     scene = waves(3 * np.radians(fov_deg) / 96)

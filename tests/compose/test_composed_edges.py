@@ -26,7 +26,7 @@ CAMERAS = {
     "ball": (create("noncentral-spherical-mirror", **SQUARE, mirror_radius=0.5), 90.0),
 }
 
-DEAR = {("cone", "strips"), ("ball", "adaptive"), ("ball", "strips")}
+DEAR = {("cone", "strips"), ("cone", "adaptive"), ("ball", "adaptive"), ("ball", "strips")}
 WAYS = [
     pytest.param(name, strategy, marks=[pytest.mark.soak] * ((name, strategy) in DEAR))
     for name in CAMERAS

@@ -14,15 +14,13 @@ POSES = [
     Pose.from_angles(
         (0.1 + 0.2 * i, -0.2, 1.45), yaw_deg=27.0 + 73 * i, pitch_deg=8.0 - 5 * i, roll_deg=3 * i
     )
-    for i in range(4)
+    for i in range(3)
 ]
 SCENE = load_scene("four-wall")
-CAMERAS = cameras_at(96)
+CAMERAS = cameras_at(72)
 
 
-@pytest.mark.parametrize(
-    "name", ["equirectangular", "fisheye-equidistant", "catadioptric-hyperbolic", "pinhole"]
-)
+@pytest.mark.parametrize("name", ["equirectangular", "catadioptric-hyperbolic", "pinhole"])
 def test_twice_the_size_gains_less_than_a_tenth(name):
     """On average over poses: in a single picture, how fine lines fall on the pixels decides as much.
 

@@ -17,15 +17,13 @@ POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg
 SOURCE = float_source(load_scene("four-wall"))
 SMALL = cameras_at(64)
 # Below 200 px few centres are captured for parallel rays, and edges are blurred: docs/moving-cameras.md.
-MANY = [name for name, camera in SMALL.items() if not camera.central]
 DEAR = ("noncentral-spherical-mirror", "orthographic")
-LARGER = {**cameras_at(96), "orthographic": cameras_at(256)["orthographic"]}
+LARGER = {**cameras_at(80), "orthographic": cameras_at(256)["orthographic"]}
 
 
 FILTERED = [
-    pytest.param(*each.values, filter, marks=each.marks)
-    for filter, dear in (("bilinear", ()), ("bicubic", MANY), ("area", MANY))
-    for each in by_rays(SMALL, dear)
+    pytest.param(*each.values, ("bilinear", "bicubic", "area")[i % 3], marks=each.marks)
+    for i, each in enumerate(by_rays(SMALL))
 ]
 
 
@@ -47,7 +45,7 @@ def test_every_output_colour_is_an_input_colour_and_has_its_label(name, filter):
 def test_labels_are_those_of_the_pixels_own_rays(name):
     """The rest are pixels at edges, where the nearest face pixel's centre lies on the other side."""
     camera = LARGER[name]
-    image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), face_size=1024 if camera.central else 512)
+    image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), face_size=768 if camera.central else 512)
     truth = traced(SOURCE.scene, camera, POSE).label
     assert (image.labels == truth)[image.valid].mean() >= 0.995
 

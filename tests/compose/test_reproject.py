@@ -16,14 +16,14 @@ from omniscv.geometry import Pose
 
 POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
 ROOM = float_source(load_scene("four-wall"))
-CAMERAS = {
-    "panorama": create("noncentral-panorama", width=512, height=256, radius=1.0),
-    "ball": create(
-        "noncentral-spherical-mirror", width=256, height=256, mirror_radius=0.3, distance=0.3, fov_deg=280
-    ),
-    "cone": create("noncentral-conical-mirror", width=256, height=256, half_angle_deg=55.0, distance=0.3),
-}
 LOW = create("noncentral-panorama", width=512, height=64, radius=1.0)
+CAMERAS = {
+    "panorama": LOW,
+    "ball": create(
+        "noncentral-spherical-mirror", width=128, height=128, mirror_radius=0.3, distance=0.3, fov_deg=280
+    ),
+    "cone": create("noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3),
+}
 MODES = ("lit", "object_mask", "depth", "normals")
 SOAK = pytest.mark.soak
 
@@ -67,10 +67,10 @@ def test_few_centres_serve_as_well(name, room):
 
 
 def test_hardly_behind_capturing_every_centre():
-    camera = create("noncentral-panorama", width=96, height=48, radius=1.0)
+    camera = create("noncentral-panorama", width=64, height=32, radius=1.0)
     truth = traced(ROOM.scene, camera, POSE)
     few, all_centers = (
-        right(omniscv.render(camera, POSE, ROOM, MODES, strategy=strategy, face_size=336), truth).mean()
+        right(omniscv.render(camera, POSE, ROOM, MODES[1:3], strategy=strategy, face_size=192), truth).mean()
         for strategy in ("adaptive", "strips")
     )
     assert few >= all_centers - 0.01
