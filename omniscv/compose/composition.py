@@ -49,7 +49,6 @@ class Composition:
         self._task, self._source = task, source
         self._modes = task.options.sampled(modes)
         self._make_sampler, self._report = sampler_of, report
-        self._valid_count = int(np.count_nonzero(task.rays.valid))
         self._canvas: _Canvas | None = None
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
@@ -61,7 +60,7 @@ class Composition:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         if serving and self._canvas is None:
-            whole = len(serving) == 1 and len(serving[0].pixels) == self._valid_count
+            whole = len(serving) == 1 and len(serving[0].pixels) == self._task.rays.valid_count
             self._canvas = _Canvas(self._task.rays.valid, whole and serving[0].toward_w is None)
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept = []

@@ -1,5 +1,4 @@
-"""The rays of an image, unprojected once, or again in blocks of rows where the image is too large to hold
-them."""
+"""The rays of an image: unprojected once, or, of an image that is too large for that, in blocks of rows."""
 
 from __future__ import annotations
 
@@ -45,7 +44,7 @@ class RayGroup:
 
     def blocks(self) -> Iterator[Array]:
         """Yield the rays, (n, 3) each; for a whole image also those of invalid pixels, which are NaN."""
-        whole = len(self.pixels) == np.count_nonzero(self.rays.valid)
+        whole = len(self.pixels) == self.rays.valid_count
         for block in self.rays.blocks(None if whole else self.pixels):
             yield block.directions
 
@@ -112,6 +111,11 @@ class ImageRays:
             first, around = self.around(rows)
             steps[rows] = densities.steps(around)[rows.start - first : rows.stop - first]
         return steps
+
+    @cached_property
+    def valid_count(self) -> int:
+        """How many pixels are valid."""
+        return int(np.count_nonzero(self.valid))
 
     @cached_property
     def _steps(self) -> Array:

@@ -43,9 +43,17 @@ def plain(value, dtype):
     return make
 
 
-@pytest.mark.parametrize("filter", ["nearest", "bilinear", "bicubic", "area"])
 @pytest.mark.parametrize(
-    ("value", "dtype"), [(65535, np.uint16), (1e5, np.float32), (-0.25, np.float32), (255, np.uint8)]
+    ("value", "dtype", "filter"),
+    [
+        (65535, np.uint16, "area"),
+        (65535, np.uint16, "bicubic"),
+        (1e5, np.float32, "bilinear"),
+        (-0.25, np.float32, "area"),
+        (-0.25, np.float32, "nearest"),
+        (255, np.uint8, "bicubic"),
+        (255, np.uint8, "area"),
+    ],
 )
 def test_values_and_types_pass_through(value, dtype, filter):
     """No rescaling to 8 bits or to 0..1, and no overflow at the top of a type's range."""

@@ -86,7 +86,7 @@ def peak_bytes(job):
 
 def test_a_tiled_image_never_holds_its_map():
     """Of a pixel it holds 21 bytes: colour, depth, its error, marks, its number. A ray alone takes 24."""
-    camera = cameras.create("equirectangular", width=512, height=256)
+    camera = cameras.create("equirectangular", width=1024, height=512)
     pixels = camera.width * camera.height
     renderer = omniscv.Renderer(SOURCE, cache_bytes=0, tile_bytes=4 * pixels)
     options = omniscv.RenderOptions(face_size=64)
@@ -98,7 +98,7 @@ def test_a_tiled_image_never_holds_its_map():
 
 
 def test_face_sizes_are_found_with_less_than_the_rays():
-    camera = cameras.create("equirectangular", width=512, height=256)
+    camera = cameras.create("equirectangular", width=1024, height=512)
     peak, rays = peak_bytes(lambda: ImageRays(camera, 1 << 20))
     found, size = peak_bytes(lambda: rays.face_size)
     assert peak < 8 * rays.valid.size
