@@ -180,23 +180,6 @@ class Scene:
         result._move(poses or {})
         return result
 
-    def moved(self, moves: Mapping[str, tuple[Array, Array, Array]]) -> Scene:
-        """Return another scene, whose description has some objects moved; textures stay in the world.
-
-        Args:
-            moves: by object, a rotation (3, 3), its pivot, and the pivot's target (both (3,) metres, world
-                frame).
-        """
-        result = copy.copy(self)
-        result._described = self._described.copy()
-        for name, move in moves.items():
-            rows = self._owner == name
-            result._described[rows] = solids.moved(self._described[rows], *move)
-        if self._of_room(moves):
-            result._whole_room = None
-        result._move({})
-        return result
-
     def scaled(self, name: str, factors: ArrayLike) -> Scene:
         """Return another scene, with an object scaled along the world's axes by three factors, about the
         centre of its box; see :func:`mock_server.solids.scaled`."""

@@ -213,7 +213,8 @@ def test_a_dataset_of_a_world_in_which_an_object_moves(tmp_path):
     """Rendered, written with the poses of the object, and exported; judged by tracing the world before it."""
     R = Pose.from_angles((0, 0, 0), 30).rotation @ Pose.from_angles((0, 0, 0)).rotation.T
     pivot, place = np.array([1.0, 0.5, 0.3]), np.array([1.1, 0.2, 0.3])
-    worlds = [SCENE, SCENE.moved({"Chair_1": (R, pivot, place)})]
+    center = R @ (SCENE.pose("Chair_1")[1] - pivot) + place
+    worlds = [SCENE, SCENE.at(0.0, {"Chair_1": (R, center)})]
     chair = [Pose(pivot, np.eye(3)), Pose(place, R)]
     camera = cameras.create("equirectangular", width=96, height=48)
     with dataset.Writer(tmp_path / "out") as writer:

@@ -85,7 +85,7 @@ def filled(template):
     return st.tuples(*(kinds.get(part, st.just(part)) for part in parts)).map("".join)
 
 
-@pytest.mark.parametrize("name", ["L", "M", "N1", "N2"])
+@pytest.mark.parametrize("name", ["L", "N2"])  # N2 has the commands of M and N1
 def test_any_command_is_answered(name, start, open_raw):
     """Over a socket, so that a handler that raises ends the connection and is seen."""
     client = open_raw(start(dialect=name, size=(8, 8)))
@@ -104,7 +104,7 @@ def test_any_command_is_answered(name, start, open_raw):
 
 
 @pytest.mark.parametrize("name", ["L", "M", "N1", "N2"])
-@cases(40)
+@cases(20)
 @given(payload=st.binary(max_size=60) | st.from_regex(rb"\d{0,12}:vget /[a-z/0-9]{0,20}", fullmatch=True))
 def test_any_request_is_parsed_or_not(name, payload):
     kind = BY_NAME[name]

@@ -8,10 +8,6 @@ import struct
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-import mock_server
 
 UNKNOWN = "error Can not find a handler for URI '{}'"
 
@@ -86,27 +82,6 @@ def test_a_second_client_waits_for_its_greeting_until_the_first_leaves(start, op
     second.settimeout(20)
     assert second.recv(4) == b"\xc1\x83\x2b\x9e"
     second.close()
-
-
-@pytest.fixture(scope="module")
-def fuzzed():
-    with mock_server.serve("direction") as server:
-        yield server
-
-
-@given(
-    st.lists(st.one_of(st.binary(min_size=1, max_size=200), st.text(min_size=1).map(str.encode)), max_size=5)
-)
-def test_no_payload_stops_the_server(fuzzed, payloads):
-    from support.wire import RawClient
-
-    client = RawClient(fuzzed)
-    try:
-        client.send(*payloads, b"424242:vget /unrealcv/version")
-        while client.frame() != b"424242:1.0.1":
-            pass
-    finally:
-        client.socket.close()
 
 
 # Texts

@@ -57,11 +57,12 @@ def test_a_scene_of_the_same_name_with_other_content_is_refused(tmp_path):
     """Known where the scene is traced in the same process."""
     path, scene = tmp_path / "room.sqlite", mock_server.load_scene("four-wall")
     record("scene://four-wall", path)
-    moved = SceneSource(scene.moved({"Sofa": (np.eye(3), np.zeros(3), np.array([0.1, 0, 0]))}))
+    ball = {"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [1, 0, 1]}]}}}
+    other = SceneSource(mock_server.Scene(scene.name, ball))
     with pytest.raises(
         RecordingNotWritableError, match=r"'four-wall', content '.*', got 'four-wall', content"
     ):
-        omniscv.record(moved, path)
+        omniscv.record(other, path)
     assert record("scene://four-wall", path) == []
 
 
