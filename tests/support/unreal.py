@@ -80,6 +80,8 @@ def _relay(listener, server, change):
         while True:
             client, _ = listener.accept()
             upstream = socket.create_connection((server.host, server.port))
+            for each in (client, upstream):
+                each.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # else replies wait for each other
             with client, upstream, contextlib.suppress(OSError):
                 _relay_client(client, upstream, change)
 

@@ -67,7 +67,7 @@ def test_a_source_without_a_server_has_no_commands_and_no_world():
 
 
 def test_no_command_comes_between_the_requests_of_a_viewpoint():
-    """More requests than are in flight at once; the command is given while the third is answered."""
+    """The command is given while the third request is answered."""
     log, threads = [], []
 
     def change(command, forward):
@@ -77,13 +77,13 @@ def test_no_command_comes_between_the_requests_of_a_viewpoint():
             threads[0].start()
         return forward(command)
 
-    views = [View(Pose.from_angles(CENTER, yaw), 90.0, SIZE, SIZE) for yaw in range(0, 300, 10)]
+    views = [View(Pose.from_angles(CENTER, yaw), 90.0, SIZE, SIZE) for yaw in range(0, 300, 25)]
     with serve(time_step_s=0.0) as server, relayed(server, change) as uri:
         source = omniscv.open_source(uri)
         with source:
             captures = list(source.capture(Request(view, "depth") for view in views))
             threads[0].join()
-    assert len(captures) == len(views) == 30
+    assert len(captures) == len(views) == 12
     last = max(number for number, each in enumerate(log) if each.endswith("depth npy"))
     assert log.index("vget /unrealcv/echo now") > last
 
