@@ -19,7 +19,7 @@ RECORDING = ROOT / "captures" / "four-wall.sqlite"
     "source", ["mock://four-wall?dialect=N2", "mock://four-wall?dialect=0.3.10&size=64x64", str(RECORDING)]
 )
 def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
-    job = jobs.load(job_file(tmp_path, source=json.dumps(source), more="export: [hf]\n"))
+    job = jobs.load(job_file(tmp_path, source=json.dumps(source)))
     with open_source(job) as opened:
         modes = tuple(mode for mode in job.modes if mode in opened.capabilities.modes)
     poses = tuple(omniscv.Pose.from_angles((0.0, 0.0, 1.5), yaw) for yaw in (0, 30))
