@@ -6,7 +6,6 @@ from PIL import Image
 
 import omniscv
 from omniscv import cameras
-from omniscv.compose.pictures import colored_depth
 from omniscv.demo import demo_cameras
 from omniscv.viewing.contact_sheet import contact_sheet, tile, truths
 
@@ -45,13 +44,6 @@ def test_labels_have_the_colours_of_masks(room):
         np.testing.assert_array_equal(labels[image.valid], image.object_mask[image.valid])
         turned = normals[image.valid].astype(float) / 127.5 - 1
         np.testing.assert_allclose(turned, image.normals[image.valid], atol=1 / 255)
-
-
-def test_depth_runs_from_red_to_blue_and_the_sky_is_white():
-    near, far, sky = colored_depth(np.array([[0.01, 9.9, np.inf]], np.float32), 10.0)[0].astype(int)
-    assert near[0] > near[1] + near[2]
-    assert far[2] > far[0] or far[2] > far[1]
-    assert sky.tolist() == [255, 255, 255]
 
 
 def test_the_sheet_holds_every_image(room, tmp_path):
