@@ -79,7 +79,10 @@ def _record(cls: type[T], eq: bool) -> type[T]:
             after(self)
 
     cls.__post_init__ = check  # type: ignore[attr-defined]
-    return dataclass(frozen=True, eq=eq)(cls)
+    made = dataclass(frozen=True, eq=eq)(cls)
+    if lines := [f"    {key_of(field)}: {help_of(field)}" for field in fields(made) if help_of(field)]:  # type: ignore[arg-type]
+        made.__doc__ = "\n".join([(made.__doc__ or "").rstrip(), "", "Options:", *lines])
+    return made
 
 
 @record
