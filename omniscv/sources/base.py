@@ -321,37 +321,23 @@ class ProcessBound(SourceWrapper):
     """
 
     def __init__(self, source: Source, address: str) -> None:
-        super().__init__(source)
-        self._address, self._process = address, os.getpid()
+        self._opened, self._address, self._process = source, address, os.getpid()
 
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        self._check_process()
-        return super().capture(requests)
+    def __repr__(self) -> str:
+        return repr(self._opened)
 
-    def objects(self) -> ObjectTable:
-        self._check_process()
-        return super().objects()
-
-    def geometry(self) -> SceneGeometry:
-        self._check_process()
-        return super().geometry()
+    @property
+    def _source(self) -> Source:  # type: ignore[override]
+        if self._process != os.getpid():
+            expected = "expected to be used by the process that opened it, got a fork of that process"
+            raise SourceError(f"{self._address}: {expected}; open it again there")
+        return self._opened
 
     def without(self, objects: Iterable[str]) -> Source:
-        self._check_process()
         return ProcessBound(super().without(objects), self._address)
 
     def at(self, instant: Instant) -> Source:
-        self._check_process()
         return ProcessBound(super().at(instant), self._address)
-
-    def command(self, text: str) -> str:
-        self._check_process()
-        return super().command(text)
-
-    @property
-    def world(self) -> World:
-        self._check_process()
-        return super().world
 
     def close(self) -> None:
         if self._process == os.getpid():
@@ -359,11 +345,6 @@ class ProcessBound(SourceWrapper):
 
     def __reduce__(self) -> NoReturn:
         raise not_picklable(self._address)
-
-    def _check_process(self) -> None:
-        if self._process != os.getpid():
-            expected = "expected to be used by the process that opened it, got a fork of that process"
-            raise SourceError(f"{self._address}: {expected}; open it again there")
 
 
 def closed_error(what: str) -> SourceError:
