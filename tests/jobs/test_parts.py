@@ -16,7 +16,7 @@ from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
 from omniscv.jobs import Part
 from omniscv.sources.base import SourceWrapper
-from omniscv.sources.recording import part_files
+from omniscv.sources.recording import part_file
 from omniscv.sources.recording.inspection import info
 from omniscv.sources.registry import open_source
 
@@ -136,5 +136,5 @@ def test_parts_record_into_files_of_their_own(counted, tmp_path):
     for i in range(3):
         jobs.run_part(job, Part(i, 3))
     assert counted == single
-    each = [info(path).captures["lit"] for path in part_files(job.record, 3)]
+    each = [info(path).captures["lit"] for path in (part_file(job.record, i, 3) for i in range(3))]
     assert sum(each) == info(job.record).captures["lit"]

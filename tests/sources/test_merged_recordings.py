@@ -24,7 +24,7 @@ from omniscv.errors import (
     RecordingNotWritableError,
 )
 from omniscv.geometry import R_LEVEL
-from omniscv.sources.recording import merge, part_file, part_files, split
+from omniscv.sources.recording import merge, part_file, split
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
 
@@ -87,7 +87,7 @@ def test_any_division_merges_into_what_one_recorder_writes(whole, tmp_path, seed
 
 
 def check_division(whole, folder, owners, order):
-    files = part_files(folder / "room.sqlite", 3)
+    files = [part_file(folder / "room.sqlite", i, 3) for i in range(3)]
     for part, file in enumerate(files):
         record(file, [each for each, owner in zip(REQUESTS, owners, strict=True) if owner == part])
     out = folder / "room.sqlite"
@@ -252,7 +252,7 @@ def test_states_stay_with_their_place(tmp_path):
 
 def test_names_of_parts():
     assert part_file("s3://bucket/rooms/room.sqlite", 0, 2) == "s3://bucket/rooms/room.part-0-of-2.sqlite"
-    assert part_files("a.b/room", 2) == ["a.b/room.part-0-of-2", "a.b/room.part-1-of-2"]
+    assert part_file("a.b/room", 1, 2) == "a.b/room.part-1-of-2"
     for index, count in ((2, 2), (-1, 2), (0, 0)):
         with pytest.raises(ArgumentError, match="part: expected a whole number"):
             part_file("room.sqlite", index, count)

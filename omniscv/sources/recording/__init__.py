@@ -1,6 +1,6 @@
 """Recordings: captures in one SQLite file, replayed or added to, merged and split."""
 
-from omniscv.sources.recording.operations import merge, part_file, part_files, split
+from omniscv.sources.recording.operations import merge, part_file, split
 from omniscv.sources.recording.recorder import Recording, record
 from omniscv.sources.recording.replay import RecordedSource
 
@@ -9,7 +9,6 @@ __all__ = [
     "Recording",
     "merge",
     "part_file",
-    "part_files",
     "record",
     "split",
 ]

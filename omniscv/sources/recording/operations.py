@@ -129,11 +129,6 @@ def part_file(address: Address, index: int, count: int) -> Address:
     return type(address)(f"{folder}{slash}{stem}.part-{index}-of-{count}{suffix}")
 
 
-def part_files(address: Address, count: int) -> list[Address]:
-    """Return where all parts of a recording are, whether they exist or not."""
-    return [part_file(address, index, count) for index in range(count)]
-
-
 @contextmanager
 def opened_whole(address: Path | str) -> Iterator[Store]:
     """Yield a recording to add to, in a transaction: everything is written together, or nothing.
