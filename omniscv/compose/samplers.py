@@ -251,10 +251,9 @@ class _Block:
     @property
     def nbytes(self) -> int:
         """Bytes held in memory."""
-        own = self.__dict__
-        made = [own[name] for name in ("lookup", "area") if name in own]
-        made += [each for both in list(self._coordinates.values()) for each in both]
-        return sum(each.nbytes for each in made)
+        held: list[Any] = [self.__dict__[name] for name in ("lookup", "area") if name in self.__dict__]
+        held += [array for both in list(self._coordinates.values()) for array in both]
+        return sum(each.nbytes for each in held)
 
 
 def _spanned_px(block: _Block, view: View) -> Floats:

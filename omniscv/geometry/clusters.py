@@ -24,5 +24,5 @@ def cluster_starts(positions_w: Array, distance_m: float) -> Array:
     _, first, cluster = np.unique(
         connected_components(graph, directed=False)[1], return_index=True, return_inverse=True
     )
-    found: Array = positions_w[first[cluster]]
-    return found
+    starts: Array = positions_w[first[cluster]]
+    return starts

@@ -99,7 +99,7 @@ def _cheapest(tasks: list[Task], modes: Sequence[str]) -> list[Plan]:
     """Return plans of tasks at one centre: each its own, or faces of one cube map, whichever takes less."""
     if not tasks[0].rays.camera.central:
         return [Plan.make(task, modes) for task in tasks]
-    # As if captures were new: else what a recording lacks would decide, and not as when it was made.
+    # Planned as if captures were new, as when the recording was made; not by the views that it lacks.
     new = [task if task.recorded is None else replace(task, recorded=None) for task in tasks]
     plans = _cheapest_new(new, modes)
     if tasks[0].recorded is None:

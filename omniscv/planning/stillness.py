@@ -127,8 +127,8 @@ class StillSet(SourceWrapper):
                 if self._is_witness(request.view):
                     extra = [replace(request, mode=mode) for mode in self._lacking]
                     extra = [each for each in extra if each not in witnesses]
-                    mine = [request] if request.mode in self._proofs else []
-                    witnesses.update(dict.fromkeys([*extra, *mine]))
+                    proof = [request] if request.mode in self._proofs else []
+                    witnesses.update(dict.fromkeys([*extra, *proof]))
                 requested.extend([False] * len(extra) + [True])
                 yield from extra
                 yield request
