@@ -98,7 +98,8 @@ def clear(error, where=""):
     text = str(error)
     longest = getattr(error, "longest", LONGEST_LINE)
     require("\n" not in text and len(text) <= longest, f"{where}: {len(text)} characters: {text[:400]!r}")
-    require("expected" in text, f"{where}: expected what was expected, got {text!r}")
+    helps = "expected" in text or "known keys" in text
+    require(helps, f"{where}: expected what was expected, got {text!r}")
     wild = {each for each in text if not each.isprintable()}
     require(not wild, f"{where}: control characters in the message: {wild!r}")
 
