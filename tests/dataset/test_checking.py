@@ -208,11 +208,6 @@ def test_records_are_json_of_objects_that_the_dataset_has(copied):
         assert says in line
 
 
-def test_a_folder_that_is_no_dataset_is_wrong_usage(tmp_path, capsys):
-    assert cli.run(["dataset", "check", str(tmp_path)]) == 2
-    assert "expected the folder of a dataset" in capsys.readouterr().err
-
-
 def test_an_incomplete_dataset_is_a_fault(copied, capsys):
     (copied / "frames.jsonl").unlink()
     assert cli.run(["dataset", "check", str(copied)]) == 1

@@ -92,6 +92,7 @@ def test_classes_of_a_dataset(whole, capsys):
             "expected a folder that holds no dataset",
         ),
         (["info", "{folder}"], "expected the folder of a dataset"),
+        (["check", "{folder}"], "expected the folder of a dataset"),
         (["classes", "mars", "{folder}/classes.yaml"], "mars"),
         (
             ["classes", "four-wall", "{folder}/dataset.yaml"],

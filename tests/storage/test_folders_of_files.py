@@ -111,11 +111,6 @@ def test_two_processes_race_for_one_object(s3: Any, tmp_path: Path) -> None:
     assert held == (b"x" if wrote[0] else b"y") * 10
 
 
-def test_a_foreign_reader_reads_what_is_on_s3(s3: Any, tmp_path: Path) -> None:
-    storage.folder(f"s3://{BUCKET}/{tmp_path.name}").put("a/b.txt", b"plain")
-    assert s3.get_object(Bucket=BUCKET, Key=f"{tmp_path.name}/a/b.txt")["Body"].read() == b"plain"
-
-
 def test_damaged_copies_are_fetched_again(place: Folder) -> None:
     place.put("room.bin", b"whole")
     checksum = hashlib.sha256(b"whole").hexdigest()

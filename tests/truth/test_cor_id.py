@@ -53,15 +53,6 @@ def test_corners_give_back_the_plan_clockwise_with_those_that_walls_hide(plan, p
     assert shapely.Polygon(world).symmetric_difference(shapely.Polygon(expected)).area <= 1e-9
 
 
-@pytest.mark.parametrize(("plan", "position"), PLACES)
-def test_corners_against_themselves_are_perfect(plan, position):
-    corners = seen_from(plan, position, SMALL)
-    scores = layout_scores(corners, corners, 256, 128)
-    assert scores.iou_2d == pytest.approx(1, abs=1e-12)
-    assert scores.iou_3d == pytest.approx(1, abs=1e-12)
-    assert scores[2:] == (0, 0, 0, 1)
-
-
 def test_the_room_that_corners_describe_is_scaled_to_the_usual_height():
     room = room_seen(seen_from(PLAIN, (0, 0, 1.5)), 1024, 512)
     assert room.floor_z == -CAMERA_HEIGHT_M
