@@ -122,3 +122,36 @@ def test_a_threefold_root_is_a_turn():
     assert not camera.valid(np.array([320 + r_end * (1 + 1e-9), 320]))
     for theta, seen in ((0.99, True), (1.01, False), (1.5, False)):
         assert camera.project(np.array([np.sin(theta), 0, np.cos(theta)]))[1] == seen
+
+
+@mp.workdps(DIGITS)
+def theta_by_bisection(k, d):
+    """theta in [0, pi] with d(theta) = d, for coefficients that increase there."""
+    low, high = mp.mpf(0), mp.pi
+    for _ in range(64):  # 1e-19
+        middle = (low + high) / 2
+        low, high = (middle, high) if d_of(k, middle) < d else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize("k", [(0, 0, 0, 0), (0.1, 0.05, 0.02, 0.01), (0.02, -0.008, 0.002, 0.0001)])
+@cases(15)
+@given(st.floats(0, 1), st.floats(-np.pi, np.pi))
+def test_rays_to_straight_back(k, part, azimuth):
+    """The whole branch, 90 to 180 degrees off the axis included, there and back."""
+    with mp.workdps(DIGITS):
+        end = float(d_of(k, mp.pi))
+    f = 240 / end
+    camera = cameras.create("kannala-brandt", width=480, height=480, fx=f, fy=f, k=k)
+    pixel = camera.center + 240 * part * (1 - 1e-12) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    rays = camera.unproject(pixel)
+    assert rays.valid
+    with mp.workdps(DIGITS):
+        x, y = ((mp.mpf(p) - 240) / mp.mpf(f) for p in pixel.tolist())
+        theta = theta_by_bisection(k, mp.hypot(x, y))
+        a = mp.atan2(y, x)
+        truth = mp.matrix([mp.sin(theta) * mp.cos(a), mp.sin(theta) * mp.sin(a), mp.cos(theta)])
+        assert mp.norm(mp.matrix([mp.mpf(v) for v in rays.directions.tolist()]) - truth) <= 2e-15
+    again, seen = camera.project(np.array(truth, dtype=float).ravel() * 7)
+    assert seen
+    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)

@@ -87,27 +87,27 @@ def leak(out):
     return "of its place, got"
 
 
+def rewrite(path, old, new):
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+
+
 def escape(out):
-    text = (out / "frames.jsonl").read_text(encoding="utf-8").replace("lens-0.lit.png", "../lens-0.lit.png")
-    (out / "frames.jsonl").write_text(text, encoding="utf-8")
+    rewrite(out / "frames.jsonl", "lens-0.lit.png", "../lens-0.lit.png")
     return "expected the name of a file of the dataset"
 
 
 def rename_object(out):
-    text = (out / "dataset.json").read_text(encoding="utf-8")
-    (out / "dataset.json").write_text(text.replace('"Ball": 1,', '"Bell": 1,'), encoding="utf-8")
+    rewrite(out / "dataset.json", '"Ball": 1,', '"Bell": 1,')
     return "dataset.json: classes: expected what its rules and names give"
 
 
 def share_an_id(out):
-    text = (out / "dataset.json").read_text(encoding="utf-8")
-    (out / "dataset.json").write_text(text.replace('"Books": 2,', '"Books": 1,'), encoding="utf-8")
+    rewrite(out / "dataset.json", '"Books": 2,', '"Books": 1,')
     return "dataset.json: names: expected another id for each"
 
 
 def climb(out):
-    text = (out / "frames.jsonl").read_text(encoding="utf-8").replace('"key": "lens-0"', '"key": "../x"')
-    (out / "frames.jsonl").write_text(text, encoding="utf-8")
+    rewrite(out / "frames.jsonl", '"key": "lens-0"', '"key": "../x"')
     return "key: expected the start of a file name without a dot"
 
 

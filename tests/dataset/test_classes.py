@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.datasets import CLASSES, image, job_file, made, traced_names
+from support.datasets import CLASSES, image, job_file, traced_names
 
-import omniscv
 from omniscv import cli, dataset, jobs
 from omniscv.dataset.classes import class_rules, object_names
 from omniscv.errors import ArgumentError, UnmatchedNamesError
@@ -160,11 +159,10 @@ def test_ids_are_frozen_by_name_across_scenes_and_time(tmp_path):
     assert any(second.objects.label(name) != names[name] for name in shared)
 
 
-def test_labels_and_classes_are_those_of_the_scene(tmp_path):
+def test_labels_and_classes_are_those_of_the_scene(whole):
     """Against exact tracing, away from the boundaries of objects; a table's legs are thinner than a pixel."""
-    out = made(tmp_path)
-    rules = class_rules(tmp_path / "classes.yaml")
-    for frame in dataset.open(out):
+    rules = class_rules(whole / "classes.yaml")
+    for frame in dataset.open(whole / "dataset"):
         names = traced_names("four-wall", frame.camera, frame.pose)
         ids = {name: rules.classes[rules.class_of(name)].id for name in frame.instances}
         sure = frame.valid & ~frame.layer("label_edge")
@@ -175,16 +173,11 @@ def test_labels_and_classes_are_those_of_the_scene(tmp_path):
             assert not found[~frame.valid].any()
 
 
-def test_the_manifest_holds_the_table(tmp_path):
-    said = json.loads((made(tmp_path) / "dataset.json").read_text(encoding="utf-8"))
+def test_the_manifest_holds_the_table(whole):
+    said = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
     assert said["classes"]["taxonomy"] == "nyu40"
     assert {"id": 5, "name": "chair", "supercategory": "furniture", "stuff": False} in said["classes"][
         "classes"
     ]
     assert said["classes"]["of_object"]["Chair_1"] == "chair"
     assert said["names"]["Chair_1"] == 1 + sorted(said["names"]).index("Chair_1")
-
-
-def test_public_names():
-    assert omniscv.dataset is dataset
-    assert omniscv.truth.__name__ == "omniscv.truth"

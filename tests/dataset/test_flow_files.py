@@ -7,11 +7,10 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from support.exact import float_source
 from support.traced_frames import frame_of, traced_frame
 
 import mock_server
-from omniscv import Pose, cameras, dataset, render, truth
+from omniscv import Pose, cameras, truth
 from omniscv.dataset import get
 from omniscv.dataset.formats.flow import flo_bytes, kitti_codes
 from omniscv.errors import ArgumentError
@@ -207,33 +206,3 @@ def test_wrong_options_are_refused():
     ]:
         with pytest.raises(ArgumentError, match=says):
             get("flow").read_options(wrong)
-
-
-def test_a_dataset_of_a_world_in_which_an_object_moves(tmp_path):
-    """Rendered, written with the poses of the object, and exported; judged by tracing the world before it."""
-    R = Pose.from_angles((0, 0, 0), 30).rotation @ Pose.from_angles((0, 0, 0)).rotation.T
-    pivot, place = np.array([1.0, 0.5, 0.3]), np.array([1.1, 0.2, 0.3])
-    center = R @ (SCENE.pose("Chair_1")[1] - pivot) + place
-    worlds = [SCENE, SCENE.at(0.0, {"Chair_1": (R, center)})]
-    chair = [Pose(pivot, np.eye(3)), Pose(place, R)]
-    camera = cameras.create("equirectangular", width=96, height=48)
-    with dataset.Writer(tmp_path / "out") as writer:
-        for i, (world, pose) in enumerate(zip(worlds, POSES, strict=False)):
-            with float_source(world) as source:
-                image = render(camera, pose, source, modes=("depth", "object_mask"))
-            writer.add(f"pano-{i}", image, time=float(i), truth={"poses": {"Chair_1": chair[i].to_dict()}})
-    dataset.export(tmp_path / "out", to="flow", out=tmp_path / "to", scene=True)
-
-    directions_w = camera.unproject().directions @ POSES[0].rotation.T
-    hits = SCENE.trace(POSES[0].position, directions_w)
-    points_w = POSES[0].position + hits.distance[..., None] * directions_w
-    mine = hits.label == SCENE.label("Chair_1")
-    moved_w = np.where(mine[..., None], (points_w - pivot) @ R.T + place, points_w)
-    target, _ = camera.project(POSES[1].to_camera(moved_w))
-    found = channels(tmp_path / "to/flow/pano-0.exr")
-    off = target - camera.pixels() - np.stack([found["flow.X"], found["flow.Y"]], axis=-1)
-    off[..., 0] -= 96 * np.rint(off[..., 0] / 96)
-    error = np.linalg.norm(off, axis=-1)
-    assert mine.sum() > 20
-    assert np.median(error[mine]) < 1e-3
-    assert np.mean(error < 1e-3) > 0.9  # composed depth is exact but near edges

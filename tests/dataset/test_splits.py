@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 from support.cases import cases
-from support.datasets import made
 
 from omniscv import dataset, jobs
 from omniscv.errors import ArgumentError
@@ -57,8 +56,8 @@ def test_shares_are_kept_and_another_seed_shares_otherwise():
     assert {Split({"a": 0.0, "b": 1.0}).of(place) for place in places} == {"b"}
 
 
-def test_frames_of_a_place_are_in_one_split(tmp_path):
-    frames = dataset.open(made(tmp_path))
+def test_frames_of_a_place_are_in_one_split(whole):
+    frames = dataset.open(whole / "dataset")
     split_of = {}
     for frame in frames:
         assert split_of.setdefault(frame.place, frame.split) == frame.split

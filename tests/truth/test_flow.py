@@ -9,7 +9,7 @@ from support.traced_frames import traced
 import mock_server
 from omniscv import Pose, cameras, truth
 from omniscv.errors import ArgumentError
-from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID, motion
+from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID
 
 CAMERAS = example_cameras()
 SCENE = mock_server.load_scene("six-wall")
@@ -116,19 +116,6 @@ def test_the_shortest_way_is_at_most_half_around():
     assert np.nanmax(np.abs(classic)) > 128
 
 
-def test_an_object_that_moves_with_the_camera_stays_in_the_image():
-    camera = CAMERAS["equirectangular-0"]
-    layers = traced(SCENE, camera, BEFORE)
-    label = int(np.bincount(layers["labels"].ravel()).argmax())
-    found = truth.flow(
-        layers["depth"], camera.unproject(), BEFORE, camera, AFTER,
-        labels=layers["labels"], motions={label: motion(BEFORE, AFTER)},
-    )  # fmt: skip
-    mine = layers["labels"] == label
-    assert np.abs(found.pixels[mine]).max() < 1e-6
-    assert np.nanmin(np.linalg.norm(found.pixels[~mine], axis=-1)) > 1e-3
-
-
 def test_the_sky_only_turns():
     """Outdoors: the pixel that a sky pixel flows to sees the same direction, however far the camera walks."""
     scene, camera = mock_server.load_scene("open"), CAMERAS["equirectangular-0"]
@@ -172,28 +159,6 @@ def test_what_another_surface_hides_is_occluded(name):
     assert (wrong & hidden)[inside].sum() < 0.15 * hidden[inside].sum()  # objects thinner than a pixel
     assert wrong[inside].mean() < 0.002
     assert wrong.mean() < 0.02
-
-
-def test_forward_and_backward_cancel():
-    camera = cameras.create("equirectangular", width=512, height=256)
-    after = Pose.from_angles((0.45, 0.28, 1.42), 23, 4, -2)
-    layers, other = (traced(SCENE, camera, pose) for pose in (BEFORE, after))
-    rays = camera.unproject()
-    there = truth.flow(layers["depth"], rays, BEFORE, camera, after, other["depth"])
-    back = truth.flow(other["depth"], rays, after, camera, BEFORE, layers["depth"])
-    target = camera.pixels() + there.pixels
-    cells = [target[..., 1] - 0.5, target[..., 0] - 0.5]
-    returned = np.stack(
-        [map_coordinates(back.pixels[..., i], cells, order=1, mode="grid-wrap") for i in (0, 1)], -1
-    )
-    labels = [map_coordinates(edge(other["labels"], size=3), cells, order=0, mode="grid-wrap")
-              for edge in (minimum_filter, maximum_filter)]  # fmt: skip
-    inside = (there.mask == VALID) & (labels[0] == labels[1])  # between pixels of one object
-    inside &= (layers["labels"] == labels[0]) & (np.abs(camera.pixels()[..., 1] - 128) < 100)
-    assert inside.mean() > 0.6
-    error = np.linalg.norm(there.pixels + returned, axis=-1)[inside]
-    assert (error > 0.05).mean() < 1e-4  # the edges of a box, which have one label on both sides
-    assert np.percentile(error, 99.9) < 0.01
 
 
 def test_surfaces_without_label_and_objects_whose_motion_is_unknown_have_no_flow():

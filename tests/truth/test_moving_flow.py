@@ -8,7 +8,7 @@ from support.traced_frames import traced
 import mock_server
 from mock_server.motion import turned
 from omniscv import Pose, cameras, truth
-from omniscv.truth.optical_flow import INVALID, OCCLUDED, VALID, motion
+from omniscv.truth.optical_flow import OCCLUDED, VALID, motion
 
 SCENE = mock_server.load_scene("workshop")
 BEFORE_THE_CRATE = {"Cabinet": (turned(30), (0.6, -0.85, 0.85))}
@@ -81,28 +81,6 @@ def test_flow_is_exact_where_both_frames_see_the_point(name):
     wrong = (found.mask[known] == OCCLUDED) != hidden
     assert (hidden & moved)[inside].sum() > 20
     assert wrong[inside].mean() < 0.003
-
-
-def test_the_flow_of_a_panorama_by_its_formula():
-    """Columns and rows from angles, written out; the largest error over all that moves, in pixels."""
-    camera = cameras.create("equirectangular", width=256, height=128)
-    layers = traced(WORLDS[0], camera, BEFORE)
-    found = truth.flow(
-        layers["depth"], camera.unproject(), BEFORE, camera, AFTER, None, layers["labels"], motions()
-    )
-    origins_w, directions_w = rays_w(camera, BEFORE)
-    moved_w = moved_points(
-        origins_w + layers["depth"][..., None].astype(float) * directions_w, layers["labels"]
-    )
-    x, y, z = np.moveaxis((moved_w - AFTER.position) @ AFTER.rotation, -1, 0)
-    u = 128 * (np.arctan2(x, z) / np.pi + 1)
-    v = 128 * (0.5 - np.arctan2(-y, np.hypot(x, z)) / np.pi)
-    off = camera.pixels() + found.pixels - np.stack([u, v], axis=-1)
-    off[..., 0] -= 256 * np.rint(off[..., 0] / 256)
-    moving = np.isin(layers["labels"], list(motions()))
-    assert moving.sum() > 500
-    assert (found.mask[moving] != INVALID).all()
-    assert np.abs(off[moving]).max() < 1e-3
 
 
 def test_what_moves_with_the_camera_has_no_flow_and_what_rests_flows_by_the_camera_alone():
