@@ -128,11 +128,12 @@ class Writer:
         )
         if self.has(frame):
             return False
-        self.write(frame, self.with_ids(image), {"truth": truth} if truth else {})
+        self.write(*self.with_ids(frame, image), {"truth": truth} if truth else {})
         return True
 
-    def with_ids(self, image: OmniImage) -> OmniImage:
-        """Return an image whose labels are instance ids of the dataset, with its classes where it has some.
+    def with_ids(self, frame: Frame, image: OmniImage) -> tuple[Frame, OmniImage]:
+        """Return a frame with the instances and classes of the dataset, and its image with the layers that
+        show them: ``labels`` are instance ids of the dataset, ``classes`` the ids of their classes.
 
         Raises:
             ArgumentError: more objects than labels can tell apart.
@@ -141,21 +142,21 @@ class Writer:
         """
         names = [] if image.objects is None or image.labels is None else image.objects.names()
         whole = self._with_names(names)
+        frame = replace(frame, instances=whole.names, classes=whole.classes)
         if image.labels is None:
-            return image
+            return frame, image
         id_of = np.zeros(MOST_IDS + 1, np.uint16)
         id_of[1 : len(names) + 1] = [whole.names[name] for name in names]
         layers = {**image.layers, "labels": id_of[image.labels]}
-        if whole.classes is not None:
-            layers["classes"] = whole.classes.ids(whole.names)[layers["labels"]]
-        return replace(image, layers=layers)
+        if frame.classes is not None:
+            layers["classes"] = frame.classes.ids(whole.names)[layers["labels"]]
+        return frame, replace(image, layers=layers)
 
     def write(self, frame: Frame, image: OmniImage, records: Mapping[str, Any]) -> None:
         """Write a frame.
 
         Args:
-            frame: without files.
-            image: as :meth:`with_ids` returns it.
+            frame, image: as :meth:`with_ids` returns them; the frame is without files.
             records: by kind: the content of ``STEM.KIND.json``.
 
         Raises:
@@ -175,10 +176,11 @@ class Writer:
             for kind, record in records.items():
                 # Not indented: curves are long lists.
                 files[kind] = write_json(scratch / f"{frame.key}.{kind}.json", record, indent=None)
-            entries = {kind: FileEntry.of(path) for kind, path in files.items()}
+            entries = {kind: FileEntry.of(path) for kind, path in sorted(files.items())}
             line = replace(frame, files=FrameFiles(self._folder, entries)).to_dict()
             path = write_json(scratch / f"{frame.key}.json", {**_described(image), "frame": line})
-            written = self.manifest.frame_of_file(path.name, path.read_bytes(), self._folder)
+            entries[manifest.IMAGE] = FileEntry.of(path)
+            written = replace(frame, files=FrameFiles(self._folder, entries))
             folder.put(self._folder, (*files.values(), path))
         with self._lock:
             self._frames[frame.key] = written

@@ -20,27 +20,27 @@ from omniscv.truth import registry as truths
 from omniscv.truth.classes import ClassRules
 
 
-def check(job: Job) -> None:
-    """Refuse a job that cannot be rendered, as far as that is known without its source.
+def check(job: Job) -> Contents:
+    """Refuse a job that cannot be rendered, as far as that is known without its source; return its contents.
 
     Raises:
         ArgumentError: no such strategy, image format, truth or format of datasets, or wrong classes.
     """
     planning.get(job.options.strategy)
     check_format(job.image_format)
-    Contents.of(job)
+    return Contents.of(job)
 
 
-def check_dataset(job: Job) -> None:
-    """Refuse a job whose dataset cannot be made, as far as that is known without its source.
+def check_dataset(job: Job) -> Contents:
+    """Refuse a job whose dataset cannot be made, as far as that is known without its source; return its
+    contents.
 
     Raises:
         ArgumentError: as :func:`check`; a camera's name that cannot start a key; a truth or classes that need
             other modes; a format that cannot carry a camera or needs files that frames will not have; a wrong
             option; or two exports into one folder.
     """
-    check(job)
-    contents = Contents.of(job)
+    contents = check(job)
     for name in job.cameras:
         stem("camera", name)
     kinds = contents.kinds(job.modes)
@@ -58,6 +58,7 @@ def check_dataset(job: Job) -> None:
             raise ArgumentError(f"export: expected different folders, got {export.folder!r} twice; set 'out'")
         folders.add(export.folder)
         export.check(job.cameras, kinds)
+    return contents
 
 
 def _missing_modes(name: str, missing: list[str], job: Job) -> ArgumentError:

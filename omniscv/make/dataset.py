@@ -136,8 +136,7 @@ def _run(
     warn: Callable[[str], None] | None,
 ) -> _Run:
     """Make a part; as :func:`run_part`."""
-    check_dataset(job)
-    contents = Contents.of(job)
+    contents = check_dataset(job)
     with opened(part.of(job), source) as (job, live):
         scene = "/".join(name for name in astuple(live.scene_identity) if name)
         planned = list(moments(job, part.poses(job.poses), scene))

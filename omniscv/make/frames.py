@@ -104,14 +104,12 @@ class FrameMaker:
             ]
 
     def _save(self, composed: Composed) -> None:
-        frame = composed.frame
-        image = self._writer.with_ids(composed.image)
+        frame, image = self._writer.with_ids(composed.frame, composed.image)
         if self._warn:
             for line in warnings_of(frame.key, image):
                 self._warn(line)
-        manifest = self._writer.manifest
         observation = Observation(
-            frame=replace(frame, instances=manifest.names, classes=manifest.classes),
+            frame=frame,
             image=image,
             labels=image.labels,
             geometry=composed.geometry,
