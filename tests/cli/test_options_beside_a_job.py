@@ -155,14 +155,11 @@ def test_a_recording_of_a_job_with_other_options(job, capsys):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--strategy", "guess"], "strategy: expected"),
-        (["--size", "0x4"], "width: expected a whole number"),
         (["--fov", "90"], "camera equirectangular: expected width, height; got 'fov_deg'"),
         (
             ["--camera", "kannala-brandt"],
             "cameras.kannala-brandt: camera kannala-brandt: expected width, height, fx",
         ),
-        (["--modes", "colour"], "expected one of"),
     ],
 )
 def test_wrong_values_are_refused(options, says, job, capsys):

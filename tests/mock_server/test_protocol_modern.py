@@ -10,8 +10,6 @@ import pytest
 from support.expected_views import npy, png
 from support.wire import leave
 
-import mock_server
-
 MODERN = ("M", "N1", "N2")
 
 
@@ -118,23 +116,15 @@ def test_probes(raw, dialect, version, unknown):
     assert ("vcmd [str]" in text) == ("exposure_bias" in text) == (dialect == "N2")
 
 
-def test_an_unknown_dialect_is_named_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"dialect: expected one of 1\.x, 0\.3\.10, L, M, N1, N2; got 'X'"):
-        mock_server.serve("four-wall", dialect="X")
-
-
 # M
 
 
-def test_m_cannot_tell_the_size_but_sets_it(raw):
+def test_m_cannot_tell_size_or_level_but_sets_the_size(raw):
     client = raw("M")
     assert client.text("vget /camera/0/size") == "error Argument Invalid"
+    assert client.text("vget /level/name") == "error Can not find a handler for URI 'vget /level/name'"
     assert client.text("vset /camera/0/size 20 10") == "ok"
     assert png(client.ask("vget /camera/0/lit png")).shape == (10, 20, 4)
-
-
-def test_m_does_not_know_the_levels_name(raw):
-    assert raw("M").text("vget /level/name") == "error Can not find a handler for URI 'vget /level/name'"
 
 
 def test_of_a_long_id_m_uses_the_last_eight_digits(raw):
@@ -180,15 +170,12 @@ def test_the_status_of_n2_ends_otherwise(raw):
     assert text.endswith("EnableRightEye: false")
 
 
-def test_n2_reads_utf8_and_knows_no_negative_ids(raw):
+def test_n2_reads_utf8_that_n1_mangles_and_knows_no_negative_ids(raw):
+    assert raw("N1").ask("vget /unrealcv/echo é".encode()) == "Ã©".encode()
     client = raw("N2")
     assert client.ask("vget /unrealcv/echo après".encode()) == "après".encode()
     client.send(b"4294967295:vget /unrealcv/version")
     assert client.frame() == b"0:1.0.1"
-
-
-def test_n1_mangles_what_is_not_ascii(raw):
-    assert raw("N1").ask("vget /unrealcv/echo é".encode()) == "Ã©".encode()
 
 
 def test_a_batch_of_n2_is_held_until_it_is_whole(raw):

@@ -143,8 +143,10 @@ def rays_of_a_picture(fov_deg, radius):
     return radius * level + (-0.2, 0.1, 1.3), d
 
 
-@pytest.mark.parametrize("name", ROOMS)
-@pytest.mark.parametrize(("fov_deg", "radius"), [(5, 0.0), (90, 0.0), (360, 0.0), (360, 0.5)])
+@pytest.mark.parametrize(
+    ("name", "fov_deg", "radius"),
+    [("six-wall", 5, 0.0), ("four-wall", 90, 0.0), ("six-wall", 360, 0.0), ("four-wall", 360, 0.5)],
+)
 def test_neighbouring_rays_are_looked_at_together_but_meet_what_each_meets_alone(name, fov_deg, radius):
     scene = mock_server.load_scene(name)
     o, d = rays_of_a_picture(fov_deg, radius)
@@ -238,13 +240,6 @@ def test_shapes_broadcast_and_lengths_do_not_matter():
     assert one.color.shape == one.normal.shape == (4, 5, 3)
     assert one.label.dtype == np.uint16
     np.testing.assert_allclose(many.distance, one.distance, rtol=1e-14)
-
-
-def test_a_ray_with_nan_meets_nothing():
-    hits = mock_server.load_scene("four-wall").trace((0, 0, 1.5), [[np.nan, 0, 1], [1, 0, 0]])
-    assert hits.distance[0] == np.inf
-    assert hits.label[0] == 0
-    assert hits.label[1] > 0
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.floats(5, 170), st.tuples(angle, angle, angle))
