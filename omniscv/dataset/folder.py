@@ -31,13 +31,13 @@ def lock(folder: Folder) -> AbstractContextManager[None]:
 # -- the manifest ----------------------------------------------------------------------------------------
 
 
-def check_new(folder: Folder) -> None:
-    """Refuse a folder that holds a dataset, or images of ``render``.
+def check_new(folder: Folder, resume: bool = False) -> None:
+    """Refuse a folder that holds images of ``render``, or a dataset that is not resumed.
 
     Raises:
         ArgumentError: it does.
     """
-    if _has_dataset(folder):
+    if not resume and _has_dataset(folder):
         raise _taken(folder, "a dataset; resume it, or")
     if folder.exists(OBJECTS):
         raise _taken(folder, "images of 'render';")
@@ -52,10 +52,7 @@ def begin(folder: Folder, wanted: Manifest, resume: bool) -> Manifest:
         DatasetError: its manifest is damaged.
         UnmatchedNamesError: no rule of the classes matches some names.
     """
-    if not resume:
-        check_new(folder)
-    elif folder.exists(OBJECTS):
-        raise _taken(folder, "images of 'render';")
+    check_new(folder, resume)
     if not _has_dataset(folder) and manifest.write(folder, wanted, first=True):
         return wanted
     current = manifest.read(folder)

@@ -92,9 +92,8 @@ def with_photo_sphere(picture: bytes, camera: Camera, pose: Pose, north_deg: flo
     """
     xmp = packet(photo_sphere_fields(camera, pose, north_deg))
     if picture.startswith(_PNG_SIGNATURE):
-        chunk = (
-            b"iTXt" + b"XML:com.adobe.xmp\0" + bytes(4) + xmp
-        )  # not compressed, no language, no other keyword
+        not_compressed_no_language = bytes(4)
+        chunk = b"iTXt" + b"XML:com.adobe.xmp\0" + not_compressed_no_language + xmp
         written = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
         return picture[:_PNG_HEADER_END] + written + picture[_PNG_HEADER_END:]
     if picture.startswith(_JPEG_START):

@@ -82,7 +82,9 @@ class MotionKeys(NamedTuple):
 
 
 @record
-class _Waypoint:
+class Waypoint:
+    """The keys of a pose: metres and degrees, world frame; seconds."""
+
     position: Any = checked(numbers, shape=(3,))
     yaw_deg: float = checked(number, default=0.0)
     pitch_deg: float = checked(number, default=0.0)
@@ -112,7 +114,7 @@ def _read_waypoints(name: str, value: object) -> Trajectory | str:
     if not isinstance(value, list) or not value:
         wanted = "expected waypoints, {spline: waypoints}, or the name of a trajectory file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    waypoints = [read(_Waypoint, keys, f"{name}[{i}]") for i, keys in enumerate(value)]
+    waypoints = [read(Waypoint, keys, f"{name}[{i}]") for i, keys in enumerate(value)]
     untimed = [i for i, waypoint in enumerate(waypoints) if waypoint.time is None]
     if untimed and len(waypoints) > 1:
         raise ArgumentError(f"{name}[{untimed[0]}]: missing key 'time'; give every waypoint a time")

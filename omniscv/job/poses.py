@@ -8,14 +8,15 @@ of the poses.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-from omniscv.arguments import number, numbers, shown, text, whole_number, within
+from omniscv.arguments import number, shown, text, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory
+from omniscv.job.motions import Waypoint
 from omniscv.job.sampling import SampledPoses, read_sampling
-from omniscv.records import checked, optional, read, record
+from omniscv.records import checked, read, record
 
 Times = tuple[float, ...] | Literal["poses"]
 
@@ -37,12 +38,7 @@ class Posed(NamedTuple):
 
 
 @record
-class _ListedPose:
-    position: Any = checked(numbers, shape=(3,))
-    yaw_deg: float = checked(number, default=0.0)
-    pitch_deg: float = checked(number, default=0.0)
-    roll_deg: float = checked(number, default=0.0)
-    time: float | None = checked(optional(number), default=None)
+class _ListedPose(Waypoint):
     place: str = checked(text, default="")
 
 

@@ -55,31 +55,31 @@ class FrameMaker:
         warn: Callable[[str], None] | None,
     ) -> None:
         self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
-        # A game is asked for the shape of each object, at every part: for truths, and for recordings.
+        # Shapes take a game one request per object: read them for truths and recordings only.
         self._shapes = bool(contents.truth) or job.record is not None
         self._geometry = source.geometry() if self._shapes else SceneGeometry()
         self._renderer = Renderer(source)
-        # A truth that captures may hide objects: no image is captured meanwhile.
+        # Truths that capture may hide objects, so no image is captured meanwhile.
         capturing = {
             name
             for name, options in contents.truth.items()
             if truths.get(name).may_capture(self._geometry, options)
         }
-        self._alone = {name: each for name, each in contents.truth.items() if name in capturing}
-        self._beside = {name: each for name, each in contents.truth.items() if name not in capturing}
-        # Nor is one of another instant, if the source sets the world for each.
-        self._turn = Lock() if capturing or job.moves else nullcontext()
+        self._capturing_truths = {name: each for name, each in contents.truth.items() if name in capturing}
+        self._other_truths = {name: each for name, each in contents.truth.items() if name not in capturing}
+        # Images of a world that moves take turns, too: the source shows one instant at a time.
+        self._capture_lock = Lock() if capturing or job.moves else nullcontext()
 
     def run(self, moments: Sequence[Moment], missing: Collection[str], progress: Report | None) -> None:
         """Make the frames with some keys.
 
         They are written in their order, so that objects that appear late get the same ids every time.
         """
-        some = [moment for moment in moments if any(frame.key in missing for frame in moment.frames)]
+        unfinished = [moment for moment in moments if any(frame.key in missing for frame in moment.frames)]
         compose = partial(self._compose, keys=missing, meter=Meter(len(missing), progress))
         with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
             saving: Future[None] | None = None
-            for composed in chain.from_iterable(_ahead(compose, some, self._workers)):
+            for composed in chain.from_iterable(_ahead(compose, unfinished, self._workers)):
                 if saving:
                     saving.result()
                 saving = saver.submit(self._save, composed)
@@ -95,7 +95,7 @@ class FrameMaker:
             geometry = source.geometry() if self._job.moves and self._shapes else self._geometry
             world.append((geometry, source.object_poses()))
 
-        with self._turn:
+        with self._capture_lock:
             report, options = meter.part(), self._job.options
             images = images_of(self._renderer, moment, options, only=only, progress=report, look=look)
             return [
@@ -116,10 +116,10 @@ class FrameMaker:
             object_poses=composed.object_poses,
         )
         records: dict[str, Any] = {}
-        if self._alone:
-            with self._turn, renderer_at(self._renderer, composed.instant) as renderer:
-                records = derive(replace(observation, renderer=renderer), self._alone)
-        self._writer.write(frame, image, derive(observation, self._beside, records))
+        if self._capturing_truths:
+            with self._capture_lock, renderer_at(self._renderer, composed.instant) as renderer:
+                records = derive(replace(observation, renderer=renderer), self._capturing_truths)
+        self._writer.write(frame, image, derive(observation, self._other_truths, records))
 
 
 def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:

@@ -3,9 +3,8 @@
 ``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them.
 COLMAP before 3.12 has no rigs and does not open their two files. Cameras with a constant pose relative to
 each other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres,
-in
-our world frame: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view, is
-written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
+in our world frame: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view,
+is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
