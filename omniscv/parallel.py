@@ -46,6 +46,18 @@ def blocks(function: Callable[[slice], R], count: int, elements: int | None = No
     return side_by_side(function, [slice(a, b) for a, b in pairwise(edges)])
 
 
+def row_blocks(function: Callable[[slice], R], height: int, width: int, pixels: int = 1 << 14) -> list[R]:
+    """Return the results of a function for blocks of an image's rows, in order.
+
+    Args:
+        function: called with each slice of rows.
+        height, width: of the image, px.
+        pixels: of a block, so that it stays in the processor's cache.
+    """
+    step = max(1, pixels // width)
+    return side_by_side(function, [slice(row, row + step) for row in range(0, height, step)])
+
+
 def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
     """Return the results of a function for every item, computed on all cores, in order.
 

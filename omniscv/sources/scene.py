@@ -16,7 +16,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
-from omniscv.parallel import side_by_side
+from omniscv.parallel import row_blocks
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -194,8 +194,7 @@ class SceneSource(Source):
             }
             return pixels | {"lit": self._lit_of(hits)} if colored else pixels
 
-        step = max(1, _BLOCK_PX // view.width)
-        blocks = side_by_side(block, [slice(start, start + step) for start in range(0, view.height, step)])
+        blocks = row_blocks(block, view.height, view.width, _BLOCK_PX)
         return {mode: _frozen(np.concatenate([pixels[mode] for pixels in blocks])) for mode in blocks[0]}
 
     def _lit_of(self, hits: Hits) -> NDArray[Any]:

@@ -50,7 +50,9 @@ def exact_maps(
     try:
         pieces = [piece for edge in record["edges"] for piece in edge["pieces"] if _shows(piece, flag)]
         curves = [pixel for piece in pieces for pixel in piece["pixels"]]
-        corners = [each["pixel"] for each in record["corners"] if each["in_image"] and _shows(each, flag)]
+        corners = [
+            corner["pixel"] for corner in record["corners"] if corner["in_image"] and _shows(corner, flag)
+        ]
     except KeyError as cause:
         raise ArgumentError(f"layout: expected a record of a layout, without {cause}") from cause
     turn, valid = 2 * np.pi / radians_per_pixel(camera), camera.valid()

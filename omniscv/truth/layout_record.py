@@ -16,7 +16,7 @@ without depth.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any, Literal, get_args
@@ -138,10 +138,10 @@ def _corner_records(view: _View) -> list[dict[str, Any]]:
     corners_c = view.pose.to_camera(corners_w)
     pixels, origins_c, seen = resolved(view.camera, corners_c, view.camera.project(corners_c)[0])
     in_room, in_full = view.flags(corners_c[seen], pixels[seen], origins_c[seen])
-    flags = zip(in_room.tolist(), in_room.tolist() if in_full is None else in_full.tolist(), strict=True)
+    visible_room, visible = np.zeros_like(seen), np.zeros_like(seen)
+    visible_room[seen], visible[seen] = in_room, in_room if in_full is None else in_full
     count, records = len(corners_w) // 2, []
     for i, in_image in enumerate(seen.tolist()):
-        visible_room, visible = next(flags) if in_image else (False, False)
         records.append(
             {
                 "id": i,
@@ -150,8 +150,8 @@ def _corner_records(view: _View) -> list[dict[str, Any]]:
                 "camera": corners_c[i].tolist(),
                 "pixel": pixels[i].tolist() if in_image else None,
                 "in_image": in_image,
-                "visible_room": visible_room,
-                "visible": None if in_full is None else visible,
+                "visible_room": bool(visible_room[i]),
+                "visible": None if in_full is None else bool(visible[i]),
             }
         )
     return records
@@ -218,8 +218,7 @@ class MapOptions:
 
     def given(self) -> dict[str, Any]:
         """Return the options that have a value."""
-        values = {option.name: getattr(self, option.name) for option in fields(MapOptions)}
-        return {name: value for name, value in values.items() if value is not None}
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @record

@@ -14,7 +14,7 @@ from omniscv.arguments import flag, number, one_of, whole_number
 from omniscv.cameras import Camera, Rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.parallel import side_by_side
+from omniscv.parallel import row_blocks
 from omniscv.records import checked, nested, record
 from omniscv.truth.registry import Tolerance, Truth, register
 
@@ -29,9 +29,6 @@ second image shows something nearer there."""
 
 _INFINITY_M = 1e12
 """Metres to points at infinity: seen from optical centres a metre apart, they turn by less than 1e-11 rad."""
-
-_BLOCK_PX = 1 << 14
-"""Pixels of a block of rows, so that it stays in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +105,9 @@ def flow(
 
     def fill(rows: slice) -> None:
         mine = seen[rows]
-        names = None if labels is None else labels[rows][mine]
+        objects = None if labels is None else labels[rows][mine]
         depth = depth0[rows][mine].astype(np.float64)
-        points_c1, scene = move(depth, rays0.directions[rows][mine], rays0.origins[rows][mine], names)
+        points_c1, scene = move(depth, rays0.directions[rows][mine], rays0.origins[rows][mine], objects)
         target, known = camera1.project(points_c1)
         mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
         if occlusion is not None:
@@ -122,8 +119,7 @@ def flow(
             target[:, 0] = (target[:, 0] + half) % camera1.width - half
         result.pixels[rows][mine], result.mask[rows][mine], result.scene[rows][mine] = target, mask, scene
 
-    step = max(1, _BLOCK_PX // width)
-    side_by_side(fill, [slice(row, row + step) for row in range(0, height, step)])
+    row_blocks(fill, height, width)
     return result
 
 

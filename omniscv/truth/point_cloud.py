@@ -14,11 +14,10 @@ from omniscv.cameras import Rays
 from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.parallel import side_by_side
+from omniscv.parallel import row_blocks
 from omniscv.truth.registry import Pictured
 
 _CELL_BITS = 21  # of a cube's index along an axis: three fit into 63 bits
-_BLOCK_PX = 1 << 14  # pixels of a block of rows, so that it stays in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def points(
     if unsure is not None:
         seen &= ~unsure
 
-    def points_of(rows: slice) -> Points:
+    def of_rows(rows: slice) -> Points:
         mine = seen[rows]
         distances = depth[rows][mine].astype(np.float64)
         points_c = distances[:, None] * rays.directions[rows][mine] + rays.origins[rows][mine]
@@ -81,8 +80,7 @@ def points(
             values["normals"] = values["normals"] @ pose.R_w_c.T.astype(values["normals"].dtype)
         return Points(pose.to_world(points_c), distances, values)
 
-    step = max(1, _BLOCK_PX // depth.shape[1])
-    return _join(side_by_side(points_of, [slice(row, row + step) for row in range(0, len(depth), step)]))
+    return _join(row_blocks(of_rows, *depth.shape))
 
 
 def points_of(image: Pictured, rays: Rays, max_error_m: float | None = None) -> Points:

@@ -79,11 +79,11 @@ def layout(
 
     Raises:
         ArgumentError: a scene without a room, or images that a room of upright walls between level planes
-            fits worse than 2 cm; see :func:`fit_room`.
+            fits worse than 2 cm: no floor, ceiling or wall is visible, the walls do not close, or the room is
+            no such prism.
     """
     if not isinstance(scene_or_frames, SceneGeometry):
-        room, residual_m = fit_room(scene_or_frames, classes)
-        return RoomLayout(room, "fitted", residual_m)
+        return _fit_room(scene_or_frames, classes)
     if scene_or_frames.room is None:
         raise ArgumentError(
             "layout: expected a scene whose room is known, got none; give images to fit a room to"
@@ -135,20 +135,12 @@ class _Wall(NamedTuple):
         return np.asarray((self.end - self.start) / np.linalg.norm(self.end - self.start))
 
 
-def fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None = None) -> tuple[Room, float]:
-    """Return the room that images show together, and the rms distance of its points to it, metres.
+def _fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None) -> RoomLayout:
+    """The room that images show together.
 
     Floor and ceiling are at the median height of points with vertical normals. Walls are lines through points
     with horizontal normals, by object and by direction. Walls whose ends meet are neighbours; corners are
     their intersections.
-
-    Args:
-        images: with depth, normals and labels; they show one room, and together all its walls.
-        classes: which objects are ``wall``, ``floor`` or ``ceiling``; those named ``Layout*`` if not given.
-
-    Raises:
-        ArgumentError: no floor, ceiling or wall is visible, the walls do not close, or the residual is larger
-            than 2 cm: the room is no such prism.
     """
     pictures = [Picture.of(image) if isinstance(image, OmniImage) else image for image in images]
     of_each = [_surfaces(picture, classes) for picture in pictures]
@@ -169,7 +161,7 @@ def fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None 
             f"layout: expected {room_form} within {LARGEST_RESIDUAL_M} m, got points that are "
             f"{residual_m:.3f} m off (rms)"
         )
-    return room, residual_m
+    return RoomLayout(room, "fitted", residual_m)
 
 
 def _surfaces(image: Pictured, classes: ClassTable | None) -> _Surfaces:
@@ -287,16 +279,13 @@ def _ring(walls: list[_Wall]) -> list[_Wall]:
     largest = 1e6
     gaps = [[largest if a is b else min(_gap(a, b), largest) for b in walls] for a in walls]
     follower = linear_sum_assignment(np.array(gaps))[1].tolist() if len(walls) > 2 else []
-    ring: list[int] = []
-    at = 0
-    while follower and len(ring) < len(walls):
-        ring.append(at)
-        at = follower[at]
-        if at == 0:
-            break
+    ring, wall = list[int](), 0
+    while follower and wall not in ring:
+        ring.append(wall)
+        wall = follower[wall]
     widest = max((gaps[i][follower[i]] for i in ring), default=largest)
     if len(ring) < len(walls) or len(ring) < 3 or widest > 2 * WIDEST_GAP_M:
-        names = ", ".join(sorted({wall.name for wall in walls})) or "none"
+        names = ", ".join(sorted({each.name for each in walls})) or "none"
         raise ArgumentError(
             "layout: expected images that show every wall of one room, nearly from corner to corner; "
             f"got walls that do not close: {names[:120]}"

@@ -53,7 +53,10 @@ class SphericalBox:
     @property
     def R_c_b(self) -> Array:
         """(3, 3) from the box's tangent frame to the camera's; columns right, down, forward."""
-        return np.asarray(frames(*np.radians([[self.lon], [self.lat], [self.rot]]))[0])
+        angles = np.radians([self.lon, self.lat, self.rot])
+        (sl, sp, sr), (cl, cp, cr) = np.sin(angles), np.cos(angles)
+        right, down, forward = np.array([[cl, 0, -sl], [sp * sl, cp, sp * cl], [cp * sl, -sp, cp * cl]])
+        return np.stack([cr * right + sr * down, cr * down - sr * right, forward], axis=-1)
 
     @property
     def area(self) -> float:
@@ -86,17 +89,6 @@ def lon_lat(directions: Array) -> tuple[Array, Array]:
     """Return longitude and latitude, radians, of directions (..., 3) in the camera frame."""
     x, y, z = np.moveaxis(directions, -1, 0)
     return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
-
-
-def frames(lon: Array, lat: Array, rot: Array) -> Array:
-    """Return (N, 3, 3) tangent frames, columns right, down, forward, of angles (N,), radians."""
-    (sl, cl), (sp, cp), (sr, cr) = ((np.sin(angle), np.cos(angle)) for angle in (lon, lat, rot))
-    zero = np.zeros_like(sl)
-    right = np.stack([cl, zero, -sl], axis=-1)
-    down = np.stack([sp * sl, cp, sp * cl], axis=-1)
-    forward = np.stack([cp * sl, -sp, cp * cl], axis=-1)
-    r, d = cr[:, None] * right + sr[:, None] * down, cr[:, None] * down - sr[:, None] * right
-    return np.stack([r, d, forward], axis=-1)
 
 
 def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:

@@ -72,9 +72,12 @@ def bfovs(
     found, boxes = {}, ndimage.find_objects(labels)
     for instance, outline in _outlines(labels, directions_at, wrap).items():
         pixels = partial(_pixels, labels, instance, boxes[instance - 1])
-        rows, columns = pixels(step=max(1, math.isqrt(len(outline)) // 4))
-        inside = partial(lambda pixels: directions_at(*pixels(step=1)), pixels)
-        found[instance] = _fit(outline, inside, directions_at(rows, columns))
+        samples = directions_at(*pixels(step=max(1, math.isqrt(len(outline)) // 4)))
+        fitted = _fit(outline, samples)
+        if fitted is None:
+            wide = _lonlat(directions_at(*pixels(step=1)))
+            fitted = wide, wide
+        found[instance] = fitted
     return found
 
 
@@ -136,19 +139,17 @@ def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[i
     return dict(zip(instances.tolist(), np.split(points[order], starts[1:]), strict=True))
 
 
-def _fit(outline: Array, inside: Callable[[], Array], samples: Array) -> tuple[SphericalBox, SphericalBox]:
-    """The upright and the rotated box around an object.
+def _fit(outline: Array, samples: Array) -> tuple[SphericalBox, SphericalBox] | None:
+    """The upright and the rotated box around an object; None if it is too wide for a perspective box.
 
     Args:
         outline: (N, 3) unit directions.
-        inside: returns (M, 3) the directions of all its pixels.
-        samples: (K, 3) some of these.
+        samples: (K, 3) of some pixels inside.
     """
     middle = samples.mean(axis=0) + outline.mean(axis=0)
     middle /= max(float(np.linalg.norm(middle)), 1e-9)
     if min((outline @ middle).min(), (samples @ middle).min()) < _FRONT:
-        wide = _lonlat(inside())
-        return wide, wide
+        return None
     hull = _hull(outline, middle)
     upright = _smallest(hull, middle, np.zeros(1), _STEPS)
     rotated = _smallest(hull, upright.R_c_b[:, 2], np.arange(-45.0, 45.0, 3.0), 2)

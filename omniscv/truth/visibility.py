@@ -44,7 +44,7 @@ def amodal(
     Args:
         labels: (H, W) ids of the whole scene.
         names: object name to id.
-        groups: objects to show together, none of which can occlude another: see :func:`apart`.
+        groups: objects to show together, none of which can occlude another: see :func:`groups_apart`.
         labels_of: shows a group.
         wrap: whether the left and the right border are neighbours.
         masks: whether records have masks.
@@ -73,7 +73,7 @@ def amodal(
     return sorted(records, key=lambda entry: int(entry["instance_id"]))
 
 
-def apart(
+def groups_apart(
     names: Iterable[str], boxes: Mapping[str, ObjectBox], center_w: Array, radius: float
 ) -> list[tuple[str, ...]]:
     """Return objects in few groups in which none can occlude another; the same groups on every run.
@@ -144,7 +144,7 @@ def _derive(observation: Observation, options: AmodalOptions) -> list[dict[str, 
         raise ArgumentError("expected a source that can hide objects, got none; make the dataset with it")
     image = observation.image
     center_w, radius = centers_ball(np.asarray(image.centers_w))
-    groups = apart(_things(observation), observation.geometry.boxes, center_w, radius)
+    groups = groups_apart(_things(observation), observation.geometry.boxes, center_w, radius)
     labels, names = observation.require_labels(), observation.instances
     labels_of = partial(_labels_alone, observation, renderer)
     return amodal(labels, names, groups, labels_of, wrap=image.camera.wraps, masks=options.kind == "masks")

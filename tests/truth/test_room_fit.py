@@ -14,7 +14,7 @@ from omniscv.sources.base import SourceWrapper
 from omniscv.sources.scene import SceneSource
 from omniscv.truth import layout, project_layout, room_of
 from omniscv.truth.classes import ClassTable, SemanticClass
-from omniscv.truth.room_layout import Picture, fit_room
+from omniscv.truth.room_layout import Picture
 
 PANORAMA = cameras.create("equirectangular", 256, 128)
 
@@ -66,12 +66,12 @@ def test_an_image_of_a_furnished_room_gives_its_walls(scene):
 )
 def test_several_images_show_together_what_none_shows_alone(plan, places):
     scene = scene_of_plan(plan)
-    room, residual_m = fit_room([traced(scene, place) for place in places])
-    assert residual_m < 1e-4
-    same_room(room, np.array(plan), [f"Layout_Wall_{i + 1}" for i in range(len(plan))], 1e-3)
+    fitted = layout([traced(scene, place) for place in places])
+    assert fitted.residual_m < 1e-4
+    same_room(fitted.room, np.array(plan), [f"Layout_Wall_{i + 1}" for i in range(len(plan))], 1e-3)
     if len(places) > 1:
         with pytest.raises(ArgumentError, match="walls that do not close"):
-            fit_room([traced(scene, places[0])])
+            layout([traced(scene, places[0])])
 
 
 @pytest.mark.parametrize("turn_deg", [0, 17, 45])
@@ -88,7 +88,7 @@ def test_one_object_may_be_all_walls_and_stand_at_any_angle(turn_deg):
         pose = Pose(spin @ seen.pose.position + turn.position, spin @ seen.pose.R_w_c)
         names = {"Layout_Walls": 99, **{name: label[name] for name in label if "Wall" not in name}}
         pictures.append(Picture(PANORAMA, pose, {**seen.files, "labels": labels}, names))
-    room, _ = fit_room(pictures)
+    room = layout(pictures).room
     expected = np.array(U_SHAPE) @ spin[:2, :2].T + turn.position[:2]
     same_room(room, expected, ["Layout_Walls"] * 8, 2e-3)
 
@@ -99,10 +99,10 @@ def test_classes_say_what_makes_the_room_where_names_do_not():
     names = {name.replace("Layout_", "SM_"): label for name, label in seen.instances.items()}
     renamed = Picture(seen.camera, seen.pose, seen.files, names)
     with pytest.raises(ArgumentError, match=r"objects named Layout\*, or of the classes"):
-        fit_room([renamed])
+        layout([renamed])
     classes = {name: SemanticClass(i, name) for i, name in enumerate(("wall", "floor", "ceiling"), 1)}
     of_object = {name: name.split("_")[1].lower() for name in names}
-    room, _ = fit_room([renamed], ClassTable(classes, of_object))
+    room = layout([renamed], ClassTable(classes, of_object)).room
     same_room(room, np.array(L_SHAPE), [f"SM_Wall_{i + 1}" for i in range(6)], 1e-3)
 
 
@@ -114,7 +114,7 @@ def test_a_room_that_is_no_prism_is_refused_with_its_residual():
     depth = np.where(ceiling, seen.files["depth"] * (1 + 0.1 * columns), seen.files["depth"])
     picture = traced(scene, (0.5, -0.5, 1.5), depth=depth)
     with pytest.raises(ArgumentError, match=r"within 0\.02 m, got points that are 0\.\d+ m off"):
-        fit_room([picture])
+        layout([picture])
 
 
 def test_images_that_do_not_show_enough_are_refused():
@@ -122,12 +122,12 @@ def test_images_that_do_not_show_enough_are_refused():
     seen = traced(scene, (0.5, -0.5, 1.5))
     only_walls = {name: label for name, label in seen.instances.items() if "Wall" in name}
     with pytest.raises(ArgumentError, match="images that show the floor"):
-        fit_room([Picture(seen.camera, seen.pose, seen.files, only_walls)])
+        layout([Picture(seen.camera, seen.pose, seen.files, only_walls)])
     with pytest.raises(ArgumentError, match="got none"):
-        fit_room([])
+        layout([])
     flat = {key: value for key, value in seen.files.items() if key != "normals"}
     with pytest.raises(ArgumentError, match="render with normals, too"):
-        fit_room([Picture(seen.camera, seen.pose, flat, seen.instances)])
+        layout([Picture(seen.camera, seen.pose, flat, seen.instances)])
 
 
 def test_a_source_without_a_room_is_fitted_to_what_it_shows():

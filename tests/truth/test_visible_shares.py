@@ -11,7 +11,7 @@ from omniscv import cameras
 from omniscv.dataset import truths
 from omniscv.errors import ArgumentError
 from omniscv.truth.classes import ClassTable, SemanticClass
-from omniscv.truth.visibility import apart, centers_ball
+from omniscv.truth.visibility import centers_ball, groups_apart
 
 SCENE = mock_server.load_scene("four-wall")
 THINGS = [name for name in SCENE.objects if not name.startswith("Layout")]
@@ -142,7 +142,7 @@ def test_objects_of_a_group_cannot_hide_each_other():
     rng = np.random.default_rng(7)
     for _ in range(6):
         center_w, radius = rng.uniform([-1.5, -1.5, 0.5], [1.5, 1.5, 2.2]), rng.choice([0.0, 0.3])
-        groups = apart(THINGS, boxes, center_w, radius)
+        groups = groups_apart(THINGS, boxes, center_w, radius)
         assert sorted(name for group in groups for name in group) == THINGS
         origins, directions = center_w + strewn(rng, radius, 20_000), rng.normal(size=(20_000, 3))
         for group in groups:
@@ -150,7 +150,10 @@ def test_objects_of_a_group_cannot_hide_each_other():
             for name in group:
                 met += SCENE.trace(origins, directions, set(SCENE.objects) - {name}).label > 0
             assert met.max() <= 1
-    assert apart(["A", "B"], {}, np.zeros(3), 0.0) == [("A",), ("B",)]  # without a box nothing is known
+    assert groups_apart(["A", "B"], {}, np.zeros(3), 0.0) == [
+        ("A",),
+        ("B",),
+    ]  # without a box nothing is known
 
 
 def strewn(rng, radius, count):
