@@ -84,23 +84,18 @@ def figure(columns: int, height_in: float, title: str) -> tuple[Figure, list[Axe
 def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
     """Write dataclasses as ``NAME.json`` and a figure as ``NAME.svg`` and ``NAME.png``; return the paths.
 
-    NaN becomes null. The folder is made if missing.
+    NaN becomes null. The folder is made if missing. Equal figures have equal bytes.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
-    return [data, *save(figure, out, name, dpi)]
-
-
-def save(figure: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
-    """Write a figure as ``NAME.svg`` and ``NAME.png``; equal figures have equal bytes."""
     import matplotlib as mpl
 
+    out.mkdir(parents=True, exist_ok=True)
+    data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
     svg, png = out / f"{name}.svg", out / f"{name}.png"
     with whole_file(svg) as part, mpl.rc_context({"svg.hashsalt": name}):
         figure.savefig(part, metadata={"Date": None})
     with whole_file(png) as part:
         figure.savefig(part, dpi=dpi)
-    return [svg, png]
+    return [data, svg, png]
 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:

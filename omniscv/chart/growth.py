@@ -27,6 +27,7 @@ QUICK = {"width": 64, "most": 2}
 
 _MODES = ("lit", "depth")
 _TRACED_PX = 128
+_MOST = 128
 _POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=20.0)
 
 
@@ -104,7 +105,6 @@ def _viewpoints(renderer: Renderer, width: int, count: int) -> float:
     return count
 
 
-_MOST = 128
 SIZE = "Mpx of the image"
 SERIES: dict[str, Callable[[Renderer, int, int], float]] = {
     SIZE: _sizes,

@@ -75,13 +75,11 @@ def measure(
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them: ``stability`` as JSON, SVG and PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(row.model for row in rows))
     lines = -(-len(names) // _COLUMNS)
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN * lines), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(lines, _COLUMNS, sharex=True, sharey=True, squeeze=False)
     for axes, name in zip(panels.flat, names, strict=False):
         _draw(axes, name, [row for row in rows if row.model == name])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from omniscv.compose.image import OmniImage
-from omniscv.compose.pictures import colored_depth, picture
+from omniscv.compose.pictures import colored_depth, farthest, picture
 from omniscv.sources.base import ObjectTable
 
 _Picture = NDArray[np.uint8]
@@ -39,7 +39,7 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     if incomplete := [name for name, image in images.items() if not {*_LAYERS} <= {*image.layers}]:
         raise ValueError(f"contact_sheet: expected {', '.join(_LAYERS)}; {incomplete[0]} lacks some")
     sheet = _Sheet(max(image.camera.width for image in images.values()) * 8 // 3)
-    farthest = _farthest(images.values())
+    most = _farthest(images.values())
     sheet.heading(title, 2.2)
     sheet.note("large: colour    beside it, downwards: labels, depth, normals")
     sections: dict[str, dict[str, OmniImage]] = {}
@@ -48,8 +48,8 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     for heading, columns in _SECTIONS.items():
         if heading in sections:
             sheet.heading(heading, 1.3)
-            sheet.grid({name: tile(image, farthest) for name, image in sections[heading].items()}, columns)
-    sheet.depth_bar(farthest)
+            sheet.grid({name: tile(image, most) for name, image in sections[heading].items()}, columns)
+    sheet.depth_bar(most)
     sheet.legend(objects, {int(label) for image in images.values() for label in np.unique(image["labels"])})
     path.parent.mkdir(parents=True, exist_ok=True)
     sheet.picture().save(path, compress_level=3)
@@ -71,9 +71,9 @@ def _section(image: OmniImage) -> str:
     return one if image.camera.central else many
 
 
-def tile(image: OmniImage, farthest: float) -> _Picture:
+def tile(image: OmniImage, most: float) -> _Picture:
     """Return (H, 4/3 W, 3) RGB: the colours, and beside them, a third as large, labels, depth and normals."""
-    return beside(picture(image, "lit"), truths(image, farthest))
+    return beside(picture(image, "lit"), truths(image, most))
 
 
 def beside(large: _Picture, small: Sequence[_Picture]) -> _Picture:
@@ -87,16 +87,14 @@ def beside(large: _Picture, small: Sequence[_Picture]) -> _Picture:
     return np.hstack([large, column])
 
 
-def truths(image: OmniImage, farthest: float) -> tuple[_Picture, _Picture, _Picture]:
+def truths(image: OmniImage, most: float) -> tuple[_Picture, _Picture, _Picture]:
     """Return (H, W, 3) RGB of an image's labels, depth and normals."""
-    return picture(image, "labels"), picture(image, "depth", farthest), picture(image, "normals")
+    return picture(image, "labels"), picture(image, "depth", most), picture(image, "normals")
 
 
 def _farthest(images: Iterable[OmniImage]) -> float:
-    """The 99th percentile of all depths, the end of the colour scale, in whole metres."""
-    depths = [image["depth"] for image in images]
-    values = np.concatenate([depth[np.isfinite(depth) & (depth > 0)] for depth in depths])
-    return float(np.ceil(np.quantile(values, 0.99))) if values.size else 1.0
+    """The end of the colour scale for all depths, in whole metres."""
+    return float(np.ceil(farthest(np.concatenate([image["depth"].ravel() for image in images]))))
 
 
 class _Sheet:
@@ -140,17 +138,17 @@ class _Sheet:
                 block.text((left, self._em // 2), name, _INK, self._font())
                 self._blocks[-1].paste(image, (left, caption))
 
-    def depth_bar(self, farthest: float) -> None:
-        """Add the scale of depths."""
+    def depth_bar(self, most: float) -> None:
+        """Add the scale of depths, up to ``most`` metres."""
         width, em = self._inner // 3, self._em
         block = self._block(5 * em)
-        metres = np.linspace(1e-3, farthest, width, dtype=np.float32)
-        bar = colored_depth(np.tile(metres, (em, 1)), farthest)
+        metres = np.linspace(1e-3, most, width, dtype=np.float32)
+        bar = colored_depth(np.tile(metres, (em, 1)), most)
         self._blocks[-1].paste(Image.fromarray(bar), (self._gap, 2 * em))
         for k in range(5):
             left = self._gap + k * width // 4
             anchor = "ma" if k else "la"
-            block.text((left, 3.2 * em), f"{farthest * k / 4:g} m", _INK, self._font(), anchor=anchor)
+            block.text((left, 3.2 * em), f"{most * k / 4:g} m", _INK, self._font(), anchor=anchor)
         note = self._gap + width + 3 * em, 2 * em
         block.text(note, "depth along the ray; white: sky", _FAINT, self._font())
 

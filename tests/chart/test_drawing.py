@@ -47,6 +47,6 @@ def test_a_picture_has_the_same_bytes_every_time(tmp_path):
             [Dot("a", "one", 1, 2, default=True), Dot("a", "two", 3, 1)],
             {"a": Look("#0072b2", "o", "-")},
         )
-        return [path.read_bytes() for path in drawing.save(figure, folder, "chart")]
+        return [path.read_bytes() for path in drawing.write([], figure, folder, "chart")]
 
     assert drawn(tmp_path / "first") == drawn(tmp_path / "second")

@@ -40,7 +40,7 @@ def seen(shot):
     with omniscv.open_source("scene://four-wall") as source:
         geometry, names = source.geometry(), source.objects().names()
     labels = traced(shot.camera, shot.pose, scene)
-    return seen_edges(geometry, shot.camera, shot.pose, labels, names)
+    return seen_edges(geometry.room, geometry.boxes, shot.camera, shot.pose, labels, names)
 
 
 @pytest.fixture(scope="module")

@@ -104,8 +104,8 @@ def _find_files(folder: Path, names: Sequence[str]) -> dict[str, dict[str, Path]
             wanted = " or ".join(missing[0] + suffix for suffix in _SUFFIXES[form])
             lack = f"missing for {len(missing)} of the {len(names)} panoramas in layout/img"
             expected = {name + suffix for name in names for ends in _SUFFIXES.values() for suffix in ends}
-            others = [each for each in by_name if Path(each).suffix in (".png", ".jpg", ".json", ".txt")]
-            got = next((each for each in others if each not in expected), "no other file")
+            others = [file for file in by_name if Path(file).suffix in (".png", ".jpg", ".json", ".txt")]
+            got = next((file for file in others if file not in expected), "no other file")
             raise ArgumentError(f"predictions: expected {wanted}, {lack}; got {got}")
     return {form: found[form] for form in forms}
 

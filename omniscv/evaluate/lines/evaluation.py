@@ -46,7 +46,6 @@ _BASELINES_M = {
 """Effective baselines from which on a room's edge counts in the figures."""
 _LEAST_BASELINE_M = 0.05  # of edges from exact points, and of drawn ones
 
-
 _COLORS = {"free": RED, "gravity": BLUE, "Manhattan": GREEN}
 _MARKERS = {"vertical": "^", "horizontal": "o", "oblique": "D"}
 _LIMITS = {"distance_m": (1e-3, 10.0), "direction_deg": (1e-3, 90.0)}
@@ -100,14 +99,15 @@ def evaluate(settings: Settings) -> Report:
     errors, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
     with open_source(settings.source or _SCENE) as source:
         geometry, names = source.geometry(), source.objects().names()
-        if geometry.room is None:
+        room = geometry.room
+        if room is None:
             raise ArgumentError("source: expected one with a known room, got none; try scene://four-wall")
         renderer = Renderer(source)
         options = RenderOptions(strategy="auto" if settings.source else "strips")
         for done, setup in enumerate(setups, start=1):
-            exact += exact_errors(geometry.room, setup)
+            exact += exact_errors(room, setup)
             image = renderer.render(setup.camera, setup.pose, ("lit", "object_mask", "depth"), options)
-            seen = seen_edges(geometry, setup.camera, setup.pose, image["labels"], names)
+            seen = seen_edges(room, geometry.boxes, setup.camera, setup.pose, image["labels"], names)
             lines = reconstruct(seen, setup)
             rows += score(seen, lines, setup)
             if done == 1:

@@ -1,6 +1,6 @@
 """The straight edges of a scene, and the pixels where the exact labels of an image show them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +13,7 @@ from omniscv.evaluate.lines import plucker
 from omniscv.evaluate.lines.reconstruction import ObservedLine
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
-from omniscv.geometry.scene_geometry import BOX_EDGES, Room, SceneGeometry
+from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room
 
 _LEAST_POINTS = 40
 _SAMPLES = 400
@@ -24,6 +24,7 @@ _LEVEL = 1e-6
 
 Labels = NDArray[np.uint16]
 Owner = Literal["room", "object"]
+Kind = Literal["vertical", "horizontal", "oblique"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Edge:
         ends_w: (2, 3) metres, world frame.
     """
 
-    kind: Literal["vertical", "horizontal", "oblique"]
+    kind: Kind
     of: Owner
     name: str
     ends_w: Array
@@ -71,24 +72,29 @@ def room_edges(room: Room) -> Iterator[tuple[Edge, tuple[str, str]]]:
 
 
 def seen_edges(
-    geometry: SceneGeometry, camera: Camera, pose: Pose, labels: Labels, names: Sequence[str]
+    room: Room,
+    boxes: Mapping[str, ObjectBox],
+    camera: Camera,
+    pose: Pose,
+    labels: Labels,
+    names: Sequence[str],
 ) -> Seen:
     """Return the edges that an image shows, and the pixels where it does.
 
     Args:
-        geometry: of the scene, with a room.
+        room: of the scene.
+        boxes: of its objects, by name.
         camera, pose: of the image.
         labels: (H, W) of the image.
         names: of the labels from 1 on.
     """
     label = {name: i for i, name in enumerate(names, start=1)}
     found: Seen = []
-    for edge, (a, b) in room_edges(geometry.room) if geometry.room is not None else ():
+    for edge, (a, b) in room_edges(room):
         if a in label and b in label and len(pixels := boundary(labels, label[a], label[b])) >= _LEAST_POINTS:
             found.append((edge, ObservedLine(camera, pixels)))
-    surfaces = geometry.room.surfaces if geometry.room is not None else ()
-    for name in sorted(set(geometry.boxes) & set(label) - set(surfaces)):
-        corners = geometry.boxes[name].corners_w()
+    for name in sorted(set(boxes) & set(label) - set(room.surfaces)):
+        corners = boxes[name].corners_w()
         edges = [_edge("object", f"{name} {i}", corners[pair]) for i, pair in enumerate(BOX_EDGES)]
         found += _seen_of_box(edges, camera, pose, boundary(labels, label[name]))
     return found
@@ -127,5 +133,5 @@ def _seen_of_box(edges: Sequence[Edge], camera: Camera, pose: Pose, pixels: Arra
 
 def _edge(of: Owner, name: str, ends_w: Array) -> Edge:
     rise, run = abs(ends_w[1, 2] - ends_w[0, 2]), np.linalg.norm(ends_w[1, :2] - ends_w[0, :2])
-    kind: Literal["vertical", "horizontal", "oblique"] = "vertical" if run <= _LEVEL else "oblique"
-    return Edge("horizontal" if rise <= _LEVEL else kind, of, name, ends_w)
+    kind: Kind = "horizontal" if rise <= _LEVEL else "vertical" if run <= _LEVEL else "oblique"
+    return Edge(kind, of, name, ends_w)

@@ -138,14 +138,8 @@ def _write(path: Path, trajectory: Trajectory) -> Path:
 
 def _figures(run: Run, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
     count, off = len(errors.frames), rms(errors.position_m)
-    mean_turn, most_t, most_theta = (
-        float(function(values)) if count else float("nan")
-        for function, values in (
-            (np.mean, errors.eps_theta_deg),
-            (np.max, errors.eps_t_deg),
-            (np.max, errors.eps_theta_deg),
-        )
-    )
+    unknown = np.array([np.nan])
+    eps_t, eps_theta = (errors.eps_t_deg, errors.eps_theta_deg) if count else (unknown, unknown)
     name = ", ".join(run)
     return [
         Figure(f"{name}: registered", 100 * count / len(truth), "%", n=len(truth)),
@@ -153,9 +147,9 @@ def _figures(run: Run, truth: Trajectory, errors: TrajectoryErrors) -> list[Figu
         Figure(f"{name}: ATE, rms, of the path", 100 * off / path_length(truth), "%", n=count),
         Figure(f"{name}: RPE, rms", 1000 * rms(errors.step_m), "mm", n=count),
         Figure(f"{name}: RPE, rms, turn", rms(errors.step_deg), "deg", n=count),
-        Figure(f"{name}: turn, mean", mean_turn, "deg", n=count),
-        Figure(f"{name}: eps_t, largest", most_t, "deg", PAPER_DEG, count),
-        Figure(f"{name}: eps_theta, largest", most_theta, "deg", PAPER_DEG, count),
+        Figure(f"{name}: turn, mean", float(eps_theta.mean()), "deg", n=count),
+        Figure(f"{name}: eps_t, largest", float(eps_t.max()), "deg", PAPER_DEG, count),
+        Figure(f"{name}: eps_theta, largest", float(eps_theta.max()), "deg", PAPER_DEG, count),
     ]
 
 
