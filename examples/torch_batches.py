@@ -1,7 +1,7 @@
 """Feed batches of a recording's images to a network that is not there, and print the rate.
 
     omniscv record --source scene://four-wall --camera equirectangular --size 512x256 \\
-        --position 0,0,1.5 --strategy cube --modes lit,object_mask,depth --out room.sqlite
+        --position 0,0,1.5 --set strategy=cube --modes lit,object_mask,depth --out room.sqlite
     python examples/torch_batches.py room.sqlite --workers 2
 
 Every image has an orientation of its own, drawn by seed, epoch and index.
