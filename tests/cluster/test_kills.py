@@ -1,4 +1,4 @@
-"""``--cluster local:N``: the bytes of one process; Ctrl-C and kills leave a dataset that goes on."""
+"""Ctrl-C, and kill -9 of workers, servers, games and schedulers: what is left goes on to the same bytes."""
 
 import os
 import random
@@ -12,6 +12,8 @@ from functools import partial
 
 import psutil
 import pytest
+from support.clusters import PATIENCE_S, Cluster
+from support.clusters import waited_for as said_in
 from support.datasets import tree
 from support.games import STAND_IN, waited_for
 from support.processes import OMNISCV, started
@@ -72,6 +74,47 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
     made = jobs.make(jobs.load(job), resume=True)
     assert made.kept >= 2
     assert tree(out) == tree(tmp_path / "single")
+
+
+def wait_for_frames(out, count):
+    until = time.monotonic() + PATIENCE_S
+    while frames_in(out) < count:
+        assert time.monotonic() < until
+        time.sleep(0.005)
+
+
+def test_killed_workers_servers_and_schedulers(tmp_path):
+    with Cluster(tmp_path) as cluster:
+        games = [cluster.ready("server", 0) for _ in range(2)]
+        addresses = [address for _, address in games]
+        source = f"[{', '.join(addresses)}]"
+        jobs.make(jobs.load(job_of(tmp_path, "single", addresses[0], 12)))
+        wanted = tree(tmp_path / "single")
+        job, out = job_of(tmp_path, "killed", source, 12), tmp_path / "killed"
+        boss, address = cluster.ready("scheduler")
+        workers = [cluster.ready("worker", address, number)[0] for number in range(2)]
+        _, said = cluster.start("make", job, address)
+        wait_for_frames(out, 2)
+        cluster.kill(workers[0])
+        cluster.ready("worker", address, 0)
+        wait_for_frames(out, 8)
+        cluster.kill(games[1][0])  # whose worker is busy, with its own part or with that of the dead one
+        cluster.ready("server", addresses[1].rpartition(":")[2])
+        wait_for_frames(out, 14)
+        cluster.kill(boss)
+        lost = said_in(said)
+        assert "ClusterError: expected the scheduler to stay" in lost
+        assert "run the same command again" in lost
+        _, address = cluster.ready("scheduler")
+        for number in range(2):
+            cluster.ready("worker", address, number)
+        written, kept = cluster.ready("make", job, address)[1]
+        assert written + kept == len(jobs.load(job))
+        assert kept >= 14
+        assert tree(out) == wanted
+        assert cluster.ready("make", job, address)[1] == [0, written + kept]
+        assert tree(out) == wanted
+    assert dataset.check(out, deep=True) == []
 
 
 LINES = {"worker": r".* --multiprocessing-fork", "game": r"\S+ \S+/Binaries/Linux/Game"}  # not its watcher
