@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from threading import Lock
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
@@ -26,7 +26,7 @@ from omniscv.make.render import warnings_of
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.truth import registry as truths
-from omniscv.truth.registry import Observation, derive
+from omniscv.truth.registry import Observation, Record, derive, file_contents
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -115,11 +115,12 @@ class FrameMaker:
             geometry=composed.geometry,
             object_poses=composed.object_poses,
         )
-        records: dict[str, Any] = {}
+        records: dict[str, Record] = {}
         if self._capturing_truths:
             with self._capture_lock, renderer_at(self._renderer, composed.instant) as renderer:
                 records = derive(replace(observation, renderer=renderer), self._capturing_truths)
-        self._writer.write(frame, image, derive(observation, self._other_truths, records))
+        records |= derive(observation, self._other_truths)
+        self._writer.write(frame, image, file_contents(records))
 
 
 def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:

@@ -156,30 +156,32 @@ class Truth:
         )
 
 
-def derive(
-    observation: Observation,
-    truths: Mapping[str, Mapping[str, Any]],
-    records: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Return the records of an image: by kind, the content of ``STEM.KIND.json``.
+def derive(observation: Observation, truths: Mapping[str, Mapping[str, Any]]) -> dict[str, Record]:
+    """Return the records of an image by the names of their truths.
 
     Args:
         observation: the image.
         truths: options by name.
-        records: that were derived of the image before, to which these are added.
 
     Raises:
         OmniscvError: as a truth raises, with the key and its name before it.
     """
-    contents: dict[str, Any] = {kind: dict(content) for kind, content in (records or {}).items()}
+    records = {}
     for name, options in truths.items():
-        truth = get(name)
         with within(f"{observation.frame.key}: truth.{name}"):
-            record = truth.apply(observation, options)
+            records[name] = get(name).apply(observation, options)
+    return records
+
+
+def file_contents(records: Mapping[str, Record]) -> dict[str, Any]:
+    """Return by kind the content of ``STEM.KIND.json``, from the records of an image by name."""
+    contents: dict[str, Any] = {}
+    for name, of_truth in records.items():
+        truth = get(name)
         if truth.file == SHARED_FILE:
-            contents.setdefault(truth.kind, {})[name] = record
+            contents.setdefault(truth.kind, {})[name] = of_truth
         else:
-            contents[truth.kind] = record
+            contents[truth.kind] = of_truth
     return contents
 
 
