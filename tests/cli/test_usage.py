@@ -44,13 +44,10 @@ def test_cameras_lists_every_model(capsys):
     [
         (["--camera", "fisheye"], "camera: expected one of"),
         (["--size", "0x512"], "width: expected a whole number of pixels >= 1, got 0"),
-        (["--size", "big"], "--size: expected WIDTHxHEIGHT"),
         (["--camera", "fisheye-equidistant", "--fov", "180", "--param", "focal=100"], "focal"),
         (["--position", "nan,0,1"], "position: expected"),
         (["--position", "0,0"], "--position: expected numbers such as 0,0,1.5, got '0,0'"),
         (["--modes", "colour"], "mode: expected one of"),
-        (["--face-size", "-4"], "--face-size: expected"),
-        (["--param", "radius"], "--param: expected NAME=VALUE"),
         (["--strategy", "guess"], "strategy: expected"),
         (["--filter", "sharp"], "filter: expected"),
         (["--freeze", "hard"], "freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
@@ -131,7 +128,6 @@ def test_a_recording_without_the_asked_view(capsys, tmp_path):
         ("source: mock://four-wall\nposes: [{position: [0, 0, 1]}]\n", "cameras or a rig, got none"),
         ("source: mock://four-wall\nrig: 3\nposes: [{position: [0, 0, 1]}]\n", "rig: expected"),
         ("{", "expected YAML"),
-        ("!!python/object/apply:os.system [true]", "expected no tags"),
         (
             "source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: [{position: [0, 0, 1]}]\n",
             "file names",

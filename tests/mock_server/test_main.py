@@ -135,25 +135,20 @@ def test_handlers_are_restored():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "message"),
+    ("arguments", "message"),
     [
-        (["nowhere"], 2, "scene: expected one of direction, fence, four-wall, open, six-wall, waves, "),
-        (["--dialect", "X"], 2, "dialect: expected one of"),
-        (["--platform", "amiga"], 2, "platform: expected one of windows, linux; got 'amiga'"),
-        (["--size", "big"], 2, "expected a size such as 640x480, got 'big'"),
-        (["--size", "0x10"], 2, "size: expected"),
-        (["--fov", "nan"], 2, "fov_deg: expected"),
-        (["--host", ""], 2, "host: expected an address, got ''"),
-        (["--fault", f"delay={'9' * 9999}"], 2, "fault delay: expected a number from 0 to 3600, got '9999"),
-        (["--latency-ms", "inf"], 2, "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
+        (["nowhere"], "scene: expected one of direction, fence, four-wall, open, six-wall, waves, "),
+        (["--size", "big"], "expected a size such as 640x480, got 'big'"),
+        (["--fault", f"delay={'9' * 9999}"], "fault delay: expected a number from 0 to 3600, got '9999"),
+        (["--latency-ms", "inf"], "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
     ],
-)  # fmt: skip
-def test_wrong_arguments_are_one_line(capsys, arguments, code, message):
+)
+def test_wrong_arguments_are_one_line(capsys, arguments, message):
     try:
         returned = main([*arguments, "--port", "0"])
     except SystemExit as left:  # argparse leaves by itself
         returned = left.code
-    assert returned == code
+    assert returned == 2
     text = capsys.readouterr()
     assert message in text.err
     assert text.out == ""

@@ -28,10 +28,6 @@ def found():
     return None
 
 
-HERE_TOO = [True] if found() else []
-"""Parameters of tests that need Blender: none where there is none."""
-
-
 def run_inside(script, *arguments):
     """Run a script inside Blender."""
     command = [*found(), str(script), *(() if found()[-1] == "-P" else ("--",)), *map(str, arguments)]

@@ -1,4 +1,4 @@
-"""Shared by the tests of live sources: requests, tracing of captures, and a relay that changes replies."""
+"""Shared by the tests of live sources: tracing of captures, and a relay that changes replies."""
 
 import contextlib
 import io
@@ -10,17 +10,10 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from omniscv.geometry import Pose, cube_rotations
-from omniscv.sources import Request, View
+from omniscv.geometry import Pose
+from omniscv.sources import View
 
-CENTER = (0.0, 0.0, 1.5)
 MODES = ("lit", "object_mask", "depth", "normals")
-
-
-def face_requests(size=32, modes=MODES, center=CENTER):
-    """The six faces at a centre, mode by mode."""
-    views = [View(Pose(center, R_w_c), 90.0, size, size) for _, R_w_c in cube_rotations()]
-    return [Request(view, mode) for mode in modes for view in views]
 
 
 def agrees(capture, source, scene):

@@ -7,7 +7,8 @@ import threading
 from contextlib import ExitStack, contextmanager
 
 import pytest
-from support.unreal import face_requests, many_balls, relayed
+from support.faces import face_requests
+from support.unreal import many_balls, relayed
 
 import mock_server
 import omniscv

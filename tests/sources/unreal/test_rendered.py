@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from support.unreal import CENTER, MODES
+from support.faces import CENTER
+from support.unreal import MODES
 
 import mock_server
 import omniscv

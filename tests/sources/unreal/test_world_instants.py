@@ -3,7 +3,8 @@
 import dataclasses
 
 import pytest
-from support.unreal import agrees, face_requests, relayed
+from support.faces import face_requests
+from support.unreal import agrees, relayed
 from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, THINGS, ahead, at_time, placed, serve
 
 import mock_server
