@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,14 @@ _NPY_HEADER = re.compile(
 """The header as NumPy writes it. NumPy's own reader evaluates Python literals, and crashes on some."""
 
 
+class _Codec(NamedTuple):
+    """What :func:`register` was given of an encoding."""
+
+    decoder: Decoder
+    modes: Sequence[str] | None
+    precision: Precision
+
+
 def register(
     encoding: str, decoder: Decoder, modes: Sequence[str] | None = None, precision: Precision | None = None
 ) -> None:
@@ -50,18 +58,17 @@ def register(
         modes: the modalities that it encodes; all if not given.
         precision: of its depth; that of floats in metres if not given.
     """
-    _decoders[encoding] = decoder, modes
-    _precisions[encoding] = precision or Precision()
+    _codecs[encoding] = _Codec(decoder, modes, precision or Precision())
 
 
 def encodings() -> tuple[str, ...]:
     """Return the names of all encodings."""
-    return tuple({**_decoders, **_MODULES})
+    return tuple({**_codecs, **_MODULES})
 
 
 def precision(encoding: str | None) -> Precision:
     """Return the precision of an encoding's depth; that of floats for captures without wire bytes."""
-    return Precision() if encoding is None else _precisions[encoding]
+    return Precision() if encoding is None else _codecs[encoding].precision
 
 
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
@@ -76,13 +83,13 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
     Raises:
         BadReplyError: the bytes are not what the encoding, the mode and the view say.
     """
-    if encoding in _MODULES and encoding not in _decoders:
+    if encoding in _MODULES and encoding not in _codecs:
         import_module(_MODULES[encoding])  # registers its encodings
-    decoder, modes = _decoders.get(encoding, (None, ()))
-    if decoder is None or not (modes is None or mode in modes):
+    codec = _codecs.get(encoding)
+    if codec is None or not (codec.modes is None or mode in codec.modes):
         known = ", ".join(encodings())
         raise BadReplyError(f"encoding of {mode}: expected one of {known}; got {shown(encoding)}")
-    pixels = decoder(payload, mode, view)
+    pixels = codec.decoder(payload, mode, view)
     pixels.flags.writeable = False
     return pixels
 
@@ -125,7 +132,7 @@ def picture_size(payload: bytes) -> tuple[int, int]:
     elif payload.startswith(_NPY):
         (height, width, *_), _, _ = _npy_layout(payload)
     else:
-        raise BadReplyError(f"expected a PNG or NPY, got {_start(payload)}")
+        raise BadReplyError(f"expected a PNG or NPY, got {_first_bytes(payload)}")
     if not 0 < width * height <= MAX_PIXELS:
         raise BadReplyError(f"expected a picture of 1 to {MAX_PIXELS} pixels, got {width} x {height}")
     return width, height
@@ -138,7 +145,7 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
     from omniscv.storage import png
 
     if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
-        raise BadReplyError(f"expected a PNG, got {_start(payload)}")
+        raise BadReplyError(f"expected a PNG, got {_first_bytes(payload)}")
     width, height = picture_size(payload)
     if (width, height) != (view.width, view.height):
         wanted, got = f"{view.width} x {view.height}", f"{payload[24]}-bit {width} x {height}"
@@ -153,7 +160,7 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
     if not payload.startswith(_NPY):
-        raise BadReplyError(f"expected NPY, got {_start(payload)}")
+        raise BadReplyError(f"expected NPY, got {_first_bytes(payload)}")
     shape, dtype, start = _npy_layout(payload)
     if shape[:2] != (view.height, view.width):
         raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
@@ -204,13 +211,12 @@ def _npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     return tuple(map(int, match[2].split(b", "))), np.dtype(match[1].decode()), end
 
 
-def _start(payload: bytes) -> str:
+def _first_bytes(payload: bytes) -> str:
     return f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
 
 
-_decoders: dict[str, tuple[Decoder, Sequence[str] | None]] = {}
-_precisions: dict[str, Precision] = {}
+_codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 _MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.codecs")
-"""Encodings of modules that are imported when they are needed first."""
+"""Modules that register encodings, by encoding; imported when one is decoded first."""

@@ -119,13 +119,10 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         raise ArgumentError(f"source: expected an address or the path of a recording, got {shown(uri)}")
     text = str(uri)
     scheme = scheme_of(text)
-    if scheme is None:
-        if _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
-            expected = f"expected an address or a recording, got {shown(text)}"
-            raise ArgumentError(f"source: {expected}; write unreal://{text}")
-        opener: Opener = resolve_name(_RECORDING)
-    else:
-        opener = _opener(scheme, text)
+    if scheme is None and _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
+        expected = f"expected an address or a recording, got {shown(text)}"
+        raise ArgumentError(f"source: {expected}; write unreal://{text}")
+    opener = resolve_name(_RECORDING) if scheme is None else _opener(scheme, text)
     try:
         inspect.signature(opener).bind(text, **options)
     except TypeError:

@@ -95,9 +95,9 @@ class SceneSource(Source):
         colors = ObjectTable({}, ids=ids).colors
         self._objects = ObjectTable(colors, ids=ids if masks == "ids" else {})
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
-        self._shown = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
-        self._traced = lru_cache(cached_views)(self._untraced)
-        self._like = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
+        self._mask_values = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
+        self._traced = lru_cache(cached_views)(self._new_view)
+        self._copy = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -138,7 +138,7 @@ class SceneSource(Source):
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""
         self._check_open()
-        return self._like(self._left_out.union(objects), self._instant)
+        return self._copy(self._left_out.union(objects), self._instant)
 
     @property
     def state(self) -> str:
@@ -151,14 +151,14 @@ class SceneSource(Source):
     def at(self, instant: Instant) -> SceneSource:
         """As :meth:`Source.at`; both may be used at the same time. Without a time: at the scene's start."""
         self._check_open()
-        return self._like(self._left_out, instant)
+        return self._copy(self._left_out, instant)
 
     def close(self) -> None:
         self._closed = True
         self._traced.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._like, (self._left_out, self._instant)
+        return self._copy, (self._left_out, self._instant)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -188,7 +188,7 @@ class SceneSource(Source):
             )
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
             pixels: dict[str, NDArray[Any]] = {
-                "object_mask": self._shown.take(hits.label, axis=0),
+                "object_mask": self._mask_values.take(hits.label, axis=0),
                 "depth": (hits.distance / lengths).astype(np.float32),
                 "normals": hits.normal.astype(np.float32),
             }
@@ -210,18 +210,18 @@ class SceneSource(Source):
         """The value of pixels that show no object, by mode."""
         sky = np.zeros(3) if self.scene.sky is None else self.scene.sky
         lit = sky if self._lit == "float32" else np.round(255 * sky)
-        return {"lit": lit, "object_mask": self._shown[0], "depth": np.inf, "normals": 0.0}
+        return {"lit": lit, "object_mask": self._mask_values[0], "depth": np.inf, "normals": 0.0}
 
-    def _untraced(self, view: View) -> _Traced:
+    def _new_view(self, view: View) -> _Traced:
         if not self._hidden or self.scene.sky is None:
             return _Traced(None)
         may_show_object = np.zeros((view.height, view.width), bool)
-        for corners_w in self._shown_corners:
+        for corners_w in self._visible_corners:
             may_show_object[_rectangle_around(view, corners_w)] = True
         return _Traced(may_show_object)
 
     @cached_property
-    def _shown_corners(self) -> list[NDArray[np.float64]]:
+    def _visible_corners(self) -> list[NDArray[np.float64]]:
         """The corners (8, 3) of the boxes of objects that are not hidden."""
         names = set(self.scene.objects) - self._hidden
         return [ObjectBox.of(*self.scene.box(name), "scene").corners_w() for name in names]

@@ -31,8 +31,7 @@ Address = TypeVar("Address", str, Path)
 Progress = Callable[[int, int], None]
 """``progress(done, total)``."""
 
-_NEAREST_M = 0.001
-"""Files of a split are named by positions in millimetres."""
+_LEAST_DISTANCE_M = 0.001  # files of a split are named by positions in millimetres
 _JUST_CREATED = "expected a new file, but another recorder has just created one; run again to add to it"
 
 
@@ -90,16 +89,16 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
         ArgumentError: a folder that holds something.
         RecordingError: the recording cannot be read, is damaged, or one cannot be written.
     """
-    number("distance_m", distance_m, least=_NEAREST_M)
+    number("distance_m", distance_m, least=_LEAST_DISTANCE_M)
     folder = storage.folder(out)
     if folder.names():
         raise ArgumentError(f"{folder}: expected an empty or new folder, but it holds something")
     with closing(Store(storage.fetch_file(file))) as store:
         rows = store.listing()
-        whole = Path(str(file).rpartition("/")[2])
+        source_name = Path(str(file).rpartition("/")[2])
         numbers: dict[str, list[int]] = {}
         for row, cluster in zip(rows, _clusters(rows, distance_m), strict=True):
-            numbers.setdefault(f"{whole.stem}.{cluster}{whole.suffix}", []).append(row.number)
+            numbers.setdefault(f"{source_name.stem}.{cluster}{source_name.suffix}", []).append(row.number)
         with tempfile.TemporaryDirectory(dir=_local_parent(folder), prefix=".") as scratch:
             for name in numbers:
                 _write(store, numbers[name], Path(scratch) / name)
@@ -190,7 +189,7 @@ def _add_all(target: Store, store: Store) -> int:
 
 
 def _add_new(target: Store, row: Row) -> bool:
-    """Add a capture; return False if the recording holds it; RecordingError if it holds another one."""
+    """Add a capture; return False if it is there already; RecordingError if its request has other bytes."""
     row.check_payload()
     request, view, _ = row.description()
     held = target.get_row(request)
@@ -226,18 +225,19 @@ def _dialects(rows: Sequence[Row]) -> set[str]:
 
 def _merged_objects(target: Store, store: Store) -> ObjectTable:
     """Return the objects of both; RecordingError where masks of one would get names of the other."""
-    tables, have_masks = (target.objects(), store.objects()), (target.has_masks(), store.has_masks())
-    have_names = [bool(table.colors) for table in tables]
-    if not all(have_names):
-        unnamed = (mask and not names for mask, names in zip(have_masks, have_names, strict=True))
-        if any(have_names) and any(unnamed):
+    before, added = target.objects(), store.objects()
+    if not before.colors or not added.colors:
+        named, without_names = (before, store) if before.colors else (added, target)
+        if named.colors and without_names.has_masks():
             expected = "expected object masks with an object table in all recordings"
             raise RecordingError(f"{expected}, got one without")
-        return tables[0 if have_names[0] else 1]
-    conflict = table_conflict(*tables)
-    if conflict and all(have_masks):
+        return named
+    conflict = table_conflict(before, added)
+    if not conflict:
+        return table_union(before, added)
+    if target.has_masks() and store.has_masks():
         raise RecordingError(f"expected the mask colours of those before, but {conflict}")
-    return tables[0 if have_masks[0] else 1] if conflict else table_union(*tables)
+    return before if target.has_masks() else added
 
 
 @contextmanager
@@ -266,13 +266,12 @@ def _write(store: Store, numbers: Sequence[int], path: Path) -> None:
         target.set_objects(store.objects())
         if geometry := store.geometry():
             target.set_geometry(geometry)
-        states, written = store.states(), set[str]()
+        states = store.states()
         for row in store.rows(numbers):
             row.check_payload()
-            row.description()
-            if row.state and row.state not in written:
-                target.set_state(row.state, states[row.state])
-                written.add(row.state)
+            row.description()  # checks it
+            if state := states.pop(row.state, None):
+                target.set_state(row.state, state)
             target.add_row(row)
 
 

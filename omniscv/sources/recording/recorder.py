@@ -44,6 +44,7 @@ class Recording(SourceWrapper):
         except BaseException:
             self._store.close()
             raise
+        # Captured anew so far; None: captures of the file are replayed.
         self._renewed: set[Request] | None = set() if anew else None
         self._objects: tuple[str, ObjectTable] | None = None  # with the state in which they were read
         self._noted_state = ""  # the last one whose description is in the file
@@ -64,8 +65,11 @@ class Recording(SourceWrapper):
         return in_order(requests, find, self._capture_and_write)
 
     def objects(self) -> ObjectTable:
-        """The objects, with those that the file held before; they are written to the file, and with them what
-        is known of shapes. RecordingNotWritableError as :meth:`Store.set_objects`."""
+        """The objects, with those that the file held before; they are written to the file, with the shapes.
+
+        Raises:
+            RecordingNotWritableError: as :meth:`Store.set_objects`.
+        """
         with self._lock:
             state = self._source.state
             if self._objects is None or self._objects[0] != state:
@@ -143,22 +147,24 @@ class Recording(SourceWrapper):
             self._renewed.add(capture.request)
 
     def _write_state(self, state: str) -> None:
-        """Write what is known of a state, once: also the boxes of objects that are elsewhere in it."""
+        """Write what is known of a state, once."""
         if self._noted_state == state:
             return
         if self._renewed is not None or self._store.state(state) is None:
-            still = self._store.geometry().to_dict()["boxes"]
-            boxes = self._source_geometry().boxes
-            moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
-            known = self.instant if self.instant.state == state else None
-            requested = None if self._requested is None else self._requested.state
-            set_poses = known.poses if known else {}
-            poses = {
-                name: pose for name, pose in self._source.object_poses().items() if name not in set_poses
-            }
-            asked = None if requested == state else requested
-            self._store.set_state(state, WorldState(known, moved, asked, poses))
+            self._store.set_state(state, self._world_state(state))
         self._noted_state = state
+
+    def _world_state(self, state: str) -> WorldState:
+        """Return what the source knows of a state, with the boxes that are not as in the still world."""
+        still = self._store.geometry().to_dict()["boxes"]
+        boxes = self._source_geometry().boxes
+        moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
+        instant = self.instant if self.instant.state == state else None
+        set_poses = instant.poses if instant else {}
+        read_poses = self._source.object_poses().items()
+        poses = {name: pose for name, pose in read_poses if name not in set_poses}
+        requested = None if self._requested is None else self._requested.state
+        return WorldState(instant, moved, None if requested == state else requested, poses)
 
     def _source_geometry(self) -> SceneGeometry:
         """Return what the source knows of shapes; empty after a fault, which does not end the recording."""

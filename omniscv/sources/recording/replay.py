@@ -41,8 +41,9 @@ class RecordedSource(Source):
         self._store, self._owns_store = Store(storage.fetch_file(path)), True
         try:
             self._views = views_by_state(self._store.listing())
-            self._found = self._found_states()
-            self._state = self._found.get("", "") if state == "" and "" not in self._views else state
+            self._actual_states = self._states_by_request()
+            missing_still = state == "" and "" not in self._views
+            self._state = self._actual_states.get("", "") if missing_still else state
             self._check_holds(self._state)
         except BaseException:
             self._store.close()
@@ -87,8 +88,7 @@ class RecordedSource(Source):
 
     def geometry(self) -> SceneGeometry:
         """As recorded with the objects and the state; empty for sources that know no shapes."""
-        still = self._store.geometry()
-        return (self._store.state(self._state) or WorldState()).geometry(still)
+        return self._world_state.geometry(self._store.geometry())
 
     @property
     def state(self) -> str:
@@ -96,12 +96,11 @@ class RecordedSource(Source):
 
     @property
     def instant(self) -> Instant:
-        known = self._store.state(self._state)
-        return known.instant if known and known.instant else Instant()
+        return self._world_state.instant or Instant()
 
     def object_poses(self) -> Mapping[str, Pose]:
         """As recorded with the state's first capture."""
-        return (self._store.state(self._state) or WorldState()).object_poses()
+        return self._world_state.object_poses()
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""
@@ -114,7 +113,7 @@ class RecordedSource(Source):
         """
         state = instant.state
         if state not in self._views:
-            state = self._found.get(state, state)
+            state = self._actual_states.get(state, state)
         self._check_holds(state)
         return sharing(self, _state=state, _owns_store=False)
 
@@ -125,17 +124,22 @@ class RecordedSource(Source):
     def __reduce__(self) -> tuple[Any, ...]:
         return RecordedSource, (self._address, self._state)
 
-    def _found_states(self) -> dict[str, str]:
+    @property
+    def _world_state(self) -> WorldState:
+        """What is known of the state that is replayed; nothing of the still one."""
+        return self._store.state(self._state) or WorldState()
+
+    def _states_by_request(self) -> dict[str, str]:
         """Return, by the state that was to be set, the last one in which the world was found."""
         known = self._store.states()
-        asked = ((known[state].asked, state) for state in self._views if state)
-        return {wanted: state for wanted, state in asked if wanted is not None}
+        pairs = ((known[state].asked, state) for state in self._views if state)
+        return {requested: state for requested, state in pairs if requested is not None}
 
     def _check_holds(self, state: str) -> None:
         if state and state not in self._views:
             expected = f"expected captures of the world in state {shown(state)}"
-            held = states_in_words(self._views)
-            raise MissingCaptureError(f"{expected}, the recording holds {held}", self._name)
+            recorded = states_in_words(self._views)
+            raise MissingCaptureError(f"{expected}, the recording holds {recorded}", self._name)
 
     def _replay(self, request: Request) -> Capture:
         if capture := self._store.get(request):
