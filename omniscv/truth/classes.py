@@ -71,8 +71,8 @@ class ClassTable:
         """
         class_of = np.full(_MOST + 1, BACKGROUND, np.uint16)
         for name, instance in instances.items():
-            if (of_name := self.of(name)) is not None:
-                class_of[instance] = of_name.id
+            if (semantic := self.of(name)) is not None:
+                class_of[instance] = semantic.id
         return class_of
 
 

@@ -88,8 +88,8 @@ def visible_ids(labels: Labels) -> set[int]:
 
 def _named(instance: int, name: str, classes: ClassTable | None) -> dict[str, Any]:
     """The start of an object's record."""
-    of_name = None if classes is None else classes.of(name)
-    return {"instance_id": instance, "name": name, "class": of_name and of_name.name}
+    semantic = None if classes is None else classes.of(name)
+    return {"instance_id": instance, "name": name, "class": semantic and semantic.name}
 
 
 def _wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) -> Box:
@@ -178,15 +178,15 @@ def boxes_around_points(
         names: of ids; only these have boxes.
     """
     name_of = {instance: name for name, instance in ids(names).items()}
-    found = {}
+    around = {}
     for instance, box in enumerate(ndimage.find_objects(labels), start=1):
         if box is None or instance not in name_of:
             continue
         points = points_w[box][(labels[box] == instance) & usable[box]]
         if len(points):
             low, high = points.min(axis=0), points.max(axis=0)
-            found[name_of[instance]] = ObjectBox((low + high) / 2, np.eye(3), high - low, "points")
-    return found
+            around[name_of[instance]] = ObjectBox((low + high) / 2, np.eye(3), high - low, "points")
+    return around
 
 
 def _unit_surface() -> Array:

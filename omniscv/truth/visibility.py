@@ -160,8 +160,8 @@ def _things(observation: Observation) -> list[str]:
     things = []
     for name, instance in sorted(observation.instances.items()):
         box = observation.geometry.boxes.get(name)
-        of_name = None if observation.classes is None else observation.classes.of(name)
-        stuff = name in surfaces or (of_name is not None and of_name.stuff)
+        semantic = None if observation.classes is None else observation.classes.of(name)
+        stuff = name in surfaces or (semantic is not None and semantic.stuff)
         if not stuff and (instance in visible or (box is not None and box.source == "scene")):
             things.append(name)
     return things

@@ -81,24 +81,24 @@ def _rectangle(camera: Camera, bbox: Sequence[float]) -> list[Array]:
     return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in sides]
 
 
-def _draw_line(picture: Picture, line: Array, color: RGB, width: int, wraps: bool) -> None:
+def _draw_line(drawn: Picture, line: Array, color: RGB, width: int, wraps: bool) -> None:
     """Draw the parts of a line that are in the image, without the jumps over a panorama's seam."""
     for a, b in itertools.pairwise(line):
-        if np.isnan(a + b).any() or (wraps and abs(a[0] - b[0]) > picture.shape[1] / 2):
+        if np.isnan(a + b).any() or (wraps and abs(a[0] - b[0]) > drawn.shape[1] / 2):
             continue
         start, end = _fixed([a, b]).tolist()
-        cv2.line(picture, start, end, color, width, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.line(drawn, start, end, color, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
-def _draw_name(picture: Picture, lines: list[Array], name: str, color: RGB) -> None:
+def _draw_name(drawn: Picture, lines: list[Array], name: str, color: RGB) -> None:
     """Write a name at the upper left end of lines."""
     points = np.concatenate([np.empty((0, 2)), *lines])
     points = points[~np.isnan(points[:, 0])]
     if len(points):
         u, v = points[points.sum(axis=1).argmin()]
-        size = max(0.35, picture.shape[1] / 2400)
+        size = max(0.35, drawn.shape[1] / 2400)
         at = int(u), int(max(12.0, v - 3))
-        cv2.putText(picture, name, at, cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
+        cv2.putText(drawn, name, at, cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
 
 
 def _color(instance: int) -> RGB:

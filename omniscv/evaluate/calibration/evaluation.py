@@ -82,8 +82,8 @@ def evaluate(settings: Settings) -> Report:
     cases = [(model, value) for model in models(extent.unit_px).values() for value in extent.values]
     steps = chain(_from_points(cases, extent), _from_images(cases, extent, settings.source))
     rows = list[Row]()
-    for done, found in enumerate(steps, start=1):
-        rows += found
+    for done, estimates in enumerate(steps, start=1):
+        rows += estimates
         settings.progress(done, len(cases) * (1 + extent.images))
     about = {"unit_px": extent.unit_px, "noise_px": NOISE_PX, "lines": _LINES, "points_of_a_line": _POINTS}
     return Report(figures(rows), rows, about, [draw(rows, settings.out / "calibration.png")])
@@ -91,13 +91,13 @@ def evaluate(settings: Settings) -> Report:
 
 def figures(rows: Sequence[Row]) -> list[Figure]:
     """Return, for each kind of input and each model, the largest error of the means of the images."""
-    found = []
+    largest = []
     for source, model in dict.fromkeys((row["input"], row["model"]) for row in rows):
         value, mean, _ = means_of(rows, source, model).T
         count = sum(row["input"] == source and row["model"] == model for row in rows)
         worst = float(np.abs(100 * (mean / value - 1)).max())
-        found.append(Figure(f"r_vl error, {model}, {source}", worst, "%", n=count))
-    return found
+        largest.append(Figure(f"r_vl error, {model}, {source}", worst, "%", n=count))
+    return largest
 
 
 def means_of(rows: Sequence[Row], source: str, model: str) -> Array:
@@ -105,7 +105,7 @@ def means_of(rows: Sequence[Row], source: str, model: str) -> Array:
     mine = [row for row in rows if row["input"] == source and row["model"] == model]
     values = dict.fromkeys(row["r_vl"] for row in mine)
     estimates = [[row["estimate"] for row in mine if row["r_vl"] == value] for value in values]
-    return np.array([(v, np.mean(found), np.std(found)) for v, found in zip(values, estimates, strict=True)])
+    return np.array([(v, np.mean(of_v), np.std(of_v)) for v, of_v in zip(values, estimates, strict=True)])
 
 
 def line_points(camera: Camera, rng: np.random.Generator) -> list[Array]:
@@ -181,9 +181,14 @@ def facing(camera: Camera, position: Triple, angles: Triple) -> Pose:
 
 
 def _row(source: str, model: LineImages, value: float, image: int, estimate: float, extent: Extent) -> Row:
-    found = estimate / extent.unit_px
-    row = {"input": source, "model": model.name, "r_vl": value, "image": image, "estimate": found}
-    return {**row, "error_percent": 100 * (found / value - 1)}
+    return {
+        "input": source,
+        "model": model.name,
+        "r_vl": value,
+        "image": image,
+        "estimate": estimate / extent.unit_px,
+        "error_percent": 100 * (estimate / extent.unit_px / value - 1),
+    }
 
 
 def draw(rows: Sequence[Row], path: Path) -> Path:

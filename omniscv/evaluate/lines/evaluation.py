@@ -203,8 +203,10 @@ def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
 
 
 def _setups(quick: bool) -> list[Setup]:
-    """The paper's panorama, tilted by 10 degrees, and a cone above a camera that looks up, whose reflections
-    lie on a circle of R_c = 0.47 m."""
+    """The paper's panorama, tilted by 10 degrees; unless ``quick`` from three poses, and a conical mirror.
+
+    The cone is above a camera that looks up. Its reflections lie on a circle of R_c = 0.47 m.
+    """
     width = 640 if quick else 2048
     panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
     first = Setup("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))

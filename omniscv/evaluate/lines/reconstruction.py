@@ -130,8 +130,10 @@ def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity:
 
 
 def _common_heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array) -> float:
-    """The heading of level lines modulo a quarter turn: of the line that the others are nearest to, their
-    median, weighted by pixels and the square of the effective baseline."""
+    """The median heading of level lines, radians, modulo a quarter turn.
+
+    A line's weight is its number of pixels times the square of its effective baseline.
+    """
     x, y = plucker.across(gravity)
     headings = np.array([np.arctan2(line[:3] @ y, line[:3] @ x) for _, line in level])
     turns = headings[:, None] - headings
