@@ -94,16 +94,3 @@ def test_objects_are_spawned(official, dialect):
         assert api.set_new_obj("Cow", "Daisy") is None
     with pytest.warns(UserWarning, match="for URI 'vset /objects/spawn CubeActor Far 1.0 2.0 3.0'"):
         assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) is None  # no public branch knows a place
-
-
-def test_l_is_paused_by_the_plain_client(start, connect):
-    """The API does not construct with plugin 0.3.10: its pause is sent as a command."""
-    server = start("workshop", dialect="L", size=(8, 8), frames_per_s=1e-3)
-    client = connect(server)
-    assert client.request("vset /action/game/pause") == "ok"
-    assert client.request("vget /object/Crate/location") == client.request("vget /object/Crate/location")
-    assert client.request("vset /object/Crate/location 1 2 3") == "ok"
-    assert client.request("vget /object/Crate/location") == "1.00 2.00 3.00"
-    assert client.request("vset /action/game/resume").startswith("error Can not find a handler")
-    assert client.request("vset /action/game/pause") == "ok"
-    assert client.request("vget /object/Crate/location") != client.request("vget /object/Crate/location")

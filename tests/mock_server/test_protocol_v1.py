@@ -110,15 +110,6 @@ def test_captured_files_are_beside_the_file_that_the_status_names(start, open_ra
     assert Path(named).with_name("x.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_a_temporary_folder_lasts_as_long_as_the_server(start, open_raw):
-    server = start(size=(8, 8))
-    raw = open_raw(server)
-    folder = Path(re.search("^Config file: (.*)$", raw.text("vget /unrealcv/status"), re.MULTILINE)[1]).parent
-    assert folder.is_dir()
-    server.stop()
-    assert not folder.exists()
-
-
 def test_help_lists_templates_and_descriptions(raw):
     text = raw.text("vget /unrealcv/help")
     assert text.startswith("vrun [str]\n")
@@ -206,13 +197,6 @@ def test_templates_are_not_anchored_and_may_be_followed_by_spaces(raw, command):
 )  # fmt: skip
 def test_replies(raw, command, reply):
     assert raw.text(command) == reply
-
-
-def test_pause(raw):
-    assert raw.text("vset /action/game/pause") == "ok"
-    assert raw.text("vget /action/game/is_paused") == "true"
-    assert raw.text("vset /action/game/resume") == "ok"
-    assert raw.text("vget /action/game/is_paused") == "false"
 
 
 # Cameras
