@@ -1,9 +1,10 @@
-"""``area``: a pixel shows the mean of what it spans.
+"""The filter ``area``: a pixel shows the mean of its footprint.
 
 A pixel's footprint in a view is a parallelogram, sampled by bilinear interpolation on a regular grid in it,
-at a mip level of which it spans a few pixels. Interpolation and mip level are filters of their own: the grid
-is narrower than the footprint by as much, so that together they have the second moments of a box of the
-footprint's size: sinusoids keep what the mean keeps, from a pixel that spans the square root of 2 px on.
+at a mip level of which it spans a few pixels. Interpolation and mip level are filters, too. The grid is
+narrower than the footprint, so that grid, interpolation and mip level together have the second moments of a
+box of the footprint's size. From a pixel that spans sqrt(2) px on, sinusoids then have the contrast of the
+mean.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ _SPACING = 1.5
 """Level px between samples at most. With less, sinusoids of 1.2 px of the image gain less than half a grey
 level of 255; with 1.75, they lose one to two."""
 
-_SMALLEST_LEVEL = 8  # px: less of a view says nothing
+_SMALLEST_LEVEL = 8  # px, width or height of a view at its coarsest level
 
 
 class AreaSampling:
@@ -46,7 +47,7 @@ class AreaSampling:
     def __init__(
         self, footprints: Footprints, lookup: RayLookup, views: Sequence[View], R_w_d: Array
     ) -> None:
-        self._lookup = lookup = _moved(lookup, footprints, views, R_w_d)
+        self._lookup = lookup = _rim_moved(lookup, footprints, views, R_w_d)
         count, first = len(lookup.view), views[0]
         self._level = level = np.empty(count, np.uint8)
         self._counts, self._spacing = np.empty((count, 2), np.uint8), np.empty((count, 2, 2), np.float32)
@@ -85,7 +86,7 @@ class AreaSampling:
         return self._counts.nbytes + self._spacing.nbytes + self._level.nbytes + self._lookup.nbytes
 
 
-def _moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View], R_w_d: Array) -> RayLookup:
+def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View], R_w_d: Array) -> RayLookup:
     """Return the lookup with pixels at the rim looked up in the middle of their part inside, if a view sees
     it."""
     if len(footprints.rim) == 0:

@@ -1,11 +1,10 @@
-"""The views of one optical centre as tiles of one large picture, so that one remap serves them all.
+"""The views of one optical centre as tiles of one large picture, which is sampled at once.
 
 For averaging, the picture also holds the views' mip levels: level 0 at their own resolution, level 1 of the
 means of 2 x 2 of its pixels, ... Around each tile can lie a gutter, resampled from the neighbouring views,
 for the filter support: a filter at the edge of a view needs pixels beyond it. Where views are not captured
-wider
-than their rays need, the neighbours show these, though on another plane: the ray of each pixel of the gutter
-is looked up in them. Where no neighbour sees it, the view's own edge is continued.
+wider than their rays need, the ray of each pixel of the gutter is looked up in the neighbours. Where none
+sees it, the view's own edge is continued.
 """
 
 from collections.abc import Sequence
@@ -36,7 +35,7 @@ class Gutter:
         views: all of one size, from one centre.
         level: the mip level.
         support: px of the gutter.
-        bicubic: whether neighbours are resampled by the better and slower filter.
+        bicubic: resample neighbours by the better and slower filter.
     """
 
     def __init__(self, views: Sequence[View], level: int, support: int, bicubic: bool) -> None:
@@ -109,9 +108,9 @@ class Atlas:
 
     Args:
         views: all of one size.
-        levels: which mip levels it holds: ``range(1)`` for the views alone.
+        levels: the mip levels that it holds: ``range(1)`` for the views alone.
         support: px of the gutter around each tile; 0: none.
-        bicubic: whether it is for that filter, which needs a finer gutter.
+        bicubic: resample the gutter by the better and slower filter.
 
     Attributes:
         shape: rows and columns of the picture.

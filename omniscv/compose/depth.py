@@ -1,9 +1,9 @@
 """Depth and normals along rays from captures of planar depth, and how far depth may be off.
 
-Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`. Where
-pixels share an optical centre that is not their ray's own origin, a ray meets a plane elsewhere than the ray
-from the centre does, and near the edge of an object it may meet something else. Both are part of the error:
-the one by the plane's slope, the other by the depths within the parallax.
+Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`. Pixels
+may share an optical centre that is not the origin of their rays. Then a ray meets a plane elsewhere than the
+ray from the centre does, and near the edge of an object it may meet another surface. Both add to the error:
+the first by the plane's slope, the second by the depths within the parallax.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from omniscv.geometry.surfaces import (
 from omniscv.sources.base import View
 
 NEAR_PLANE_M = 0.1
-"""Engines draw nothing that is nearer."""
+"""Engines draw no nearer surface."""
 _AHEAD_PX = 1.5
 """The parallax is measured from the nearest pixel, and an edge lies within one of the pixel that shows it."""
 _SLOPE_ERRORS = 2.0
@@ -39,11 +39,11 @@ _SLOPE_ERRORS = 2.0
 _MARGIN = 1.3
 """A neighbouring surface goes on between the pixels that show it."""
 _AROUND_PX = 3
-"""A plane is fitted to so many pixels on every side: half floats jump by more than one pixel slopes."""
+"""Pixels on every side to which a plane is fitted: steps of half floats are larger than a pixel's slope."""
 _BLOCK = 256
-"""Rays that are gathered at a time: their buffers stay in the fastest cache."""
+"""Rays whose depths are gathered at a time; their buffers fit into the fastest cache."""
 _CELL_PX = 4
-"""Smaller pictures have no pixels around 2 x 2 of theirs."""
+"""Least width and height of a picture in which a :class:`Cell` fits."""
 
 
 class SampledDepth(NamedTuple):

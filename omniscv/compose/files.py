@@ -40,8 +40,8 @@ OBJECTS = "objects.json"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
-_LOOKED_AT, _ALIKE = 64, 0.1
-"""Rows in which neighbours are compared, and the share of equal ones from which on run lengths pay."""
+_COMPARED_ROWS, _EQUAL_SHARE = 64, 0.1
+"""Rows in which neighbours are compared, and the share of equal ones above which run lengths pay."""
 _JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
@@ -93,12 +93,12 @@ def write(
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     check_format(image_format)
     if objects is not None:
-        _merged(out / OBJECTS, objects)  # refused before anything is written
+        _merged_objects(out / OBJECTS, objects)  # refused before anything is written
     written = list(write_layers(layers, out, stem, image_format).values())
     written.append(write_json(out / f"{stem}.json", {**description, "versions": versions()}))
     if objects is not None:
         with locked(out):  # others may save images into this folder at the same time
-            written.append(write_json(out / OBJECTS, _merged(out / OBJECTS, objects)))
+            written.append(write_json(out / OBJECTS, _merged_objects(out / OBJECTS, objects)))
     return written
 
 
@@ -155,7 +155,7 @@ def read(path: Path, name: str) -> NDArray[Any]:
     return pixels
 
 
-def _merged(path: Path, objects: ObjectTable) -> dict[str, Any]:
+def _merged_objects(path: Path, objects: ObjectTable) -> dict[str, Any]:
     """Return the content of ``objects.json``: the objects, and those of the images in the folder.
 
     Raises:
@@ -220,8 +220,8 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
 
     planes = pixels if pixels.ndim == 3 else pixels[..., None]
     height, width, channels = planes.shape
-    kind = _EXR_TYPES.get(planes.dtype.name, planes.dtype.name)
-    spec = OpenImageIO.ImageSpec(width, height, channels, kind)
+    pixel_type = _EXR_TYPES.get(planes.dtype.name, planes.dtype.name)
+    spec = OpenImageIO.ImageSpec(width, height, channels, pixel_type)
     if len(row.channel_names) == channels:
         spec.channelnames = row.channel_names
     spec.attribute("DateTime", _NO_CLOCK)
@@ -253,8 +253,8 @@ def _exr_compression(planes: NDArray[Any]) -> str:
     By measurement: interpolated floats have random bits, of which run lengths save nothing and ZIP a sixth,
     in twice and in five times the time of writing them as they are.
     """
-    some = planes[:: max(1, len(planes) // _LOOKED_AT)]
-    return "rle" if np.count_nonzero(some[:, 1:] == some[:, :-1]) > _ALIKE * some.size else "none"
+    some = planes[:: max(1, len(planes) // _COMPARED_ROWS)]
+    return "rle" if np.count_nonzero(some[:, 1:] == some[:, :-1]) > _EQUAL_SHARE * some.size else "none"
 
 
 def _check_space(path: Path) -> None:
@@ -287,9 +287,9 @@ def write_json(path: Path, data: object, indent: int | None = 2) -> Path:
 def finite(value: Any) -> Any:
     """Return plain values as JSON has them: null for numbers that are not finite."""
     if isinstance(value, Mapping):
-        return {str(key): finite(each) for key, each in value.items()}
+        return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -33,11 +33,11 @@ class HeldCaptures(SourceWrapper):
 
 
 class SharedCaptures(HeldCaptures):
-    """A source whose captures are held as long as images of one moment need them. For one thread.
+    """A source whose captures are held until the last image of one moment has used them. For one thread.
 
     Args:
         source: where captures come from.
-        needed: how often each request comes; requests that are missing here are not held.
+        needed: how often each request comes; other requests are not held.
     """
 
     def __init__(self, source: Source, needed: Mapping[Request, int]) -> None:
@@ -58,7 +58,7 @@ class SharedCaptures(HeldCaptures):
 
 
 class CapturesOfCenter(HeldCaptures):
-    """A recording whose captures at the optical centre that was used last are held: they are decoded once.
+    """A recording whose captures at the last optical centre are held, so that they are decoded once.
 
     Safe to use from several threads.
 

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.arrays import Mask
 from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Color, ObjectTable
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

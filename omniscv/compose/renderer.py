@@ -34,8 +34,8 @@ from omniscv.sources.base import Source, View
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28
-_FOR_CAPTURES = 8
-"""One in so many of the bytes that are kept may be captures of a recording."""
+_CAPTURES_DIVISOR = 8
+"""At most ``cache_bytes`` divided by it are captures of a recording."""
 
 
 class Renderer:
@@ -47,9 +47,8 @@ class Renderer:
     Args:
         source: where captures come from; not closed with the renderer.
         cache_bytes: bound of the memory that is kept between images.
-        tile_bytes: bound of the memory for rays and lookups of a central camera's image whose map would not
-        fit
-            into either bound: it is composed in blocks of rows, and nothing of its map is kept.
+        tile_bytes: bound of the memory for rays and lookups of a central camera's image that fits into
+            neither bound: it is composed in blocks of rows, and its rays and lookups are not kept.
         sampler: samples captures along rays.
 
     Raises:
@@ -66,19 +65,18 @@ class Renderer:
     ) -> None:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
-        for_captures = cache_bytes // _FOR_CAPTURES
-        self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - for_captures)
-        self._captures = source if self._recorded is None else CapturesOfCenter(source, for_captures)
-        self._cache_bytes, self._tile_bytes = cache_bytes, tile_bytes
+        captures_bytes = cache_bytes // _CAPTURES_DIVISOR
+        self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - captures_bytes)
+        self._captures = source if self._recorded is None else CapturesOfCenter(source, captures_bytes)
+        self._tile_bytes = tile_bytes
+        self._of = partial(Renderer, cache_bytes=cache_bytes, tile_bytes=tile_bytes, sampler=sampler)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        bounds: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
-        return partial(Renderer, self.source, **bounds, sampler=self._sampler), ()
+        return self._of, (self.source,)
 
     def of(self, source: Source) -> "Renderer":
         """Return a renderer of another source, such as one with hidden objects; both share their cache."""
-        bounds: dict[str, Any] = {"cache_bytes": self._cache_bytes, "tile_bytes": self._tile_bytes}
-        other = Renderer(source, **bounds, sampler=self._sampler)
+        other = self._of(source)
         other._cache = self._cache
         return other
 
@@ -133,7 +131,7 @@ class Renderer:
             pose: where the camera is, world frame.
             modes: modalities of :mod:`omniscv.modalities`; object_mask comes with labels.
             options: how it is captured and composed.
-            progress: called with how far the image has come, after each viewpoint.
+            progress: called with the image's progress after each viewpoint.
 
         Raises:
             ArgumentError: an unknown mode or strategy, or arguments that exclude each other.
@@ -160,11 +158,11 @@ class Renderer:
         Args:
             shots: cameras and their poses.
             modes, options, progress: as :meth:`render`.
-            only: indices of the shots whose images are made; all if not given. The others count for
-                how they are captured, so that an image is the same whichever others are made.
+            only: indices of the shots whose images are made; all if not given. Captures are planned for all
+                shots, so that an image does not depend on which others are made.
 
         Raises:
-            TornSetError: the world may move, and did so while they were captured, every time.
+            TornSetError: the world moved during every try to capture them.
         """
         chosen = modalities.chosen(modes)
         options = RenderOptions() if options is None else options
@@ -240,7 +238,7 @@ def render(
     Args:
         camera, pose, modes: as :meth:`Renderer.render`.
         source: where captures come from.
-        progress: called with how far the image has come, after each viewpoint.
+        progress: called with the image's progress after each viewpoint.
         options: the fields of :class:`omniscv.RenderOptions`.
 
     Raises:
@@ -275,7 +273,7 @@ def render_rig(
         source: where captures come from.
         modes: modalities of :mod:`omniscv.modalities`.
         time: the rig's, seconds, where poses are timed.
-        progress: called with how far the images have come, after each viewpoint.
+        progress: called with the images' progress after each viewpoint.
         options: the fields of :class:`omniscv.RenderOptions`.
 
     Returns:

@@ -1,10 +1,9 @@
 """Values along rays from the views of one optical centre.
 
-A sampler works in blocks of rays. Rays that are kept are one block, whose lookup and coordinates are made
-when first used, and kept for every modality and image. An image that is too large for that comes in blocks of
-rows: their lookups, footprints and coordinates are made again for every modality, and only layers, captures
-and the atlas are held whole. What depends on all rays, the gutter of the atlas and its mip levels, is found
-in a pass over the blocks before.
+A sampler works in blocks of rays. Rays that are kept are one block; its lookup and coordinates are made when
+first used and kept for every modality and image. A larger image comes in blocks of rows: their lookups,
+footprints and coordinates are made again for every modality. Only layers, captures and the atlas are held
+whole; a pass over the blocks finds the gutter and mip levels of the atlas.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,8 +28,9 @@ from omniscv.sources.base import View
 Blocks = Callable[[], Iterator[RayBlock]]
 """Yields rays block by block; :meth:`omniscv.planning.ImageRays.blocks` with its arguments."""
 
-_MINIFIED, _MOST = 2.0, 0.9
-_EVERY = 7  # one of so many pixels is tested for minification
+_MINIFIED_PX, _MINIFIED_SHARE = 2.0, 0.9
+"""An image is minified if this share of its pixels span so many px of a view or more."""
+_TEST_STRIDE = 7  # every seventh ray is tested
 
 
 class Sampler(Protocol):
@@ -113,9 +113,9 @@ class CpuSampler:
 
     @cached_property
     def minifies(self) -> bool:
-        """Whether bilinear interpolation would pass over some of most pixels' footprints."""
+        """Whether most rays' pixels span two pixels of a view or more."""
         spans = np.concatenate([_spanned_px(block, self._views[0]) for block in self._blocks()])
-        return len(spans) > 0 and bool(np.quantile(spans, 1 - _MOST) > _MINIFIED)
+        return len(spans) > 0 and bool(np.quantile(spans, 1 - _MINIFIED_SHARE) > _MINIFIED_PX)
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
         if filter == "nearest":
@@ -264,8 +264,8 @@ def _spanned_px(block: _Block, view: View) -> Floats:
         block: the rays.
         view: the size and field of view of all views.
     """
-    lookup, start = block.lookup, -block.rays.first % _EVERY
-    some = np.flatnonzero(lookup.view[start::_EVERY] >= 0) * _EVERY + start
+    lookup, start = block.lookup, -block.rays.first % _TEST_STRIDE
+    some = np.flatnonzero(lookup.view[start::_TEST_STRIDE] >= 0) * _TEST_STRIDE + start
     u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
     # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
     # to its centre

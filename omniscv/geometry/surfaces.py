@@ -8,9 +8,9 @@ A picture shows a point ``p = z (u, v, 1)`` at the pixel ``(f u, f v)`` from its
 So inverse planar depth is linear in the pixel, and bilinear interpolation of it is exact on planes. Its
 change per pixel is ``across = a / f`` and ``down = b / f``; hence :func:`plane_of`. Three things follow:
 
-- depth along a ray is ``z |(u, v, 1)|`` (:mod:`omniscv.geometry.surface_sampling`);
+- depth along a ray is ``z |(u, v, 1)|`` (:mod:`omniscv.compose.depth`);
 - the normal of the plane is ``-m / |m|`` (the same module);
-- a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.geometry.ray_marching`).
+- a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.planning.ray_marching`).
 
 Neighbouring pixels show one surface if inverse depth continues linearly on either side of the step between
 them (:func:`_continues`). Across the edge of an object interpolation would put points into the air: there the

@@ -17,17 +17,16 @@ from omniscv.sources.base import Request
 
 @dataclass(frozen=True)
 class Cost:
-    """Captures and time that a strategy needs. Where they depend on captured depth, an estimate, and the
-    most.
+    """Captures and time that a strategy needs: an estimate where they depend on captured depth.
 
     Attributes:
         strategy: its name.
         views: pictures.
-        requests, most_requests: captures.
+        requests, most_requests: captures, estimated and at most.
         pixels: captured, over all modes.
         bytes: on the wire, estimated.
         seconds: estimated.
-        displacement_m: the largest distance from a pixel's own optical centre to its captures' one, metres.
+        displacement_m: the largest distance from a pixel's optical centre to that of its captures, metres.
     """
 
     strategy: str
@@ -40,7 +39,7 @@ class Cost:
     displacement_m: float = 0.0
 
     def __add__(self, other: Cost) -> Cost:
-        """Return what the strategy asks for two sets of images that share no captures."""
+        """Return the cost of two sets of images that share no captures."""
         sums = {
             each.name: getattr(self, each.name) + getattr(other, each.name)
             for each in fields(self)
@@ -72,19 +71,19 @@ def cost(
         displacement_m = max([displacement_m, *_displacements_m(plan)])
         estimate, limit = get(strategy).further_views(plan.task)
         further, most = further + estimate, most + limit
-    each = len({*modes, "depth"}) if further else len(modes)
+    modes_per_view = len({*modes, "depth"}) if further else len(modes)
     areas = [request.view.width * request.view.height for request in requests]
     largest = dict.fromkeys(modes, 0)
     for request, area in zip(requests, areas, strict=True):
         largest[request.mode] = max(area, largest.get(request.mode, 0))
     wire_bytes = sum(a * modalities.get(r.mode).wire_bytes for a, r in zip(areas, requests, strict=True))
     further_bytes = sum(modalities.get(mode).wire_bytes * area for mode, area in largest.items())
-    count = len(requests) + further * each
+    count = len(requests) + further * modes_per_view
     return Cost(
         strategy,
         views=len({request.view for request in requests}) + further,
         requests=count,
-        most_requests=len(requests) + most * each,
+        most_requests=len(requests) + most * modes_per_view,
         pixels=sum(areas) + further * sum(largest.values()),
         bytes=wire_bytes + further * further_bytes,
         seconds=count * seconds_per_request,
@@ -102,9 +101,9 @@ def _plans(strategy: str, tasks: Sequence[Task], modes: Sequence[str]) -> list[P
 
 
 def _displacements_m(plan: Plan) -> Iterator[float]:
-    """Yield for each viewpoint how far from its own optical centre a pixel is captured, at most.
+    """Yield the largest distance from a pixel's optical centre to the centre of its captures, by viewpoint.
 
-    Rays that are marched are captured from their own.
+    Viewpoints of marched rays are left out.
     """
     task, origins = plan.task, plan.task.rays.origins
     if origins is None:

@@ -1,10 +1,10 @@
-"""How finely a camera samples the sphere of directions, and the views that keep up with it.
+"""How densely a camera samples the sphere of directions, and how densely views must.
 
-Two things need pixels. Detail in colours: views sample as densely as the camera does, along the coarser of
-its axes (the finer one, where both differ, adds nothing by measurement). And edges in masks and depth, which
-are not blended: there a pixel is wrong if an edge runs between its ray and the nearest of the view's, so that
-the wrong part of an image is the length of the edges per solid angle times the angle between the view's
-pixels, whatever the camera's own sampling. Small images of much of a room need views finer than they are.
+Views sample as densely as the camera does, along the coarser of its axes (by measurement, the finer one adds
+no detail in colours). Masks and depth are not blended: a pixel is wrong if an edge runs between its ray and
+the nearest ray of the view. The wrong part of an image is the length of the edges per solid angle times the
+angle between the view's pixels, whatever the camera's sampling. So small images of much of a room need finer
+views.
 """
 
 import math
@@ -20,8 +20,8 @@ from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.parallel import blocks
 from omniscv.render_options import LARGEST_FACE_PX
 
-SMALLEST, LARGEST = 384, LARGEST_FACE_PX
-"""px of a 90 degree face. With the smallest, 0.8 % of the labels are wrong at most in rooms, and points lie
+SMALLEST = 384
+"""px of a 90 degree face. With it, 0.8 % of the labels are wrong at most in rooms, and points lie
 within 16 mm of a surface (test_enough_pixels.py); a capture takes about as long as one of a single pixel."""
 _QUANTILE = 0.98  # of the pixels, by how finely they sample
 _MULTIPLE = 8
@@ -77,8 +77,8 @@ def focal_px(steps: Array, smallest: int = SMALLEST) -> float:
 
 
 def face_size(steps: Array, smallest: int = SMALLEST) -> int:
-    """Return the edge in px of the smallest 90 degree face with that focal length, at most LARGEST."""
-    return min(int(_MULTIPLE * np.ceil(2 * focal_px(steps, smallest) / _MULTIPLE)), LARGEST)
+    """Return the px of the smallest 90 degree face with that focal length, at most ``LARGEST_FACE_PX``."""
+    return min(int(_MULTIPLE * np.ceil(2 * focal_px(steps, smallest) / _MULTIPLE)), LARGEST_FACE_PX)
 
 
 @dataclass(frozen=True, eq=False)

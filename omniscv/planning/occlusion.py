@@ -1,8 +1,8 @@
 """Whether an optical centre is visible from the camera's position.
 
 A non-central camera's centres lie up to metres from its position: in a small room some are beyond a wall
-or inside a cupboard. Engines render those without complaint. So a few small depth pictures are captured at
-the camera's own position, and the pixels of centres that lie behind their surfaces are flagged.
+or inside a cupboard. Engines render from there, too. So small depth pictures are captured at the
+camera's position, and the pixels of centres behind their surfaces are flagged.
 """
 
 from collections.abc import Generator
@@ -18,10 +18,10 @@ from omniscv.planning.rounds import Kept, Round, Viewpoint
 from omniscv.planning.strategy import Task
 
 _EDGE_PX = 64
-"""Pixels of a face that only separates walls from open space."""
+"""px of a face."""
 
 _SLACK = 1.01
-"""A centre as far as a wall is on it, and between two pixels a wall may be a little nearer."""
+"""A centre on a wall counts as visible, up to this multiple of the captured distance."""
 
 
 def capture_around(task: Task, groups: Groups) -> Generator[Round, Kept | None, DepthShell | None]:

@@ -34,12 +34,10 @@ from omniscv.geometry.surfaces import (
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
-# What was tuned by measurement:
+# Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
 _REFINEMENTS = 12  # halvings of a step to find where a ray meets a surface
-_ON_SURFACE = (
-    0.003  # largest distance of a refined crossing from its surface, metres and relative: half floats
-)
+_ON_SURFACE = 0.003  # distance of a refined crossing from its surface, metres and relative (half floats)
 _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
 _ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
 _BEHIND = 1.01  # relative depth beyond which a ray's origin counts as hidden from the centre
@@ -246,9 +244,8 @@ class Hits(NamedTuple):
     def unknown(cls, count: int) -> Hits:
         """Return the hits of rays of which nothing is known."""
         no, endless = np.zeros(count, np.bool_), np.full(count, np.inf)
-        return cls(
-            np.full(count, np.nan), no, endless, np.zeros(count), no.copy(), endless.copy(), -endless
-        )  # fmt: skip
+        reach = np.full(count, np.nan)
+        return cls(reach, no, endless, np.zeros(count), no.copy(), endless.copy(), -endless)
 
 
 class _Arc(NamedTuple):
@@ -269,7 +266,7 @@ class _Arc(NamedTuple):
 
 
 def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
-    """Return what rays meet first of what was captured from a centre.
+    """Return the first hits of rays with the surfaces captured from a centre.
 
     Args:
         shell: what was captured from the centre.
@@ -324,7 +321,7 @@ def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
 
 @njit(cache=True, nogil=True)
 def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
-    """Write what a ray meets that runs through the centre, or starts there."""
+    """Write the hit of a ray that runs through the centre, or starts there."""
     k, u, v, along = _look_up(shell, arc.direction)
     if k >= 0:
         hits.reach[i] = _between_pixels(shell, k, u, v) / along + arc.foot
@@ -334,7 +331,7 @@ def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
-    """Write what a ray meets."""
+    """Write the hit of a ray."""
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
     psi = np.arctan2(h, -foot)
     if h < shell.least:  # nothing is nearer to the centre than that

@@ -1,7 +1,7 @@
 """Several cameras at one moment: captures that they can share are made once.
 
 Central cameras at one optical centre share a cube map, made for the finest of them, where that takes less
-than views of each one's own. Cameras of which each needs a narrow view of its own do not gain from it.
+than views of each one's own. Cameras that each need a narrow view do not gain from it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Plan:
 
 
 def share_captures(tasks: Sequence[Task], modes: Sequence[str]) -> list[Plan]:
-    """Return plans of the images of several cameras at one moment, by which they share captures.
+    """Return plans for several cameras at one moment, which share captures.
 
     Args:
         tasks: in any order; of one source.

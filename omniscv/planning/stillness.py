@@ -3,9 +3,8 @@
 The captures of one image, or of the images of one moment, must show one state of the world. Where the world
 may move (:attr:`omniscv.sources.Capabilities.moves`), depth and mask of the first view at every optical
 centre are captured again after the others there. All views at the first centre are repeated there and at the
-end. If one
-of them differs, the world moved: the set is captured again, at most ``TRIES`` times. Sources of a still world
-are not asked for more captures.
+end. If one of them differs, the world moved: the set is captured again, at most ``TRIES`` times. In a still
+world nothing is repeated.
 """
 
 from __future__ import annotations

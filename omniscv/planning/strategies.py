@@ -11,7 +11,6 @@ import numpy as np
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
-from omniscv.planning import densities
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.occlusion import capture_around, occluded
 from omniscv.planning.ray_marching import DepthShell, KnownDepth, march
@@ -19,6 +18,7 @@ from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
 from omniscv.planning.strategy import Strategy, Task, get
 from omniscv.planning.strips import STEEPEST, holding_size, straight, strip_size, strip_views
+from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
 
 _SHARED_M = 0.05
@@ -213,7 +213,7 @@ def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
         return None
     if task.options.face_size != "auto":
         focal_px = task.edge / 2
-    focal_px = min(focal_px, densities.LARGEST / 2 / max(half.max(), _NARROWEST))
+    focal_px = min(focal_px, LARGEST_FACE_PX / 2 / max(half.max(), _NARROWEST))
     pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c @ R_c_v)
     # A recording may have been made of a source that captures no view higher than wide.
     for capabilities in (task.capabilities, replace(task.capabilities, can_set_tall=False)):
