@@ -121,7 +121,7 @@ class Scene:
         Raises:
             ValueError: no object has that name.
         """
-        return solids.extent(self._rows(name), np.eye(3))
+        return solids.extent(self._of(name, self.solids), np.eye(3))
 
     def box(self, name: str) -> tuple[Array, Array, Array]:
         """Return the smallest box around an object with the axes of its largest solid that is not a sphere.
@@ -132,7 +132,7 @@ class Scene:
         Raises:
             ValueError: no object has that name.
         """
-        rows = self._rows(name)
+        rows = self._of(name, self.solids)
         turned = rows[rows[:, 0] != SPHERE]
         axes = turned[turned[:, 17].argmax(), 5:14].reshape(3, 3) if len(turned) else np.eye(3)
         low, high = solids.extent(rows, axes)
@@ -144,13 +144,13 @@ class Scene:
         Raises:
             ValueError: no object has that name.
         """
-        return solids.points(self._rows(name))
+        return solids.points(self._of(name, self.solids))
 
-    def _rows(self, name: str) -> Array:
-        rows: Array = self.solids[self._owner == name]
-        if not len(rows):
-            raise self._no_object(name)
-        return rows
+    def _of(self, name: str, rows: Array) -> Array:
+        """Return an object's rows of solids."""
+        if name not in self.objects:
+            raise ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
+        return np.asarray(rows[self._owner == name])
 
     def pose(self, name: str) -> tuple[Array, Array]:
         """Return an object's pose: ``R_w_o`` (3, 3), the identity as described, and the centre (3,) of its
@@ -232,13 +232,7 @@ class Scene:
 
     def _center(self, name: str) -> Array:
         """Return the centre (3,) of an object's box as described."""
-        rows = self._described[self._owner == name]
-        if not len(rows):
-            raise self._no_object(name)
-        return solids.center(rows)
-
-    def _no_object(self, name: str) -> ValueError:
-        return ValueError(f"object: expected one of {', '.join(self.objects)}; got {name!r}")
+        return solids.center(self._of(name, self._described))
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
         """Return the first surfaces that rays hit, exact to float64 rounding.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -175,7 +175,7 @@ class JobArguments:
     options: Mapping[str, JobOption]
     values: Mapping[str, Any]
     given: frozenset[str]
-    described: Keys
+    described: Keys = field(default_factory=dict)
 
     def load(self) -> Job:
         """Return the job of the file, changed by the given options; without a file, the job of all options.
@@ -213,14 +213,13 @@ class JobArguments:
 
 
 def with_job(
-    options: Mapping[str, JobOption], *, needs_file: bool = False, **described: Any
+    options: Mapping[str, JobOption], *, needs_file: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of a job; ``job`` is its :class:`JobArguments`.
 
     Args:
         options: by name.
         needs_file: the job's file must be given.
-        described: the keys of a job without a file, before its options.
     """
     file = Argument(
         ... if needs_file else None, metavar="JOB.yaml", help="A job; options beside it override its keys."
@@ -234,7 +233,7 @@ def with_job(
                 name for name, origin in origins.items() if origin and origin.name == "COMMANDLINE"
             )
             of_job = {name: values.pop(name) for name in options}
-            body(job=JobArguments(job, options, of_job, given, described), **values)
+            body(job=JobArguments(job, options, of_job, given), **values)
 
         own = [each for each in signature(body, eval_str=True).parameters.values() if each.name != "job"]
         command.__signature__ = Signature(  # type: ignore[attr-defined]

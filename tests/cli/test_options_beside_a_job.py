@@ -35,7 +35,7 @@ def job(tmp_path, monkeypatch):
 def loaded(job, **values):
     """The job of a file and options with these values."""
     values = {name.replace("-", "_"): value for name, value in values.items()}
-    return JobArguments(job, IMAGES, values, frozenset(values), {}).load()
+    return JobArguments(job, IMAGES, values, frozenset(values)).load()
 
 
 @pytest.mark.parametrize(
