@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -142,8 +142,8 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         return sample_of(frame, layers)
 
     def _faces(self, center: tuple[float, ...]) -> Faces:
-        options: dict[str, Any] = {"truth_scale": self.truth_scale, "classes": self.classes}
-        faces = self._cache.get(center, lambda: Faces(self._source, center, self.modes, **options))
+        make = partial(Faces, truth_scale=self.truth_scale, classes=self.classes)
+        faces = self._cache.get(center, lambda: make(self._source, center, self.modes))
         self._cache.trim()
         return faces
 
