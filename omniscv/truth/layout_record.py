@@ -16,7 +16,7 @@ without depth.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from itertools import pairwise
 from typing import Any, Literal, get_args
@@ -217,8 +217,9 @@ class MapOptions:
     )
 
     def given(self) -> dict[str, Any]:
-        """Return the options that have a value."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
+        """Return the options of maps that have a value, without those that a subclass adds."""
+        values = {option.name: getattr(self, option.name) for option in fields(MapOptions)}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @record
