@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +16,7 @@ from omniscv.frame import Frame
 from omniscv.records import NoOptions, read
 
 
-class Format:
+class Format(ABC):
     """Base of the formats. A subclass has at least a name and :meth:`write`.
 
     Attributes:
@@ -35,16 +36,18 @@ class Format:
         """Return why the format cannot carry a camera, in one line; None if it can."""
         return None
 
-    def check_options(self, options: Any, cameras: Mapping[str, Camera]) -> None:
+    def check_options(  # noqa: B027 - most formats take every camera with any of their options
+        self, options: Any, cameras: Mapping[str, Camera]
+    ) -> None:
         """Raise ArgumentError for options that do not fit the cameras, before anything is captured."""
 
+    @abstractmethod
     def write(self, frames: Sequence[Frame], out: Path, options: Any) -> list[Path]:
         """Write frames below a folder, and return the files.
 
         Raises:
             ArgumentError: frames that the format cannot carry.
         """
-        raise NotImplementedError
 
     def export(self, frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
         """Write frames as :meth:`write` does, with options as a job has them."""
@@ -71,8 +74,14 @@ class _Outside(Format):
     def __init__(self, format: Any) -> None:
         if missing := [name for name in ("name", "refuses", "write") if not hasattr(format, name)]:
             raise ArgumentError(f"format: expected an object with {', '.join(missing)}, got {format!r}")
-        names = ("name", "needs", "keys", "options", "refuses", "check_options", "write", "check")
+        self._format = format
+        names = ("name", "needs", "keys", "options", "refuses", "check_options", "check")
         vars(self).update({name: getattr(format, name) for name in names if hasattr(format, name)})
+
+    def write(self, frames: Sequence[Frame], out: Path, options: Any) -> list[Path]:
+        """Write frames as the object does."""
+        files: list[Path] = self._format.write(frames, out, options)
+        return files
 
 
 _NAMES = (
