@@ -5,6 +5,7 @@ The cache below reads a kernel's file without that. It overrides private parts o
 missing, kernels use numba's own cache: slower to load, the same results.
 """
 
+import logging
 import os
 import warnings
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from functools import cached_property
 from typing import Any
 
 import numba
+
+LOGGER = logging.getLogger("omniscv.compiled")
 
 try:
     from llvmlite import binding  # type: ignore[import-untyped]
@@ -26,6 +29,11 @@ try:
 except (ImportError, AttributeError):
     FunctionCache = NullCache = object
     FAST = False
+
+if numba.config.DISABLE_JIT:
+    # Interpreted, kernels take hundreds of times as long, and divide by zero where compiled ones get inf.
+    numba.config.DISABLE_JIT = 0
+    warnings.warn("NUMBA_DISABLE_JIT is ignored: kernels of omniscv have to be compiled", stacklevel=1)
 
 
 class _Files(FunctionCache):  # type: ignore[misc]
@@ -67,7 +75,10 @@ class _Cache(NullCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the kernel of a signature from its file, or None."""
-        return self._files.load_overload(sig, target_context)
+        kernel = self._files.load_overload(sig, target_context)
+        if kernel is None:
+            _say()
+        return kernel
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the kernel of a signature to its file."""
@@ -83,7 +94,7 @@ def njit(*, cache: bool, **options: Any) -> Callable[[Any], Any]:
 
     def compiled(function: Any) -> Any:
         kernel = numba.njit(**options)(function)
-        if not cache or numba.config.DISABLE_JIT:
+        if not cache:
             return kernel
         if FAST and hasattr(kernel, "_cache"):
             kernel._cache = _Cache(function)
@@ -102,6 +113,12 @@ def _name_allocators() -> None:
     """Tell LLVM the addresses of the functions that allocate arrays: kernels' files refer to them by name."""
     for name, address in _ALLOCATORS.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@cached
+def _say() -> None:
+    """Tell, once, why the process is silent for a while."""
+    LOGGER.info("compiling kernels (once, about 15 s for a first image)")
 
 
 @cached

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mock_server import motion, scene_file, solids, textures, yaml_text
-from mock_server.kernel import COLUMNS, SPHERE, nearest_hits
+from mock_server.kernel import COLUMNS, RECTANGLE, SPHERE, nearest_hits
 from mock_server.scene_file import Room
 from mock_server.settings import SCENES, scene_names
 from mock_server.textures import Texture
@@ -134,7 +134,12 @@ class Scene:
         """
         rows = self._of(name, self.solids)
         turned = rows[rows[:, 0] != SPHERE]
-        axes = turned[turned[:, 17].argmax(), 5:14].reshape(3, 3) if len(turned) else np.eye(3)
+        largest = turned[turned[:, 17].argmax()] if len(turned) else None
+        axes = np.eye(3) if largest is None else largest[5:14].reshape(3, 3)
+        if largest is not None and largest[0] == RECTANGLE:  # walls, floors: their z is the most upright
+            up = int(np.abs(axes[:, 2]).argmax())
+            axes = np.roll(axes, 2 - up, axis=0)
+            axes = axes * np.array([[1.0], [1.0], [1.0]] if axes[2, 2] > 0 else [[1.0], [-1.0], [-1.0]])
         low, high = solids.extent(rows, axes)
         return (low + high) / 2 @ axes, axes, high - low
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from mock_server import pixels
 from mock_server.faults import Faults
-from mock_server.objects import Moment, Objects, Pose, SceneObject
+from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
 from mock_server.render import ViewHits, pinhole_rays, render_view
-from mock_server.rotator import MIRROR, Triple, camera_to_world
 from mock_server.scene import LATEST_S, Scene
 from mock_server.settings import Settings
 

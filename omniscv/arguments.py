@@ -4,6 +4,7 @@ import math
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from pathlib import PurePath
 from typing import Any
 
@@ -19,6 +20,10 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 80, 80
 _LONGEST_SHOWN = 120
 _LONGEST_NUMBER = 64  # characters; a float64 needs at most 25
+_LONGEST_LABEL = 200  # characters
+_LONGEST_STEM = (
+    180  # bytes: a file name has 255, of which kind, suffix and the token of a temporary one are left
+)
 
 
 @contextmanager
@@ -100,8 +105,19 @@ def one_of(name: str, value: object, words: Iterable[str]) -> Any:
     """Return one of a few words, or raise ArgumentError."""
     known = list(words)
     if not isinstance(value, str) or value not in known:
-        raise ArgumentError(f"{name}: expected one of {', '.join(known)}; got {shown(value)}")
+        raise ArgumentError(
+            f"{name}: expected one of {', '.join(known)}; got {shown(value)}{did_you_mean(value, known)}"
+        )
     return value
+
+
+def did_you_mean(value: object, known: Iterable[object]) -> str:
+    """Return ``; did you mean WORD?`` with the known word that is most like a value; else nothing."""
+    if not isinstance(value, str) or not value:
+        return ""
+    words = [word for word in known if isinstance(word, str)]
+    near = [word for word in words if word.startswith(value)] or get_close_matches(value, words, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def flag(name: str, value: object) -> bool:
@@ -118,11 +134,28 @@ def text(name: str, value: object) -> str:
     return value
 
 
+def label(name: str, value: object) -> str:
+    """Return a name that other programs write into a line of a list: printable, short; else raise
+    ArgumentError."""
+    if (
+        not isinstance(value, str)
+        or not value.strip()
+        or not value.isprintable()
+        or len(value) > _LONGEST_LABEL
+    ):
+        wanted = f"a name of at most {_LONGEST_LABEL} printable characters"
+        raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
+    return str(value)
+
+
 def stem(name: str, value: object) -> str:
-    """Return ``value``, the start of a file name: no folder, and no dot, which ends it in WebDataset; else
-    raise ArgumentError."""
+    """Return ``value``, the start of a file name: printable, no folder, and no dot, which ends it in
+    WebDataset; else raise ArgumentError."""
     if not isinstance(value, str) or not value or value != PurePath(value).name or {".", "\0"} & set(value):
         raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(value)}")
+    if not value.isprintable() or len(value.encode()) > _LONGEST_STEM:
+        wanted = f"the start of a file name of at most {_LONGEST_STEM} printable bytes"
+        raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
     return value
 
 
@@ -168,4 +201,6 @@ def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:
     listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
     if not listed or len(value) != (max(1, len(value)) if shape[0] is None else shape[0]):
         return [math.nan]
+    if len(shape) == 1 and set(map(type, value)) == {float}:  # as of JSON: most numbers of recordings
+        return list(value)
     return [leaf for row in value for leaf in _leaves(row, shape[1:])]

@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import Self
 
-LONGEST_LINE = 300
+LONGEST_LINE = 1000
 """The most characters of an error."""
 
 
@@ -37,11 +37,9 @@ def one_line(text: object, longest: int = LONGEST_LINE) -> str:
 class OmniscvError(Exception):
     """Any error that omniscv raises on purpose.
 
-    ``str(error)``, for printing, is one line of at most ``longest`` printable characters; ``message`` is the
-    whole text, for code that adds to it.
+    ``str(error)``, for printing, is one line of at most ``LONGEST_LINE`` printable characters; ``message`` is
+    the whole text, for code that adds to it.
     """
-
-    longest: ClassVar[int] = LONGEST_LINE
 
     @property
     def message(self) -> str:
@@ -49,7 +47,7 @@ class OmniscvError(Exception):
         return super().__str__()
 
     def __str__(self) -> str:
-        return one_line(self.message, self.longest)
+        return one_line(self.message)
 
 
 class ArgumentError(OmniscvError, ValueError):
@@ -70,6 +68,10 @@ class DeadlineError(SourceError):
 
 class ServerRefusedError(SourceError):
     """The server answered a command with ``error ...``."""
+
+
+class SceneChangedError(SourceError):
+    """The server shows another scene than when the source was opened."""
 
 
 class BadReplyError(SourceError):
@@ -121,8 +123,6 @@ class RecordingNotWritableError(RecordingError):
 class MissingCaptureError(RecordingError):
     """The recording does not hold the capture; the message describes it and the nearest one."""
 
-    longest = 2 * LONGEST_LINE
-
 
 class StorageError(OmniscvError):
     """A file of a folder or an object store cannot be read or written."""
@@ -140,6 +140,10 @@ class DatasetError(OmniscvError):
     """A dataset cannot be used: its files are missing, damaged, or differ from its manifest."""
 
 
+class DamagedFileError(StorageError, DatasetError):
+    """A file has other bytes than its size and checksum say."""
+
+
 class UnmatchedNamesError(DatasetError):
     """Objects whose names no rule of ``classes.yaml`` matches.
 
@@ -147,15 +151,13 @@ class UnmatchedNamesError(DatasetError):
         names: of all these objects; the message lists as many as fit.
     """
 
-    longest = 2 * LONGEST_LINE
-
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
         wanted = f"classes: expected a rule for every object, got {len(self.names)} without one"
         listed = ", ".join(self.names)
         advice = "; add rules, or unmatched: other or ignore"
         super().__init__(
-            f"{wanted}: {one_line(listed, self.longest - len(wanted) - len(advice) - 2)}{advice}"
+            f"{wanted}: {one_line(listed, LONGEST_LINE - len(wanted) - len(advice) - 2)}{advice}"
         )
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -2,18 +2,24 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import plugins
+from omniscv.arguments import did_you_mean
 from omniscv.errors import ArgumentError
 
 Interpolation = Literal["blended", "nearest", "surface", "direction", "plane"]
 """How values between pixels are interpolated: ``blended``, by the user's filter; ``nearest``, never blended;
 ``surface``, planar depth along one surface; ``direction``, blended on one surface and normalised; ``plane``,
 the normal of the plane through depth."""
+
+Transfer = Literal["srgb", "linear", "film", "unknown"]
+"""What 8-bit colours say of light: see :mod:`omniscv.light`."""
+
+TRANSFERS: tuple[str, ...] = get_args(Transfer)
 
 FileForm = Literal["picture", "png", "exr"]
 """How a layer is written: ``picture`` in the user's format (EXR for floats), PNG, or EXR."""
@@ -30,7 +36,7 @@ class Modality:
         interpolation: how composition samples it.
         file: how the layer is written.
         channel_names: of an EXR file.
-        attributes: of an EXR file: unit, kind and frame of its values.
+        attributes: of a file: unit, kind and frame of its values, or their colour space.
         outside: its value outside the field of view.
         wire_bytes: bytes of a pixel on the wire, for estimates: PNG of furnished rooms, raw floats.
         captured: whether sources deliver it; else it is derived from captures.
@@ -88,7 +94,8 @@ def get(name: str) -> Modality:
     for row in _TABLE.values():
         if name == row.name or name in row.aliases:
             return row
-    raise ArgumentError(f"mode: expected one of {', '.join(names())}; got {name!r}")
+    near = did_you_mean(name, (word for row in _TABLE.values() for word in (row.name, *row.aliases)))
+    raise ArgumentError(f"mode: expected one of {', '.join(names())}; got {name!r}{near}")
 
 
 def names() -> tuple[str, ...]:
@@ -119,6 +126,9 @@ def chosen(modes: Iterable[str]) -> tuple[str, ...]:
     return chosen
 
 
+SRGB = {"oiio:ColorSpace": "sRGB"}
+"""Attributes of the file of 8-bit colours that are sRGB."""
+
 _CAMERA_FRAME = "camera: x right, y down, z forward"
 _DISTANCE = {
     "unit": "metre",
@@ -128,7 +138,10 @@ _DISTANCE = {
 
 for _row in (
     Modality("lit", ("uint8", "float32"), 3, "blended", "picture", ("R", "G", "B"), wire_bytes=1.5,
-             doc="RGB as captured"),
+             aliases=("rgb",), doc="RGB as captured"),
+    Modality("raw", ("uint16",), 0, "nearest", "png", captured=False, doc="codes of a sensor with a mosaic"),
+    Modality("sensor", ("uint8",), 3, "blended", "picture", ("R", "G", "B"), SRGB, captured=False,
+             doc="RGB of a sensor, sRGB"),
     Modality("object_mask", ("uint8",), 3, "nearest", "png", wire_bytes=0.1, derives=("labels",),
              marked_by="label_edge", aliases=("mask",), doc="RGB colour of the object"),
     Modality("depth", ("float32",), 0, "surface", "exr", ("Z",), _DISTANCE, marked_by="depth_error",
@@ -149,6 +162,8 @@ for _row in (
              doc="within a capture's pixel of a label boundary"),
     Modality("occluded", ("bool",), 0, "nearest", "png", captured=False,
              doc="the optical centre is not visible from the camera's position"),
+    Modality("relit", ("bool",), 0, "nearest", "png", captured=False,
+             doc="colours changed by more than two levels, so that faces agree at their edges"),
     Modality("unsure", ("bool",), 0, "nearest", "png", captured=False,
              doc="not verified by any capture"),
 ):  # fmt: skip

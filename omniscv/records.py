@@ -19,7 +19,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
 from typing import Any, TypeVar, dataclass_transform, overload
 
-from omniscv.arguments import Reader, shown, text
+from omniscv.arguments import Reader, did_you_mean, shown, text
 from omniscv.errors import ArgumentError
 
 T = TypeVar("T")
@@ -121,7 +121,8 @@ def mapping(where: str, value: object, known: Collection[str] | None = None) -> 
         raise ArgumentError(f"{start}expected {wanted}, got {shown(value)}")
     for key in value:
         if known is not None and key not in known:
-            raise ArgumentError(f"{start}unknown key {shown(key)}; known keys: {', '.join(known) or 'none'}")
+            listed = f"known keys: {', '.join(known) or 'none'}{did_you_mean(key, known)}"
+            raise ArgumentError(f"{start}unknown key {shown(key)}; {listed}")
     return dict(value)
 
 

@@ -10,6 +10,7 @@ from omniscv.records import checked, record
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
 Normals = Literal["captured", "from-depth"]
+Seams = Literal["keep", "gains", "close"]
 FINEST_TRUTH = 8
 LARGEST_FACE_PX = 8192
 MOST_VIEWPOINTS = 1_000_000
@@ -45,6 +46,8 @@ class RenderOptions:
         max_error_px: bound on the error of ``reproject`` and ``adaptive``, in output pixels.
         truth_scale: how many times finer than colours masks, depth and normals are captured, 1 to 8.
         normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
+        seams: of colours where faces of a cube differ at their edges: ``keep``; ``gains`` of exposure, where
+            they explain the steps; or ``close`` what is left, too (:mod:`omniscv.compose.seams`).
 
     Raises:
         ArgumentError: a value outside its domain.
@@ -78,6 +81,13 @@ class RenderOptions:
         help="captured, or from-depth: of planes fitted to depth",
     )
 
+    seams: Seams = checked(
+        one_of,
+        default="keep",
+        words=get_args(Seams),
+        help="keep, gains (of exposure, where proven) or close, where faces differ at their edges",
+    )
+
     def sampled(self, modes: Sequence[str]) -> tuple[str, ...]:
         """Return the modalities that are sampled for those that an image shows: normals may come from
         depth."""
@@ -95,3 +105,4 @@ class RenderKeywords(TypedDict, total=False):
     max_error_px: float | None
     truth_scale: int
     normals: Normals
+    seams: Seams

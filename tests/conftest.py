@@ -37,3 +37,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def _turn(item: pytest.Item) -> int:
     folder = item.path.relative_to(_HERE).parts[0]
     return _FIRST.index(folder) if folder in _FIRST else len(_FIRST)
+
+
+@pytest.fixture(scope="session")
+def processes():
+    """Starts processes that write files, and may be killed."""
+    from support.killed import Processes
+
+    found = Processes()
+    yield found
+    found.close()

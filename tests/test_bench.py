@@ -22,7 +22,18 @@ def benches(monkeypatch):
     return benches
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "torch" or find_spec("torch")])
+LONG = ("cluster", "dataset", "growth", "noncentral", "sequence", "start")
+"""Benches that take a second or more, even quick ones."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.soak] * (name in LONG))
+        for name in NAMES
+        if name != "torch" or find_spec("torch")
+    ],
+)
 def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
     found = benches.figures(name, quick=True)
     rows = [(figure.table, figure.name, figure.unit, figure.peer, figure.limit) for figure in found]

@@ -26,6 +26,25 @@ def test_opencv_reads_the_pixels(pixels, mirrored):
     np.testing.assert_array_equal(read.reshape(pixels.shape), pixels, strict=True)
 
 
+@given(pictures)
+def test_what_is_written_is_read_back(pixels):
+    payload = png.encode(pixels)
+    found, depth = png.header(payload[: png.HEADER_BYTES]), 8 * pixels.itemsize
+    assert (found.height, found.width, found.bits) == (*pixels.shape[:2], depth)
+    read = png.decode(payload, depth)
+    np.testing.assert_array_equal(read, pixels.reshape(read.shape), strict=True)
+    assert read.shape[2] == found.channels
+
+
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_16_bits_that_opencv_wrote_are_read(channels):
+    """Its rows have other filters than ours."""
+    pixels = np.random.default_rng(3).integers(0, 999, (40, 50, *channels), np.uint16).cumsum(1, np.uint16)
+    swapped = pixels[..., ::-1] if channels else pixels
+    payload = cv2.imencode(".png", np.ascontiguousarray(swapped))[1].tobytes()
+    np.testing.assert_array_equal(png.decode(payload, 16), pixels.reshape(40, 50, -1), strict=True)
+
+
 @pytest.mark.parametrize("channels", [(), (3,), (4,)])
 def test_pillow_reads_a_large_picture(channels):
     """Larger than the window of 32 KiB, in which DEFLATE finds what it has had before."""

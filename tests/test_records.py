@@ -37,7 +37,7 @@ def test_values_are_converted():
     ("value", "message"),
     [
         (3, "camera: expected a mapping with lenses, count, got 3"),
-        ({"lens": []}, "camera: unknown key 'lens'; known keys: lenses, count"),
+        ({"lens": []}, "camera: unknown key 'lens'; known keys: lenses, count; did you mean lenses?"),
         ({"count": 1}, "camera: missing key 'lenses'; known keys: lenses, count"),
         ({"lenses": {}}, "camera.lenses: expected a list, got {}"),
         ({"lenses": [{"focal": 0}]}, "camera.lenses[0].focal: expected a finite number > 0, got 0"),

@@ -1,7 +1,9 @@
 """``scripts/* --help`` prints what a script is for, and does nothing; unknown options are refused."""
 
 import os
+import re
 import runpy
+import shutil
 import subprocess
 import sys
 
@@ -61,7 +63,67 @@ def test_help_of_a_shell_script(name, tmp_path):
 
 
 def test_an_option_that_the_lock_does_not_know_is_refused(tmp_path):
-    command = [ROOT / "scripts" / "lock", "--hash"]
+    command = [ROOT / "scripts" / "lock", "--hashes"]
     done = subprocess.run(command, cwd=tmp_path, env={"PATH": os.defpath}, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "scripts/lock: expected --hashes or nothing, got --hash\n"
+    assert done.stderr == "scripts/lock: expected --keep or nothing, got --hashes\n"
+
+
+def pinned(lock):
+    """Return the hashes of a lock by package and version."""
+    entries = re.findall(
+        r"^([\w.-]+==.*?) \\\n((?:    --hash.*\n)+)", (ROOT / lock).read_text(), re.MULTILINE
+    )
+    return {name.partition(" ")[0]: re.findall(r"sha256:[0-9a-f]{64}", hashes) for name, hashes in entries}
+
+
+def test_both_locks_have_the_same_versions_and_hashes():
+    needed, tested = pinned("requirements.lock"), pinned("requirements-test.lock")
+    assert needed.items() <= tested.items()
+    assert all(needed.values())
+    names = {name.partition("==")[0] for name in needed}
+    assert {"numba", "unrealcv", "uv", "hatchling"} <= names
+    assert not {"moto", "pandas", "pyarrow", "playwright", "pycolmap", "pytest", "mypy"} & names
+    assert not any(
+        "://" in (ROOT / lock).read_text() for lock in ("requirements.lock", "requirements-test.lock")
+    )
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """A folder with a space in its name, and what the demo reads before it has an environment."""
+    made = tmp_path / "my checkout"
+    (made / "scripts").mkdir(parents=True)
+    for name in ("scripts/_environment.sh", "scripts/demo", "requirements.lock", "requirements-test.lock"):
+        shutil.copy(ROOT / name, made / name)
+    return made
+
+
+def failed(checkout, **environment):
+    """Run the demo, which must fail; return its one line on standard error."""
+    done = subprocess.run(
+        [checkout / "scripts" / "demo"], env={**os.environ, **environment}, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def test_a_python_that_is_missing(checkout):
+    assert failed(checkout, PYTHON="nix") == (
+        "demo: expected Python 3.11 or later, got 'nix': none; set PYTHON to one\n"
+    )
+    assert not (checkout / ".venv").exists()
+
+
+def test_an_environment_of_the_user_is_left_alone(checkout):
+    (checkout / ".venv").mkdir()
+    assert "move yours away, or install there: pip install ." in failed(checkout)
+    assert list((checkout / ".venv").iterdir()) == []
+
+
+@pytest.mark.soak
+def test_without_a_network(checkout):
+    offline = {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, "PIP_FIND_LINKS": "", "UV_OFFLINE": "1"}
+    assert "is there a network?" in failed(checkout, PYTHON=sys.executable, **offline)
+    assert (checkout / ".venv" / "omniscv-stamp").read_text() == "unfinished\n"  # made anew the next time

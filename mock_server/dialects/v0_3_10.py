@@ -8,7 +8,7 @@ import numpy as np
 
 from mock_server import pixels
 from mock_server.dialects.common import THREE, Dialect, Later, Reply, Row, color, numbers, ok, paint, sets
-from mock_server.rotator import MIRROR
+from mock_server.objects import MIRROR
 from mock_server.world import Camera
 
 _Form = Literal["png", "npy", "exr"]

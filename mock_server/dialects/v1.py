@@ -7,8 +7,7 @@ from typing import Any
 
 from mock_server import pixels
 from mock_server.dialects.common import THREE, Command, Dialect, Reply, Row, color, numbers, ok, paint, sets
-from mock_server.objects import SceneObject
-from mock_server.rotator import through_quaternion
+from mock_server.objects import SceneObject, through_quaternion
 from mock_server.world import Camera
 
 _BAD_ARGUMENT = "error Argument Invalid"

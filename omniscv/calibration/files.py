@@ -35,7 +35,7 @@ class _Format(NamedTuple):
     """How a format is recognised by a file's text, read and written."""
 
     recognises: Callable[[str], object]
-    read: Callable[[str], dict[str, Camera]]
+    read: Callable[..., dict[str, Camera]]
     write: Callable[..., str]
 
 
@@ -82,7 +82,9 @@ def formats() -> list[str]:
     return list(_FORMATS)
 
 
-def load(path: str | PathLike[str], format: FormatName | None = None) -> dict[str, Camera]:
+def load(
+    path: str | PathLike[str], format: FormatName | None = None, size: tuple[int, int] | None = None
+) -> dict[str, Camera]:
     """Return the cameras of a calibration file, by name.
 
     Names are COLMAP's ids, Kalibr's ``cam0``, ``cam1``, ..., Aria's labels and Isaac's prims; the one camera
@@ -91,6 +93,7 @@ def load(path: str | PathLike[str], format: FormatName | None = None) -> dict[st
     Args:
         path: the file.
         format: one of :func:`formats`; recognised by the content if not given.
+        size: width and height of the image, px, for files of OpenCV that do not hold them.
 
     Raises:
         ArgumentError: the file cannot be read, its format is not recognised, or it does not follow the
@@ -98,15 +101,28 @@ def load(path: str | PathLike[str], format: FormatName | None = None) -> dict[st
     """
     with within(path):
         text = read_text(Path(path))
-        if format is not None:
-            return _FORMATS[one_of("format", format, _FORMATS)].read(text)
-        matches = [name for name, known in _FORMATS.items() if known.recognises(text)]
-        if len(matches) != 1:
-            raise ArgumentError(
-                f"expected a file that looks like one of {', '.join(_FORMATS)}; it looks like "
-                f"{' and '.join(matches) or 'none of them'}: give format"
-            )
-        return _FORMATS[matches[0]].read(text)
+        known = _format_of(text) if format is None else one_of("format", format, _FORMATS)
+        if size is None:
+            return _FORMATS[known].read(text)
+        if not known.startswith("opencv"):
+            raise ArgumentError(f"size: expected none, a file of {known} holds it; got {size[0]} x {size[1]}")
+        return _FORMATS[known].read(text, size)
+
+
+def _format_of(text: str) -> str:
+    """Return the format that a file's content shows."""
+    matches = [name for name, known in _FORMATS.items() if known.recognises(text)]
+    if len(matches) == 1:
+        return matches[0]
+    if opencv.model_of(text) == opencv.EITHER:
+        raise ArgumentError(
+            "expected to know which lens four coefficients describe: give format opencv (k1 k2 p1 p2 of the "
+            "plain model) or opencv-fisheye (k1 k2 k3 k4), such as --set camera.format=opencv"
+        )
+    raise ArgumentError(
+        f"expected a file that looks like one of {', '.join(_FORMATS)}; it looks like "
+        f"{' and '.join(matches) or 'none of them'}: give format"
+    )
 
 
 def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: FormatName) -> None:

@@ -30,7 +30,7 @@ from omniscv.calibration.common import only_camera, parse_mapping, read_known, w
 from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
-from omniscv.records import checked, mapping, record
+from omniscv.records import checked, record
 
 Floats = NDArray[np.float64]
 
@@ -167,21 +167,25 @@ def _matrix(values: list[float], skew: float = 0.0) -> Floats:
 # -- files ---------------------------------------------------------------------------------------------
 
 
-def read_opencv(text: str) -> dict[str, Camera]:
+def read_opencv(text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Return the camera, ``cam0``, of a file (YAML, XML, JSON) as OpenCV's calibration sample writes it.
 
     The keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
     ``fisheye_model``. The last may be missing but not 1: four coefficients of the fisheye model describe
-    another lens.
+    another lens. The keys of ROS's ``camera_info`` and ``K``, ``D``, ``width`` and ``height`` mean the same.
+
+    Args:
+        text: of the file.
+        size: width and height, px, for a file that does not hold them.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv`.
     """
-    file = _parsed(text, fisheye=0)
+    file = _parsed(text, size, fisheye=0)
     return {"cam0": from_opencv(file.camera_matrix, file.coefficients, *file.size)}
 
 
-def read_opencv_fisheye(text: str) -> dict[str, Camera]:
+def read_opencv_fisheye(text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Return the camera, ``cam0``, of a file of the fisheye model; else as :func:`read_opencv`.
 
     ``fisheye_model`` may be missing but not 0.
@@ -189,19 +193,19 @@ def read_opencv_fisheye(text: str) -> dict[str, Camera]:
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_fisheye`.
     """
-    file = _parsed(text, fisheye=1)
+    file = _parsed(text, size, fisheye=1)
     return {"cam0": from_opencv_fisheye(file.camera_matrix, file.four(), *file.size)}
 
 
-def read_opencv_omnidir(text: str) -> dict[str, Camera]:
+def read_opencv_omnidir(text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Return the camera, ``cam0``, of a file with ``xi`` as ccalib's omnidirectional sample writes it.
 
-    That sample omits ``image_width`` and ``image_height``: they must be added.
+    That sample omits ``image_width`` and ``image_height``: add them, or give ``size``.
 
     Raises:
         ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_omnidir`.
     """
-    file = _parsed(text)
+    file = _parsed(text, size)
     if file.xi is None:
         raise ArgumentError("missing key 'xi'")
     return {"cam0": from_opencv_omnidir(file.camera_matrix, file.xi, file.four(), *file.size)}
@@ -248,32 +252,52 @@ def write_opencv_omnidir(cameras: Mapping[str, Camera], suffix: str = ".yml") ->
 
 
 def model_of(text: str) -> str | None:
-    """Return which of the three formats a file has.
+    """Return which of the three formats a file has, also as ROS's ``camera_info`` or as bare ``K`` and ``D``.
 
-    None for other files, and for four coefficients without a key that says which model they belong to.
+    ``EITHER`` for four coefficients without a key that says which model they belong to; None for other files.
     """
-    if not re.search(r"\bcamera_matrix\b", text):
+    if not _HAS_MATRIX.search(text):
         return None
-    if re.search(r'(?:^|[{,])\s*(?:xi\s*:|"xi"\s*:|<xi\b)', text, re.MULTILINE):
+    try:
+        values = _values_of(text)
+        count = len(_data(_D, values.get(_D)))
+    except ArgumentError:
+        return None
+    if "xi" in values:
         return "opencv-omnidir"
-    if flag := re.search(r'\bfisheye_model["> ]*:?\s*([01])\b', text):
-        return "opencv-fisheye" if flag[1] == "1" else "opencv"
-    shape = re.search(r"\bdistortion_coefficients\b.*?rows\D{1,9}(\d+).*?cols\D{1,9}(\d+)", text, re.DOTALL)
-    return "opencv" if shape and "4" not in shape.groups() else None
+    if (flag := str(values.get("fisheye_model"))) in ("0", "1"):
+        return "opencv-fisheye" if flag == "1" else "opencv"
+    if (lens := values.get("distortion_model")) is not None:
+        return "opencv-fisheye" if lens in _ROS_FISHEYES else "opencv"
+    return EITHER if count == 4 else "opencv"
 
+
+EITHER = "opencv or opencv-fisheye"
 
 _D = "distortion_coefficients"
 _NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
+_HAS_MATRIX = re.compile(r"""\bcamera_?[mM]atrix\b|^[ \t{]*["']?[Kk]["']?[ \t]*:""", re.MULTILINE)
 _MODEL_NAMES = ("the plain model", "OpenCV's fisheye model")
+_ROS_FISHEYES = ("equidistant", "fisheye")
+_OTHER_KEYS = {
+    **dict.fromkeys(("K", "k", "cameraMatrix"), "camera_matrix"),
+    **dict.fromkeys(("D", "d", "distCoeffs", "dist_coeffs"), _D),
+    **{"width": "image_width", "height": "image_height"},
+}
+_MOST_ROWS = 14
 
 
 def _data(name: str, value: object, count: int | None = None) -> Floats:
-    """Return the numbers of a matrix, whose ``data`` is a list, or words in XML."""
-    matrix = mapping(name, value)
-    if "data" not in matrix:
-        raise ArgumentError(f"{name}: missing key 'data'")
-    data = matrix["data"]
-    return numbers(f"{name}: data", data.split() if isinstance(data, str) else data, (count,))
+    """Return the numbers of a matrix: its ``data``, a list, or words in XML; or a list of them or of rows."""
+    if isinstance(value, dict):
+        if "data" not in value:
+            raise ArgumentError(f"{name}: missing key 'data'")
+        name, value = f"{name}: data", value["data"]
+    if isinstance(value, str):
+        value = value.split()
+    if isinstance(value, list) and len(value) <= _MOST_ROWS and all(isinstance(row, list) for row in value):
+        value = [each for row in value for each in row]
+    return numbers(name, value, (count,))
 
 
 def _scalar(name: str, value: object) -> float:
@@ -301,9 +325,25 @@ class _File:
         return numbers(f"{_D}: data", self.coefficients, (4,))
 
 
-def _parsed(text: str, fisheye: int | None = None) -> _File:
+def _values_of(text: str) -> dict[str, Any]:
     xml = text.lstrip("\ufeff \t\r\n").startswith("<")
-    file = read_known(_File, _from_xml(text) if xml else parse_mapping(_NOT_YAML.sub("", text)))
+    values = _from_xml(text) if xml else parse_mapping(_NOT_YAML.sub("", text))
+    return {_OTHER_KEYS.get(key, key): value for key, value in values.items()}
+
+
+def _parsed(text: str, size: tuple[int, int] | None, fisheye: int | None = None) -> _File:
+    values = _values_of(text)
+    if size is not None:
+        known = values.get("image_width", size[0]), values.get("image_height", size[1])
+        if tuple(map(str, known)) != tuple(map(str, size)):
+            raise ArgumentError(
+                f"size: expected {shown(known[0])} x {shown(known[1])}, got {size[0]} x {size[1]}"
+            )
+        values |= {"image_width": size[0], "image_height": size[1]}
+    for key in ("image_width", "image_height"):
+        if key not in values:
+            raise ArgumentError(f"missing key {key!r}: add it, or give the size (--size)")
+    file = read_known(_File, values)
     if fisheye is not None and file.fisheye_model not in (None, fisheye, str(fisheye)):
         raise ArgumentError(
             f"fisheye_model: expected {fisheye}, {_MODEL_NAMES[fisheye]}, got {shown(file.fisheye_model)}; "

@@ -16,7 +16,7 @@ Layout = Literal["strip", "3x2", "cross", "dice"]
 Slots = tuple[tuple[str, ...], ...]
 
 LAYOUTS: dict[str, Slots] = {
-    "strip": (("F0", "R0", "B0", "L0", "U0", "D0"),),  # py360convert's order, but it mirrors R, B and U
+    "strip": (("F0", "R0", "B0", "L0", "U0", "D0"),),  # py360convert's order; 0.1.0 mirrored R, B and U
     "3x2": (("R0", "L0", "U0"), ("D0", "F0", "B0")),  # FFmpeg v360 c3x2
     "cross": ((" ", "U0", " "), ("L0", "F0", "R0"), (" ", "D0", " "), (" ", "B2", " ")),  # vertical, of HDRI
     "dice": ((" ", "U0", " ", " "), ("L0", "F0", "R0", "B0"), (" ", "D0", " ", " ")),  # py360convert's dice

@@ -46,7 +46,10 @@ class Distortion:
         """
         from omniscv.cameras import camera_kernels  # slow to load
 
-        end = self._reaching(min(end, self._first_turn()), beyond)
+        turn = self._first_turn()
+        if np.isnan(turn):
+            return np.nan
+        end = self._reaching(min(end, turn), beyond)
         if not self._radial_only:
             end = float(camera_kernels.first_turn(self.coefficients, end))
         radii = np.linspace(0.0, end, _TABLE + 1)
@@ -69,7 +72,7 @@ class Distortion:
         # The slope by r of r N / D times D^2, with s = r^2: N D + 2 s (N' D - N D').
         slope = np.convolve(N, D) + np.convolve(twice * N, D) - np.convolve(N, twice * D)
         turn, pole = first_positive_root(slope), first_positive_root(D)
-        return float(np.sqrt(min(turn, pole)))
+        return float(np.sqrt(np.minimum(turn, pole)))
 
     def _reaching(self, end: float, beyond: float) -> float:
         """Return a radius up to ``end`` where r c is 0.9 to 1 times ``beyond``; ``end`` if r c is less."""

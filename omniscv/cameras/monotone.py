@@ -29,7 +29,7 @@ class Increasing:
         # The slope of an odd polynomial is even: its first root is the square root of one in x^2.
         odd = not slope[1::2].any()
         turn = np.sqrt(first_positive_root(slope[::2])) if odd else first_positive_root(slope)
-        self.end = float(min(turn, most))
+        self.end = float(np.minimum(turn, most))
         self.last = float(self(np.array(self.end)))
         x = np.linspace(0.0, self.end, 2 * _CELLS)
         y = np.maximum.accumulate(self(x))
@@ -51,10 +51,15 @@ class Increasing:
 
 
 def first_positive_root(coefficients: ArrayLike) -> float:
-    """Return the least x > 0 where ``c_0 + c_1 x + ...``, positive at 0, becomes negative; else infinity."""
+    """Return the least x > 0 where ``c_0 + c_1 x + ...``, positive at 0, becomes negative; else infinity.
+
+    NaN where a coefficient is too many times c_0 for float64; cameras refuse it.
+    """
     trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
     if trimmed.size < 2:
         return np.inf
+    if not np.isfinite(trimmed / trimmed[0]).all():
+        return np.nan
     # The least root is the greatest reciprocal, which the solver finds best. Coinciding roots come out
     # scattered in the complex plane; a crossing is next to the real part of one.
     roots = 1 / np.roots(trimmed).astype(np.complex128)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
 from omniscv.cameras.arrays import polar
-from omniscv.cameras.base import Array, Viewpoints
+from omniscv.cameras.base import FARTHEST, Array, Viewpoints
 from omniscv.cameras.monotone import increasing_root
 from omniscv.cameras.radial import ROUNDING, CircleCamera, Meridian
 from omniscv.cameras.registry import register
@@ -86,8 +86,8 @@ class NoncentralSphericalMirror(NoncentralMirror):
         fov_deg: float | None = None,
         center: ArrayLike | None = None,
     ) -> None:
-        self.mirror_radius = number("mirror_radius", mirror_radius, above=0)
-        self.distance = number("distance", distance, above=0)
+        self.mirror_radius = number("mirror_radius", mirror_radius, above=0, most=FARTHEST)
+        self.distance = number("distance", distance, least=1 / FARTHEST, most=FARTHEST)
         self._z_s = self.distance + self.mirror_radius
         # Z^2 - 1 as a product: exact for a camera close to the ball.
         beyond = np.sqrt(self.distance * (self.distance + 2 * self.mirror_radius))
@@ -192,7 +192,7 @@ class NoncentralConicalMirror(NoncentralMirror):
         center: ArrayLike | None = None,
     ) -> None:
         self.half_angle_deg = number("half_angle_deg", half_angle_deg, above=0, below=90)
-        self.distance = number("distance", distance, above=0)
+        self.distance = number("distance", distance, above=0, most=FARTHEST)
         self.mirror_radius = optional_number("mirror_radius", mirror_radius, above=0)
         # cos by the complement: in radians an angle of nearly 90 degrees has lost its digits.
         sin, cos = np.sin(np.radians([self.half_angle_deg, 90 - self.half_angle_deg])).tolist()

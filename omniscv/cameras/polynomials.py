@@ -65,7 +65,7 @@ class Scaramuzza(AffineLens):
         corner = self._set_affine("affine", self.affine)
         self._slope = polyder(self.coefficients) if len(self.coefficients) > 1 else np.zeros(1)
         turning = first_positive_root((np.arange(len(self.coefficients)) - 1) * self.coefficients)
-        self._r_end = float(min(turning, 2 * corner))
+        self._r_end = float(np.minimum(turning, 2 * corner))
         self._theta_end = float(self._theta(np.array(self._r_end)))
         self._see_through(fov_deg)
 

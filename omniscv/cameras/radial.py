@@ -153,7 +153,8 @@ class Lens(CentralCamera):
     def _see_through(self, fov_deg: float | None) -> None:
         """Set the end of the domain; the matrix and the model's parameters are already set."""
         self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
-        self._rounding = self._pixel_rounding / float(np.linalg.svd(self._A, compute_uv=False)[-1])
+        least = np.linalg.svd(self._A, compute_uv=False)[-1] if np.isfinite(self._A).all() else np.float64(0)
+        self._rounding = float(self._pixel_rounding / least)  # cameras refuse infinity
         beyond = 2.0 * self._farthest_corner()
         if self.fov_deg is not None and np.radians(self.fov_deg) / 2 < self._theta_end:
             self._theta_end = float(np.radians(self.fov_deg) / 2)

@@ -86,7 +86,8 @@ def _construct(name: str, arguments: Mapping[str, Any]) -> Camera:
         unknown = [shown(key) for key in arguments if key not in known]
         optional = [key for key in known if key not in needed]
         expected = ", ".join(needed) + (f" and optionally {', '.join(optional)}" if optional else "")
+        advice = f"'omniscv cameras {name}' has an example"
         raise ArgumentError(
-            f"camera {name}: expected {expected}; got {', '.join(missing + unknown)}"
+            f"camera {name}: expected {expected}; got {', '.join(missing + unknown)}; {advice}"
         ) from None
     return cls(**arguments)

@@ -27,7 +27,6 @@ DEFAULT: tuple[Filter, float] = ("bilinear", 1.0)
 
 QUICK = {"width": 64}
 
-TITLE = "One panorama from six faces: time against error"
 
 _POSITION = (0.1, -0.2, 1.45)
 _LEVEL = Pose.from_angles(_POSITION)

@@ -35,7 +35,6 @@ WAYS: tuple[tuple[str, int | None], ...] = (
 
 QUICK = {"width": 48}
 
-TITLE = "Non-central cameras: what is captured against what is wrong"
 LATENCIES_MS = (5, 30)
 DEFAULT = ("strips", None)
 

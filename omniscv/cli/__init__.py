@@ -3,6 +3,8 @@
 Exit codes: 0 done; 1 failed; 2 wrong usage; 128 + the number of the signal that stopped it, 130 by Ctrl-C.
 """
 
+import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -27,20 +29,24 @@ COMMANDS = (
     "serve",
     "scenes",
     "cameras",
-    "captures",
+    "recording",
     "dataset",
     "chart",
     "evaluate",
     "doctor",
-    "ask",
+    "send",
 )
 """Modules of this package, each with an ``app``."""
+
+_OLD = {"captures": "recording", "ask": "send"}
+"""Names of before, which work in this version and are not in the help."""
 
 
 class _Modules(Mapping[str, Any]):
     """The commands by name, imported when looked up."""
 
     def __getitem__(self, name: str) -> Any:
+        name = _OLD.get(name, name)
         if name not in COMMANDS:
             raise KeyError(name)
         return typer.main.get_command(import_module(f"omniscv.cli.{name}").app)
@@ -81,11 +87,43 @@ app = typer.Typer(
 )
 
 
+def _apart(arguments: list[str]) -> str:
+    """Return what to write for numbers of an option that blanks separate; nothing where there are none."""
+    given = re.search(r"(--position)[\0=](\S+?)\0(-?[\d.]+)\0(-?[\d.]+)(?:\0|$)", "\0".join(arguments))
+    return (
+        f"{given[1]}: expected numbers with commas: {given[1]} {','.join(given.groups()[1:])}"
+        if given
+        else ""
+    )
+
+
 def main() -> None:
     """Run the process's command line, and exit with its code."""
     if isinstance(sys.stdout, TextIOWrapper):  # names may have characters that the encoding lacks
         sys.stdout.reconfigure(errors="backslashreplace")
+    _say_what_is_logged()
     sys.exit(signals.unwound(lambda: run(sys.argv[1:])))
+
+
+def _has_working_folder() -> bool:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _say_what_is_logged() -> None:
+    """Print what the packages log, as that kernels are compiled, on standard error."""
+    import logging
+
+    class Lines(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            console.error(record.getMessage())
+
+    logger = logging.getLogger("omniscv")
+    logger.addHandler(Lines())
+    logger.setLevel(logging.INFO)
 
 
 def run(arguments: list[str]) -> int:
@@ -95,7 +133,8 @@ def run(arguments: list[str]) -> int:
         code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
     except TyperException as usage:
         code, text = usage.exit_code, usage.format_message()
-        message = text and f"{text} (see omniscv --help)"  # no text if the help was printed
+        command = getattr(getattr(usage, "ctx", None), "command_path", "omniscv")
+        message = text and f"{_apart(arguments) or text} (see {command} --help)"  # no text: help was printed
     except OmniscvError as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
     except OSError as error:
@@ -108,6 +147,8 @@ def run(arguments: list[str]) -> int:
         code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
     if code == signals.STOPPED:
         message = "stopped; what is complete is kept, rerun to resume"
+    elif message and not _has_working_folder():
+        message = "expected a working folder, this one was deleted; change to another one"
     if message:
         console.error(message)
     return code

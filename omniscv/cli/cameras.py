@@ -1,6 +1,8 @@
 """``omniscv cameras``: the camera models, and the nearest camera of one of them to another."""
 
 import inspect
+import json
+import shlex
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -9,6 +11,7 @@ from typer import Argument, Option, Typer
 from typer.core import TyperGroup
 
 from omniscv.cli import console, options
+from omniscv.errors import ArgumentError
 
 
 class _Models(TyperGroup):
@@ -31,11 +34,14 @@ def cameras(context: typer.Context, as_json: options.AsJson = False) -> None:
     models = {name: model(name) for name in names()}
     summaries = [(inspect.getdoc(cls) or "").partition("\n")[0] for cls in models.values()]
     kinds = ["central" if cls.central else "non-central" for cls in models.values()]
-    columns, rows = ("model", "kind", "summary"), list(zip(models, kinds, summaries, strict=True))
+    typical = [" ".join(f"{key}={text}" for key, text in _typical(name).items()) for name in models]
+    columns = ("model", "kind", "summary", "typical")
+    rows = list(zip(models, kinds, summaries, typical, strict=True))
     if as_json:
         console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
-    console.table(columns, rows)
+    console.table(columns[:3], ((*row[:2], f"{row[2]} {row[3] and f'[{row[3]}]'}") for row in rows))
+    console.line("In brackets typical parameters at 256 px; 'omniscv cameras MODEL' has a command with them.")
 
 
 @app.command(epilog="Example: omniscv cameras show fisheye-equisolid")
@@ -43,7 +49,45 @@ def show(name: Annotated[str, Argument(help="A model.")]) -> None:
     """Describe a model: its formula, parameters and domain; 'omniscv cameras NAME' does the same."""
     from omniscv.cameras import model
 
-    console.document(f"{name}\n\n{inspect.getdoc(model(name))}")
+    console.document(f"{name}\n\n{inspect.getdoc(model(name))}\n")
+    console.line(f"Example: {_example(name)}")
+
+
+def _example(name: str) -> str:
+    """Return a command that renders a typical camera of a model."""
+    from omniscv.cameras import model
+
+    camera = model(name).example(256)
+    settings = (f"--set {shlex.quote(f'camera.{key}={text}')}" for key, text in _typical(name).items())
+    turned = [f"--pitch {camera.typical_pitch_deg:g}"] if camera.typical_pitch_deg else []
+    view = f"--camera {name} --size {camera.width}x{camera.height}"
+    return " ".join(["omniscv render --source mock://four-wall", view, *settings, *turned, "--out out/"])
+
+
+def _typical(name: str) -> dict[str, str]:
+    """Return the typical parameters of a model that have no default, or another one, as YAML."""
+    from omniscv.cameras import model
+
+    cls = model(name)
+    defaults = {
+        key: list(each.default) if isinstance(each.default, tuple) else each.default
+        for key, each in inspect.signature(cls).parameters.items()
+    }
+    given = {
+        key: value
+        for key, value in cls.example(256).to_dict().items()
+        if key not in ("model", "width", "height", "center") and value != defaults.get(key)
+    }
+    return {key: json.dumps(_rounded(value)).strip('"') for key, value in given.items()}
+
+
+def _rounded(value: Any) -> Any:
+    """Return plain values with floats of six digits."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
+    return {key: _rounded(each) for key, each in value.items()} if isinstance(value, dict) else value
 
 
 @app.command(
@@ -76,6 +120,8 @@ def fit(
         parameters: dict[str, Any] = {} if fov is None else {"fov_deg": fov}
         parameters |= map(options.parameter, param or [])
         parameters |= (options.setting(text, "alpha=0.6") for text in settings or [])
+        if {"width", "height"} & parameters.keys():
+            raise ArgumentError("--set: expected width and height in --size WIDTHxHEIGHT, got them as keys")
         camera = create(source, *options.size(size), **parameters)
     else:
         cameras = load(source)

@@ -15,14 +15,13 @@ app = Typer(add_completion=False)
 
 @app.command(epilog="Example: omniscv chart central --width 128 --out charts")
 def chart(
-    kind: Annotated[Literal["central", "noncentral", "growth", "stability"], Argument(help="What is drawn.")],
+    kind: Annotated[Literal["central", "noncentral", "stability", "sensor"], Argument(help="What is drawn.")],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
-    page: Annotated[bool, Option("--page", help="Also write the table as an HTML page.")] = False,
     progress: StyleOption = None,
 ) -> None:
-    """Draw filters and peers, or strategies, by cost and error; how cost grows; or models at their limits."""
+    """Draw filters and peers, or strategies, by cost and error; models at their limits; noise of sensors."""
     module = import_module(f"omniscv.chart.{kind}")
     given: dict[str, Any] = dict(module.QUICK) if quick else {}
     if width is not None:
@@ -31,11 +30,5 @@ def chart(
         given["width"] = width
     with display("rounds", progress) as shown:
         rows = module.measure(**given, progress=shown.steps)
-    written = module.write(rows, out)
-    if page:
-        from omniscv.chart.page import write
-
-        pictures = [path for path in written if path.suffix == ".svg"]
-        written.append(write(module.TITLE, rows, pictures, out / f"chart-{kind}.html"))
-    for path in written:
+    for path in module.write(rows, out):
         console.line(path)

@@ -30,7 +30,7 @@ def summary(values: Mapping[str, object]) -> None:
 
 
 def error(text: object) -> None:
-    """Print an error on standard error, in one line of at most 300 characters."""
+    """Print an error on standard error, in one line."""
     print(one_line(f"omniscv: {text}"), file=sys.stderr, flush=True)
 
 

@@ -32,6 +32,10 @@ _CLUSTER_HELP = "Workers of Dask: local:N processes here, slurm:FILE.yaml, or a 
 def make(
     job: JobArguments,
     resume: Annotated[bool, Option("--resume", help="Complete an existing dataset.")] = False,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing dataset.")] = False,
+    keep_going: Annotated[
+        bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
+    ] = False,
     shard: Shard = None,
     cluster: Annotated[str | None, Option(help=_CLUSTER_HELP)] = None,
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
@@ -47,8 +51,9 @@ def make(
     if cluster is not None and job.file is not None:  # workers may be in another folder
         job = replace(job, file=job.file.absolute())
     wanted = job.load()
-    if cluster is not None and (shard is not None or workers != 1):
-        raise ArgumentError("--cluster: expected it without --shard and --workers, got several of them")
+    if cluster is not None and (shard is not None or workers != 1 or keep_going or overwrite):
+        others = "--shard, --workers, --keep-going and --overwrite"
+        raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
     with display("frames", progress) as show:
         if cluster is not None:
             from omniscv.cluster import make, workers_of
@@ -61,13 +66,17 @@ def make(
         made = make_dataset(
             wanted,
             resume=resume,
+            overwrite=overwrite,
+            keep_going=keep_going,
             shard=None if shard is None else _shard(shard),
             workers=workers,
             progress=show,
             warn=console.error,
         )
     state = f"{made.missing} frames are missing: finish with --resume" if made.missing else "complete"
-    console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; {state}")
+    failed = f", {made.failed} failed: try them again with --resume" if made.failed else ""
+    console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept{failed}; {state}")
+    raise Exit(1 if made.failed else 0)
 
 
 @app.command(epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100")

@@ -16,9 +16,15 @@ _STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
 @app.command(epilog="Example: omniscv doctor mock://four-wall\n\nExample: omniscv doctor --self")
 def doctor(
     uri: Annotated[
-        str | None, Argument(help="unreal://host:port, mock://scene or blender://SCENE.blend.")
+        str | None,
+        Argument(
+            help="unreal://host:port, mock://SCENE, blender://FILE; a recording, or a folder of captures."
+        ),
     ] = None,
     self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
+    quick: Annotated[
+        bool, Option("--quick", help="Leave out seams, the unit of depth and what moves: seconds.")
+    ] = False,
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     as_json: options.AsJson = False,
     timeout: options.Timeout = None,
@@ -42,7 +48,7 @@ def doctor(
         from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
-        findings = examine_address(uri, where, **options.deadlines(timeout, patience))
+        findings = examine_address(uri, where, quick, **options.deadlines(timeout, patience))
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:

@@ -13,6 +13,7 @@ from typer import Argument, Context, Option
 
 from omniscv.cli import console
 from omniscv.cli.options import edge, modes, numbers, one_number, parameter, setting, size
+from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
     from omniscv.job import Job
@@ -43,13 +44,14 @@ class JobOption(NamedTuple):
     panel: str = ""
     complete: Callable[[], Iterable[str]] | None = None
 
-    def parameter(self, name: str) -> Parameter:
+    def parameter(self, name: str, shows_default: bool) -> Parameter:
         """Return the parameter of a command for typer."""
         option = Option(
             self.default,
             f"--{name.replace('_', '-')}",
             help=self.help,
             hidden=not self.help,
+            show_default=shows_default,
             rich_help_panel=self.panel or None,
             autocompletion=self.complete,
         )
@@ -73,11 +75,25 @@ def _key_names() -> Iterator[str]:
     yield from (f"{each.name}=" for each in keys())
 
 
+def is_calibration(camera: str) -> bool:
+    """Return whether the text of ``--camera`` is a file's name: models have neither dots nor folders."""
+    return "." in camera or len(Path(camera).parts) > 1
+
+
+def _camera(text: str) -> Keys:
+    if is_calibration(text):
+        return {"cameras": {Path(text).stem.replace(".", "-"): {"file": text}}, "rig": None}
+    return {"cameras": {text: {"model": text}}, "rig": None}
+
+
 def _settings(texts: list[str]) -> Keys:
     return dict(map(setting, texts))
 
 
 def _parameters(texts: list[str]) -> Keys:
+    for name, value in map(parameter, texts):
+        if name in ("width", "height"):
+            raise ArgumentError(f"--param: expected {name} in --size WIDTHxHEIGHT, got '{name}={value}'")
     return {f"cameras.*.{name}": value for name, value in map(parameter, texts)}
 
 
@@ -116,10 +132,10 @@ SET: Mapping[str, JobOption] = {"set": JobOption(_settings, list[str], [], _SET_
 VIEW: Mapping[str, JobOption] = {
     "source": JobOption(key("source"), str, "mock://four-wall", SOURCE_HELP, _OUTPUT),
     "camera": JobOption(
-        lambda model: {"cameras": {model: {"model": model}}, "rig": None},
+        _camera,
         str,
         "equirectangular",
-        "A camera model; see 'omniscv cameras'.",
+        "A camera model; see 'omniscv cameras'. Or a calibration file, which has the size.",
         _CAMERA,
         _models,
     ),
@@ -184,13 +200,16 @@ class JobArguments:
         """
         from omniscv.job import address, load, overridden, read
 
+        unsized = is_calibration(self.values.get("camera", ""))  # others get the default size
         if self.file is None:
-            return read(overridden(self.described, self._keys(self.options)), Path())
-        # A camera without a size gets the default one.
-        keys = self._keys({"size"} | self.given if "camera" in self.given else self.given)
+            names = self.options.keys() - ({"size"} - self.given if unsized else set())
+            return _said(read(overridden(self.described, self._keys(names)), Path()))
+        keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
         if self.file.resolve().parent != Path.cwd():
             keys |= {name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None}
-        job = load(self.file, keys)
+            for camera in keys.get("cameras", {}).values() if unsized else ():
+                camera["file"] = str(Path.cwd() / camera["file"])
+        job = _said(load(self.file, keys))
         if self.given:
             console.error(f"{self.file}: {'; '.join(map(self._overriding, self._ordered(self.given)))}")
         return job
@@ -210,6 +229,13 @@ class JobArguments:
         keys = self.options[name].keys(self.values[name])
         listed = " and ".join(key for key, value in keys.items() if value is not None or name == "set")
         return f"--{name.replace('_', '-')} overrides {listed}"
+
+
+def _said(job: Job) -> Job:
+    """Return a job, after a line on standard error of what was assumed."""
+    if job.assumed:
+        console.error(job.assumed)
+    return job
 
 
 def with_job(
@@ -240,7 +266,7 @@ def with_job(
             [
                 Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),
                 Parameter("job", Parameter.KEYWORD_ONLY, default=file, annotation=Path | None),
-                *(option.parameter(name) for name, option in options.items()),
+                *(option.parameter(name, not needs_file) for name, option in options.items()),
                 *(each.replace(kind=Parameter.KEYWORD_ONLY) for each in own),
             ]
         )

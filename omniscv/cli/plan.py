@@ -10,7 +10,17 @@ from omniscv.cli.job_options import VIEW, JobArguments, with_job
 
 app = Typer(add_completion=False)
 
-_COLUMNS = ("strategy", "views", "requests", "at most", "megapixels", "megabytes", "seconds", "shift m")
+_COLUMNS = (
+    "strategy",
+    "views",
+    "requests",
+    "at most",
+    "Mpx",
+    "MB",
+    "seconds",
+    "shift m",
+    "marked %",
+)
 
 
 @app.command(
@@ -24,8 +34,8 @@ def plan(
 ) -> None:
     """List what each strategy would capture for a job, and how long that takes, without capturing it.
 
-    The last column is the largest distance from a pixel's own optical centre to that of its captures: the
-    price of fewer viewpoints.
+    The last columns are the largest distance from a pixel's own optical centre to that of its captures, and
+    the share of pixels that are expected to be marked as inexact or unsure: the price of fewer viewpoints.
     """
     from omniscv.make import costs
 
@@ -37,5 +47,7 @@ def plan(
     for cost in strategies:
         counts = (cost.views, cost.requests, cost.most_requests)
         sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
-        rows.append((cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}"))
+        rows.append(
+            (cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}", f"{100 * cost.marked:.0f}")
+        )
     console.table(_COLUMNS, rows)

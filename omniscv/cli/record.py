@@ -42,8 +42,9 @@ OPTIONS = {
 
 
 @app.command(
+    no_args_is_help=True,
     epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
-    "--set face_size=256 --modes lit,mask,depth --out room.sqlite"
+    "--set face_size=256 --modes lit,mask,depth --out room.sqlite",
 )
 @with_job(OPTIONS)
 def record(
@@ -61,14 +62,27 @@ def record(
     wanted = _described(job, launch or []).load()
     path = wanted.record or Path("capture.sqlite")
     target_of(path)  # refuses what is no file, before a game is launched
+    before = _count(path)
     with display("images", progress) as show:
         count = capture(wanted, path, show, border_px=overscan)
-    console.line(f"{path}: {count} captures")
+    new = _count(path) - before
+    console.line(f"{path}: {count} captures" + ("" if new == count else f", {new or 'none'} new"))
+
+
+def _count(path: Path) -> int:
+    """Return how many captures a recording holds; 0 without one."""
+    from omniscv.sources.recording.inspection import info
+
+    return sum(info(path).captures.values()) if path.exists() and path.stat().st_size else 0
 
 
 def _described(job: JobArguments, games: list[Path]) -> JobArguments:
     """Add what a job without a file captures, a cube map, and the games that are launched."""
+    from omniscv.sources.registry import scheme_of
+
     values = dict(job.values)
+    if "face_size" not in job.given and values["source"] and not any(map(scheme_of, values["source"])):
+        values["face_size"] = "auto"  # as the recording has them
     edge = dict(map(options.setting, values["set"])).get("face_size", options.edge(values["face_size"]))
     width = 2 * edge if isinstance(edge, int) else 2048
     cube = {"model": "equirectangular", "width": width, "height": width // 2}

@@ -14,9 +14,10 @@ app = Typer(add_completion=False)
 
 
 @app.command(
+    no_args_is_help=True,
     epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
     "--size 1024x1024 --set camera.fov_deg=185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"
-    "Example: omniscv render job.yaml --modes lit --set face_size=512 --out draft/"
+    "Example: omniscv render job.yaml --modes lit --set face_size=512 --out draft/",
 )
 @with_job(IMAGES)
 def render(

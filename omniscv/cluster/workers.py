@@ -15,7 +15,7 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, ClusterError
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 RESOURCE = {"server": 1}
 """Dask resource: one unit per worker, one per task, so that each worker runs one task at a time."""
@@ -74,9 +74,10 @@ class Local:
 
         Raises:
             ArgumentError: more workers than addresses, if there are several.
+            ClusterError: one has ended while it started.
         """
         import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client
 
         workers = len(sources) if self.workers is None else self.workers
         if workers > len(sources) > 1:
@@ -84,19 +85,30 @@ class Local:
             raise ArgumentError(f"--cluster: {wanted}, got {workers}")
         with (
             dask.config.set(settings()),
-            LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                memory_limit=0,  # an equal share may be less than one worker needs
-                silence_logs=logging.CRITICAL,
-                resources=RESOURCE,
-                preload=[__name__],
-            ) as cluster,
+            _started(workers) as cluster,
             Client(cluster, set_as_default=False) as client,
         ):
             yield client
+
+
+def _started(workers: int) -> LocalCluster:
+    from distributed import LocalCluster
+
+    try:
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,  # an equal share may be less than one worker needs
+            silence_logs=logging.CRITICAL,
+            resources=RESOURCE,
+            preload=[__name__],
+        )
+    except (RuntimeError, OSError) as cause:
+        wanted = f"--cluster: expected {workers} workers to start, but one ended"
+        why = str(cause).rstrip(".")
+        raise ClusterError(f"{wanted}, as when memory runs out: {why}; run again, or with fewer") from cause
 
 
 @dataclass(frozen=True)

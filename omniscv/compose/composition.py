@@ -6,22 +6,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import modalities
-from omniscv.compose.depth import NEAR_PLANE_M, SampledDepth
+from omniscv import light, modalities
+from omniscv.compose.depth import NEAR_PLANE_M
 from omniscv.compose.image import OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
+from omniscv.compose.seams import Mended
+from omniscv.compose.seen_points import SeenPoints
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, Mask, Pixels
-from omniscv.planning import Kept, KnownDepth, Round, Task, Viewpoint, captured, captured_progress
+from omniscv.geometry.arrays import Floats, Ints, Mask
+from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
 from omniscv.planning.sharing import SAME_M
 from omniscv.progress import Progress, Report
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Color, ObjectTable, Source, View
 
-_DOUBTFUL = 0.1
-"""Relative to the distance: where depth may be off by more, the label may be anything's."""
 _ROWS = 64
 """Rows whose directions are turned at a time: they are float64 meanwhile."""
 
@@ -44,24 +44,27 @@ class Composition:
         modes: tuple[str, ...],
         source: Source,
         sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
+        mend: Callable[[Sequence[Capture]], Mended],
         report: Report,
     ) -> None:
         self._task, self._source = task, source
         self._modes = task.options.sampled(modes)
-        self._make_sampler, self._report = sampler_of, report
+        self._make_sampler, self._mend, self._report = sampler_of, mend, report
         self._canvas: _Canvas | None = None
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
+        self._seams: list[dict[str, Any]] = []
 
     def capture(self, round_: Round) -> Kept:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         if serving and self._canvas is None:
-            whole = len(serving) == 1 and len(serving[0].pixels) == self._task.rays.valid_count
-            self._canvas = _Canvas(self._task.rays.valid, whole and serving[0].toward_w is None)
+            rays = self._task.rays
+            whole = len(serving[0].pixels) == rays.valid_count and rays.origins is None
+            self._canvas = _Canvas(rays.valid, whole)
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept = []
         self._progress += Progress(of_captures=len(round_.requests(self._modes)))
@@ -80,7 +83,7 @@ class Composition:
         canvas = self._canvas or _Canvas(valid, whole=False)
         sampled = canvas.layers()
         layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
-        marks = {"unsure", "occluded", *(modalities.get(mode).marked_by for mode in self._modes)}
+        marks = {"unsure", "occluded", "relit", *(modalities.get(mode).marked_by for mode in self._modes)}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
         _mark_beyond_reach(layers, valid)
@@ -88,7 +91,9 @@ class Composition:
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
             centers_w=canvas.centers_w, objects=objects, unknown_colors=unknown,
-            provenance=self._provenance, options=task.options,
+            transfer=self._source.capabilities.transfer,
+            provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
+            options=task.options,
         )  # fmt: skip
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:
@@ -103,7 +108,7 @@ class Composition:
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
         self._put_known(viewpoint, offsets_w)
-        parallax = _parallax(viewpoint, offsets_w)
+        parallax, seen = _parallax(viewpoint, offsets_w), None
         rows = [modalities.get(mode) for mode in self._modes]
         for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
             of_mode = captures.get(row.captured_as or row.name)
@@ -112,9 +117,9 @@ class Composition:
                 continue
             sampler = self._checked_sampler(row.name, viewpoint, of_mode)
             if is_surface:
-                parallax = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
+                parallax, seen = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
-                self._put_values(row, viewpoint, sampler, [capture.pixels for capture in of_mode], parallax)
+                self._put_values(row, viewpoint, sampler, of_mode, parallax, seen)
             self._provenance = of_mode[0].provenance
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
@@ -123,6 +128,8 @@ class Composition:
         origins_w, known = viewpoint.center_w, viewpoint.known_depth
         if viewpoint.occluded is not None:
             self._image.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
+        if viewpoint.unsure is not None:
+            self._image.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
         if known is not None:
             layers = {"depth": known.distance, "depth_error": known.error, "unsure": known.unsure}
             for layer, values in layers.items():
@@ -133,34 +140,60 @@ class Composition:
 
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
-    ) -> Floats | None:
-        """Sample depth, and return its parallax; ``offsets_w`` (N, 3) are from the centre to the pixels'
-        own."""
+    ) -> tuple[Floats | None, SeenPoints | None]:
+        """Sample depth. Return its parallax, and the points that rays meet if the plan asks to find them.
+
+        ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
+        """
         faces, precision = [each.pixels for each in captures], codecs.precision(captures[0].encoding)
-        depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
-        if viewpoint.depth_check is not None:
-            unsure = _bound_by(depth, viewpoint.depth_check)
-            self._image.put_part("unsure", viewpoint.pixels, unsure)
+        seen = None
+        if viewpoint.check is None or offsets_w is None:
+            depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
+        else:
+            depth = sampler.sample_depth(self._filter, faces, precision, None)
+            directions = self._task.rays.directions.reshape(-1, 3)[viewpoint.pixels]
+            rays_w = viewpoint.center_w + offsets_w, directions @ self._task.pose.R_w_c.T
+            seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
+            depth = depth._replace(error=seen.bound(depth.distance))
+            self._image.put_part("unsure", viewpoint.pixels, seen.unsure)
         self._image.put(captures[0].mode, viewpoint.pixels, depth.distance)
         self._image.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
-        return depth.parallax
+        return depth.parallax, seen
 
     def _put_values(
         self,
         row: modalities.Modality,
         viewpoint: Viewpoint,
         sampler: Sampler,
-        faces: Sequence[Pixels],
+        captures: Sequence[Capture],
         parallax: Floats | None,
+        seen: SeenPoints | None,
     ) -> None:
         """Sample another modality, and mark where its values may be a neighbour's."""
-        self._image.put(row.name, viewpoint.pixels, SAMPLE[row.interpolation](sampler, self._filter, faces))
+        faces = [capture.pixels for capture in captures]
+        if row.name == "lit" and self._task.options.seams != "keep":
+            mended = self._mend(captures)
+            faces = [*mended.pixels]
+            self._image.put_part("relit", viewpoint.pixels, sampler.sample("nearest", mended.relit))
+            self._seams.append(mended.report)
+        sample, transfer = SAMPLE[row.interpolation], self._source.capabilities.transfer
+        if row.name == "lit" and self._filter == "area" and light.known(transfer, faces[0]):
+            decoded = [light.decode(face, transfer) for face in faces]
+            values = light.encode(sample(sampler, self._filter, decoded), transfer)
+        else:
+            values = sample(sampler, self._filter, faces)
+        self._image.put(row.name, viewpoint.pixels, values)
         if not row.marked_by:
             return
-        edges = sampler.label_edges(faces, parallax)
-        for depth in (viewpoint.known_depth, viewpoint.depth_check):
-            if depth is not None:
-                edges |= depth.grazes
+        if seen is None:
+            edges = sampler.label_edges(faces, parallax)
+        else:
+            blocks = self._task.rays.blocks(viewpoint.pixels, seen.toward_w)
+            views = tuple(capture.view for capture in captures)
+            there = self._make_sampler(lambda: blocks, np.eye(3), views, False)
+            edges = seen.label_edges(there, faces, values)
+        if viewpoint.known_depth is not None:
+            edges |= viewpoint.known_depth.grazes
         self._image.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:
@@ -291,24 +324,6 @@ def _parallax(viewpoint: Viewpoint, offsets_w: Array | None) -> Floats | None:
     return np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
 
 
-def _bound_by(depth: SampledDepth, check: KnownDepth) -> Mask:
-    """Bound the error of depth from a shared centre by depth along the pixels' own rays.
-
-    Returns:
-        (N,) whether neither says what a ray meets.
-    """
-    with np.errstate(invalid="ignore"):
-        off = np.where(depth.distance == check.distance, 0, np.abs(depth.distance - check.distance))
-        agree = off <= depth.error + check.error
-    bound, known = off + check.error, np.isfinite(off) & np.isfinite(check.error)
-    beside = np.zeros(len(bound), np.bool_) if depth.beside_edge is None else depth.beside_edge
-    # An object that is captured beside an edge may be too thin for the check.
-    depth.error[known] = np.where(beside, np.fmax(depth.error, bound), bound)[known]
-    if depth.parallax is not None:  # its surface may show anywhere
-        depth.parallax[~agree | ~(depth.error <= _DOUBTFUL * depth.distance)] = np.pi
-    return np.asarray(check.unsure & ~agree)
-
-
 def _unseen(
     viewpoint: Viewpoint, planned: View, captures: Sequence[Capture], count: int
 ) -> MissingCaptureError:
@@ -347,8 +362,8 @@ def _mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
     if "depth" not in layers or "labels" not in layers:
         return
     endless = valid & np.isposinf(layers["depth"])
-    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"]
+    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"] & ~layers["unsure"]
     layers["depth_error"][sky] = 0
     beyond = endless & (layers["labels"] > 0)
     if beyond.any():
-        layers["unsure"] = beyond | layers.get("unsure", False)
+        layers["unsure"] = beyond | layers["unsure"]

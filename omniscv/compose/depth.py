@@ -15,7 +15,7 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, run, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
 from omniscv.geometry.surfaces import (
     Cell,
     Precision,
@@ -36,6 +36,8 @@ _AHEAD_PX = 1.5
 """The parallax is measured from the nearest pixel, and an edge lies within one of the pixel that shows it."""
 _SLOPE_ERRORS = 2.0
 """The slope between two pixels is off by both their errors."""
+_CURVED = 1.1
+"""A surface that bends away from its plane shifts by more."""
 _MARGIN = 1.3
 """A neighbouring surface goes on between the pixels that show it."""
 _AROUND_PX = 3
@@ -55,13 +57,11 @@ class SampledDepth(NamedTuple):
             where nothing bounds it.
         parallax: (N,) float32 radians, how far from the ray its own surface may show; None for rays from
             their own origins.
-        beside_edge: (N,) bool, whether another surface shows within the parallax; None as well.
     """
 
     distance: Floats
     error: Floats
     parallax: Floats | None = None
-    beside_edge: Mask | None = None
 
 
 class _Pictures(NamedTuple):
@@ -110,7 +110,7 @@ def sample_depth(
     run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
     if offsets_w is None or not len(offsets_w):
         return SampledDepth(distance, error)
-    parallax, beside_edge = np.empty_like(lookup.x), np.empty(len(lookup.x), np.bool_)
+    parallax = np.empty_like(lookup.x)
     least = max(float(pictures.depth.min()), NEAR_PLANE_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
     reach_px = int(np.ceil(farthest_m * pictures.focal.max() / least * _MARGIN)) + 2
@@ -118,12 +118,12 @@ def sample_depth(
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
     run(
         _displace,
-        (lookup.view, lookup.x, lookup.y, distance, error, parallax, beside_edge, offsets_w),
+        (lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w),
         pictures,
         _Surroundings(*map(np.stack, zip(*around, strict=True))),
         R_c_w,
     )
-    return SampledDepth(distance, error, parallax, beside_edge)
+    return SampledDepth(distance, error, parallax)
 
 
 def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
@@ -224,13 +224,13 @@ def _sample_one(pictures: _Pictures, k: int, x: float, y: float, nearest: bool) 
 
 @njit(cache=True, nogil=True)
 def _displace(
-    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, parallax: Floats, beside: Mask,
-    offsets_w: Array, pictures: _Pictures, around: _Surroundings, R_c_w: Array,
+    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, parallax: Floats, offsets_w: Array,
+    pictures: _Pictures, around: _Surroundings, R_c_w: Array,
 ) -> None:  # fmt: skip
     """Add the error of rays that start elsewhere than at the centre; write their parallax."""
     height, width = pictures.depth.shape[1], pictures.depth.shape[2]
     for i in range(view.shape[0]):
-        k, parallax[i], beside[i] = view[i], 0.0, False
+        k, parallax[i] = view[i], 0.0
         if k < 0:
             continue
         focal = pictures.focal[k]
@@ -248,9 +248,8 @@ def _displace(
         if point.inverse > 0.0:
             a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, focal)
             shift = abs(a * offset[0] + b * offset[1] + e * offset[2])
-            error[i] += distance[i] * (shift + _SLOPE_ERRORS * point.error * focal * aside)
-        beside[i] = around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX
-        if beside[i]:
+            error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * point.error * focal * aside)
+        if around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
             error[i] += _MARGIN * (around.most[k, r, c] - around.least[k, r, c]) * length + size
 
 

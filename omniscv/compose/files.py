@@ -7,6 +7,7 @@ STEM.depth.exr                 float32 metres along the ray
 STEM.normals.exr               float32, camera frame
 STEM.depth_error.exr           float32 metres that depth may be off
 STEM.label_edge.png            255 where a label may be the neighbour's
+STEM.relit.png                 255 where closing seams changed a colour by more than two levels
 STEM.unsure.png                255 where no capture verified a pixel
 STEM.occluded.png              255 where the optical centre is not visible from the camera position
 STEM.json                      camera, pose, options, source, versions
@@ -18,6 +19,7 @@ A modality that was registered is written as its row of :mod:`omniscv.modalities
 import json
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,11 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities, plugins
-from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.arguments import shown, within
+from omniscv.errors import ArgumentError, BadReplyError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
 from omniscv.storage import png
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
@@ -43,6 +46,8 @@ _LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
 _COMPARED_ROWS, _EQUAL_SHARE = 64, 0.1
 """Rows in which neighbours are compared, and the share of equal ones above which run lengths pay."""
 _JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
+_REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+"""x and y of red, green, blue and white of floating-point colours."""
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
@@ -94,7 +99,8 @@ def write(
     check_format(image_format)
     if objects is not None:
         _merged_objects(out / OBJECTS, objects)  # refused before anything is written
-    written = list(write_layers(layers, out, stem, image_format).values())
+    transfer = description.get("transfer", "unknown")
+    written = list(write_layers(layers, out, stem, image_format, transfer).values())
     written.append(write_json(out / f"{stem}.json", {**description, "versions": versions()}))
     if objects is not None:
         with locked(out):  # others may save images into this folder at the same time
@@ -103,9 +109,15 @@ def write(
 
 
 def write_layers(
-    layers: Mapping[str, NDArray[Any]], out: Path, stem: str, image_format: str = "png"
+    layers: Mapping[str, NDArray[Any]],
+    out: Path,
+    stem: str,
+    image_format: str = "png",
+    transfer: str = "unknown",
 ) -> dict[str, Path]:
     """Write layers as ``STEM.LAYER.SUFFIX`` into a folder, which is made if it is not there.
+
+    Files of 8-bit colours say that they are sRGB where the transfer is ``srgb`` or ``film``.
 
     Returns:
         The files by layer, each written whole or not at all.
@@ -115,6 +127,8 @@ def write_layers(
     """
     out.mkdir(parents=True, exist_ok=True)
     rows = [row for row in modalities.layers() if row.name in layers]
+    if transfer in ("srgb", "film") and "lit" in layers and layers["lit"].dtype == np.uint8:
+        rows = [replace(row, attributes=modalities.SRGB) if row.name == "lit" else row for row in rows]
     pictures = [
         (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
         for row in rows
@@ -138,21 +152,92 @@ def read(path: Path, name: str) -> NDArray[Any]:
     Raises:
         ArgumentError: the file cannot be read, or is no such layer.
     """
+    row = modalities.get(name)
+    with within(path):
+        pixels = _png_pixels(path, row) if path.suffix == ".png" else _other_pixels(path, row)
+        if not row.channels:
+            pixels = pixels[..., 0]
+        if row.dtypes == ("bool",):
+            pixels = pixels > 0
+        if not row.fits(pixels):
+            got = f"{pixels.dtype} of shape {pixels.shape}"
+            raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {name}, got {got}")
+    return pixels
+
+
+def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
+    """Raise ArgumentError unless a file is a picture of a layer in this width and height, px.
+
+    Only its header is read.
+    """
+    row = modalities.get(name)
+    if path.suffix == ".png":
+        found = _png_header(path, row)
+        width, height = found.width, found.height
+    else:
+        spec = _opened(path, row).spec()
+        width, height = spec.width, spec.height
+    if size != (width, height):
+        wanted = f"expected {size[0]}x{size[1]} px, as its camera has"
+        raise ArgumentError(f"{wanted}, got {width}x{height}")
+
+
+def _png_header(path: Path, row: modalities.Modality) -> png.Header:
+    """Return the header of a layer's PNG. Not by OpenImageIO: its library prints what is wrong with a PNG."""
+    try:
+        with path.open("rb") as file:
+            found = png.header(file.read(png.HEADER_BYTES))
+    except (OSError, BadReplyError) as fault:
+        raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
+    _check_kind(row, found.channels, f"uint{found.bits}", found.width, found.height)
+    return found
+
+
+def _png_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
+    found = _png_header(path, row)
+    try:
+        payload = read_bytes(
+            path, _SPARE_BYTES + found.channels * found.bits * found.width * found.height // 4
+        )
+        return png.decode(payload, found.bits)
+    except BadReplyError as fault:
+        raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
+
+
+def _other_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
     import OpenImageIO
 
-    row = modalities.get(name)
-    source = OpenImageIO.ImageInput.open(str(path))
-    pixels = None if source is None else source.read_image("unknown")
+    pixels: NDArray[Any] | None = _opened(path, row).read_image("unknown")
     if pixels is None:
-        raise ArgumentError(f"{path}: expected a picture of {name}, got: {OpenImageIO.geterror()}")
-    if pixels.shape[2:] == (1,):
-        pixels = pixels[..., 0]
-    if row.dtypes == ("bool",):
-        pixels = pixels > 0
-    if not row.fits(pixels):
-        got = f"{pixels.dtype} of shape {pixels.shape}"
-        raise ArgumentError(f"{path}: expected {' or '.join(row.dtypes)} pixels of {name}, got {got}")
+        raise ArgumentError(f"expected a picture of {row.name}, got: {OpenImageIO.geterror()}")
     return pixels
+
+
+def _opened(path: Path, row: modalities.Modality) -> Any:
+    """Return the open picture of a layer, of which only the header was read: no pixels take memory yet."""
+    import OpenImageIO
+
+    source = OpenImageIO.ImageInput.open(str(path))
+    if source is None:
+        raise ArgumentError(f"expected a picture of {row.name}, got: {OpenImageIO.geterror()}")
+    suffix, spec = path.suffix.removeprefix("."), source.spec()
+    if (form := source.format_name()) != _FORMS.get(suffix, form):
+        raise ArgumentError(f"expected {suffix.upper()}, as its name says, got {form}")
+    channels = spec.nchannels if spec.depth == 1 else 0
+    _check_kind(row, channels, str(spec.format), spec.width, spec.height)
+    return source
+
+
+def _check_kind(row: modalities.Modality, channels: int, dtype: str, width: int, height: int) -> None:
+    if channels != (row.channels or 1):
+        got = f"{dtype} of shape {(height, width, channels)}"
+        raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
+
+
+_FORMS = {"jpg": "jpeg", "jxl": "jpegxl", "exr": "openexr"}
+"""Names of OpenImageIO, which would read any other form under these suffixes, too."""
+
+_SPARE_BYTES = 1 << 20
 
 
 def _merged_objects(path: Path, objects: ObjectTable) -> dict[str, Any]:
@@ -166,7 +251,7 @@ def _merged_objects(path: Path, objects: ObjectTable) -> dict[str, Any]:
     if not path.exists():
         return listed
     try:
-        existing = json.loads(path.read_text(encoding="utf-8"))
+        existing = parse_json(read_bytes(path, MOST_JSON_BYTES))
         label_of = {entry["name"]: label for label, entry in existing.items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as cause:
         got = f"{type(cause).__name__}, {shown(str(cause))}"
@@ -196,7 +281,8 @@ def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) ->
 
 def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     try:
-        encoded = png.encode(pixels.astype(np.uint8) * 255 if pixels.dtype == np.bool_ else pixels)
+        whole = pixels.astype(np.uint8) * 255 if pixels.dtype == np.bool_ else pixels
+        encoded = png.encode(whole, srgb=modalities.SRGB.items() <= row.attributes.items())
     except ArgumentError as cause:
         raise OmniscvError(f"{path.name}: {cause}") from cause
     path.write_bytes(encoded)
@@ -231,6 +317,8 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.attribute("ImageDescription", row.doc)
     if path.suffix == ".exr":
         spec.attribute("compression", _exr_compression(planes))
+        if row.name == "lit":
+            spec.attribute("chromaticities", OpenImageIO.TypeDesc("float[8]"), _REC_709)
         # By measurement: passing rows to a pool of threads takes longer than writing them.
         OpenImageIO.attribute("exr_threads", -1)
     if path.suffix == ".jxl":

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
-from omniscv.sources.ordered import Held, in_order
+from omniscv.sources.requests import Held, in_order
 
 
 class HeldCaptures(SourceWrapper):

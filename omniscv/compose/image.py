@@ -13,15 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import light
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Mask
+from omniscv.modalities import Transfer
 from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Color, ObjectTable
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+_DOUBTFUL = 0.01  # of the depth
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,6 +39,7 @@ class OmniImage:
         centers_w: (H, W, 3) or (3,), where depth is measured from, world frame, metres.
         objects: names and mask colours; None without labels.
         unknown_colors: mask colours that no object has, and the number of their pixels.
+        transfer: what 8-bit colours say of light (:mod:`omniscv.light`), as the source declares it.
         provenance: where the captures came from.
         options: how it was captured and composed.
     """
@@ -46,6 +51,7 @@ class OmniImage:
     centers_w: Array
     objects: ObjectTable | None = None
     unknown_colors: Mapping[Color, int] = field(default_factory=dict)
+    transfer: Transfer = "unknown"
     provenance: Mapping[str, Any] = field(default_factory=dict)
     options: RenderOptions = field(default_factory=RenderOptions)
 
@@ -101,6 +107,20 @@ class OmniImage:
         beyond a wall; None for a single centre, and where that is not known."""
         return self.layers.get("occluded")
 
+    @property
+    def doubtful(self) -> float:
+        """Share of the valid pixels, 0 to 1, whose label or depth may be wrong, as far as the image has them.
+
+        Those of ``label_edge`` and ``unsure``, and those whose depth may be off by more than 1 % of it.
+        """
+        doubt = np.zeros(self.valid.shape, np.bool_)
+        for mask in (self.label_edge, self.unsure):
+            if mask is not None:
+                doubt |= mask
+        if self.depth is not None and self.depth_error is not None:
+            doubt |= ~np.isfinite(self.depth_error) | (self.depth_error > _DOUBTFUL * self.depth)
+        return float(doubt[self.valid].mean()) if self.valid.any() else 0.0
+
     def points(self) -> Array:
         """Return (N, 3) world points, metres, of the pixels with finite depth, row by row.
 
@@ -130,6 +150,17 @@ class OmniImage:
         from omniscv.compose.files import write
 
         return write(self.layers, self.description(), self.objects, Path(out), stem, image_format)
+
+    def to_srgb(self) -> NDArray[np.uint8]:
+        """Return (H, W, 3) colours as sRGB codes; 8-bit ones of an unknown transfer as they are.
+
+        Raises:
+            ArgumentError: the image has no colours.
+        """
+        lit = self["lit"]
+        if lit.dtype == np.uint8 and self.transfer in ("srgb", "unknown"):
+            return lit
+        return light.encode(light.decode(lit, self.transfer), "srgb")
 
     def __repr__(self) -> str:
         size = f"{self.camera.width}x{self.camera.height}"
@@ -170,6 +201,7 @@ class OmniImage:
             "camera": self.camera.to_dict(),
             "pose": self.pose.to_dict(),
             "options": asdict(self.options),
+            **({"transfer": self.transfer} if self.lit is not None and self.transfer != "unknown" else {}),
             "source": dict(self.provenance),
             "unsure_pixels": _count(self.unsure),
             "occluded_pixels": _count(self.occluded),

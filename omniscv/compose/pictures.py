@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import light
+
 if TYPE_CHECKING:
     from PIL.Image import Image
 
@@ -79,6 +81,18 @@ def farthest(depth: NDArray[np.float32]) -> float:
     return float(np.quantile(seen, 0.99)) if seen.size else 1.0
 
 
+def _resized(image: OmniImage, layer: str, size: tuple[int, int]) -> Picture:
+    """Return a layer's picture at another size (width, height); of colours the mean of light, if known."""
+    import cv2
+    from PIL import Image
+
+    shown = picture(image, layer)
+    if layer == "lit" and light.known(image.transfer, image[layer]):
+        small = cv2.resize(light.decode(shown, image.transfer), size, interpolation=cv2.INTER_AREA)
+        return light.encode(np.asarray(small, np.float32), image.transfer)
+    return np.asarray(Image.fromarray(shown).resize(size, Image.Resampling.LANCZOS))
+
+
 def sheet(image: OmniImage) -> Image:
     """Return all layers of an image, each under its name: two in a row if they are wide, else three."""
     from PIL import Image, ImageDraw, ImageFont
@@ -93,6 +107,6 @@ def sheet(image: OmniImage) -> Image:
     for k, layer in enumerate(image.layers):
         left, top = _MARGIN_PX + k % columns * across, k // columns * down
         draw.text((left, top + 2), layer, _INK, font)
-        shown = Image.fromarray(picture(image, layer)).resize(tile, Image.Resampling.LANCZOS)
+        shown = Image.fromarray(_resized(image, layer, tile))
         page.paste(shown, (left, top + _CAPTION_PX))
     return page

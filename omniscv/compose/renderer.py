@@ -15,6 +15,7 @@ from omniscv.compose.composition import Composition
 from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
+from omniscv.compose.seams import Mended, mend
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
@@ -30,7 +31,7 @@ from omniscv.planning import (
 )
 from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
-from omniscv.sources.base import Source, View
+from omniscv.sources.base import Capture, Source, View, check_modes
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28
@@ -166,6 +167,7 @@ class Renderer:
         """
         chosen = modalities.chosen(modes)
         options = RenderOptions() if options is None else options
+        check_modes(self.source, options.sampled(chosen))
         if not self.source.capabilities.moves:
             yield from self._rendered(self._captures, shots, chosen, options, only, progress)
             return
@@ -193,7 +195,12 @@ class Renderer:
         meter = Meter(len(plans), progress)
         for plan in plans:
             composition = Composition(
-                plan.task, modes, source, partial(self._sampler_of, plan.task.rays), meter.part()
+                plan.task,
+                modes,
+                source,
+                partial(self._sampler_of, plan.task.rays),
+                partial(self._mended, options.seams),
+                meter.part(),
             )
             drive(plan.rounds(), composition.capture)
             self._cache.trim()
@@ -204,6 +211,17 @@ class Renderer:
         needed = BYTES_PER_RAY * camera.width * camera.height
         in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
         return ImageRays(camera, self._tile_bytes if in_blocks else None)
+
+    def _mended(self, method: str, captures: Sequence[Capture]) -> Mended:
+        """Return captured colours whose seams are mended; kept if they are a recording's."""
+
+        def make() -> Mended:
+            views, pixels = zip(*((capture.view, capture.pixels) for capture in captures), strict=True)
+            return mend(views, pixels, method, self.source.capabilities.transfer)
+
+        if self._recorded is None:
+            return make()
+        return self._cache.get(("seams", method, *(capture.request for capture in captures)), make)
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import filecmp
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +19,11 @@ from omniscv.arguments import shown
 from omniscv.dataset import manifest, registry
 from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
 from omniscv.dataset.manifest import Manifest
-from omniscv.errors import ArgumentError, DatasetError, MissingFileError, OmniscvError
-from omniscv.frame import Frame, FrameFiles
-from omniscv.parallel import side_by_side
+from omniscv.errors import DatasetError, MissingFileError, OmniscvError
+from omniscv.frame import IMAGE, Frame
 from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 
-T = TypeVar("T")
-R = TypeVar("R")
-
-_FETCHES = 16  # at a time
 _UNIT = 1e-3  # how far the length of a normal may be off 1, or off 0
 
 
@@ -51,7 +46,7 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     except DatasetError as damaged:
         return [str(damaged)]
     faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
-    for of_frame in _for_each(folder, lambda frame: _frame_faults(folder, whole, frame, deep), frames):
+    for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
     wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
@@ -64,11 +59,9 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
 
 
 def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
-    content = json.loads(folder.read(manifest.DATASET))
-    if len(set(whole.names.values())) != len(whole.names):
-        yield f"{manifest.DATASET}: names: expected another id for each"
+    content = parse_json(folder.read(manifest.DATASET, MOST_JSON_BYTES))
     try:
-        expected = whole.to_dict()
+        expected = replace(whole).to_dict()  # with the classes that its rules give
     except OmniscvError as fault:
         yield f"{manifest.DATASET}: {fault}"
         return
@@ -80,15 +73,12 @@ def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
 
 def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
     """Yield faults of ``frames.jsonl`` as a whole."""
-    keys = [frame.key for frame in frames]
-    if keys != sorted(set(keys)):
-        yield f"{manifest.FRAMES}: expected every key once, in their order"
     split_of: dict[str, str] = {}
     for frame in frames:
         if frame.place and split_of.setdefault(frame.place, frame.split) != frame.split:
             wanted = split_of[frame.place]
             yield f"{frame.key}: expected the split {wanted!r} of its place, got {frame.split!r}"
-    known = set(keys)
+    known = {frame.key for frame in frames}
     for name in folder.names():
         stem, dot, suffix = name.partition(".")
         if dot + suffix == ".json" and "/" not in name and stem not in known and name != manifest.DATASET:
@@ -96,72 +86,55 @@ def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
 
 
 def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:
-    with _local(folder, [entry.path for entry in frame.entries.values()]) as path:
-        files = FrameFiles(storage.folder(path), frame.entries)
-        faults = [f"{file.path}: {fault}" for file in frame.entries.values() if (fault := file.fault(path))]
-        faults = faults or [*_entry_faults(files.folder, whole, frame)]
-        if deep and not faults:
-            local = replace(frame, files=files)
-            faults = [*_layer_faults(local), *_record_faults(local)]
-        return faults
+    faults: list[str] = []
+    sizes = {entry.path: entry.bytes for entry in frame.entries.values()}
+    with _faults_in(folder, faults), _local(folder, sizes) as path:
+        local = frame.with_files(storage.folder(path), frame.entries)
+        for kind in local.files:
+            with _faults_in(path, faults):
+                local.files[kind]
+        if not faults:
+            with _faults_in(path, faults):
+                _check_own_file(whole, local)
+        layers: dict[str, NDArray[Any]] = {}
+        known = {row.name for row in modalities.layers()}
+        for kind in local.files if deep and not faults else ():
+            with _faults_in(path, faults):
+                if kind in known:
+                    layers[kind] = local.layer(kind)
+                elif kind != IMAGE:
+                    local.records(kind)
+        faults += _layer_faults(local, layers)
+    return faults
 
 
-def _entry_faults(folder: Folder, whole: Manifest, frame: Frame) -> Iterator[str]:
-    """Yield how a frame's own file differs from its line."""
-    name = f"{frame.key}.json"
+@contextmanager
+def _faults_in(folder: Path | Folder, faults: list[str]) -> Iterator[None]:
+    """Append a DatasetError to a list, without the name of the folder."""
     try:
-        if whole.frame_of_file(name, folder.read(name), folder).to_dict() != frame.to_dict():
-            yield f"{name}: expected what {manifest.FRAMES} says of it, got something else"
-    except OmniscvError as fault:
-        yield str(fault)
+        yield
+    except DatasetError as fault:
+        faults.append(fault.message.removeprefix(f"{folder}/"))
 
 
-def _record_faults(frame: Frame) -> Iterator[str]:
-    """Yield faults of the records of truths: no JSON, no numbers, objects that the manifest does not have."""
-    instances = set(frame.instances.values())
-    for kind, path in frame.files.items():
-        if path.suffix != ".json":
-            continue
-        try:
-            record = json.loads(path.read_bytes(), parse_constant=_refused)
-        except ValueError as fault:
-            yield f"{path.name}: expected records in JSON, got: {fault}"
-            continue
-        unknown = {number for number in _values(record, "instance_id") if number not in instances}
-        if unknown:
-            got = shown(sorted(unknown, key=str))
-            yield f"{path.name}: {kind}: expected instance ids of {manifest.DATASET}, got {got}"
-
-
-def _refused(word: str) -> None:
-    raise ValueError(f"{word}, which JSON does not have")
-
-
-def _values(record: Any, key: str) -> Iterator[Any]:
-    """Yield every value of a key in nested records."""
-    if isinstance(record, dict) and key in record:
-        yield record[key]
-    for item in record.values() if isinstance(record, dict) else record if isinstance(record, list) else ():
-        yield from _values(item, key)
+def _check_own_file(whole: Manifest, frame: Frame) -> None:
+    """Raise DatasetError if a frame's own file is not listed, or differs from its line."""
+    name = f"{frame.key}.json"
+    if IMAGE in frame.files:
+        path = frame.files[IMAGE]
+        if (
+            whole.frame_of_file(name, path.read_bytes(), storage.folder(path.parent)).to_dict()
+            == frame.to_dict()
+        ):
+            return
+    raise DatasetError(f"{name}: expected what {manifest.FRAMES} says of it, got something else")
 
 
 # -- layers -----------------------------------------------------------------------------------------------
 
 
-def _layer_faults(frame: Frame) -> Iterator[str]:
-    """Yield a line for every fault of a frame's layers."""
-    layers: dict[str, NDArray[Any]] = {}
-    size = (frame.camera.height, frame.camera.width)
-    for row in modalities.layers():
-        if row.name not in frame.files:
-            continue
-        try:
-            layers[row.name] = frame.layer(row.name)
-        except ArgumentError as wrong:
-            yield str(wrong)
-            continue
-        if layers[row.name].shape[:2] != size:
-            yield f"{frame.key}: {row.name}: expected {size} pixels, got {layers.pop(row.name).shape[:2]}"
+def _layer_faults(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
+    """Yield a line for every fault of the pixels of a frame's layers."""
     for name, faults in _CHECKS.items():
         if name in layers:
             for fault in faults(frame, layers):
@@ -214,7 +187,7 @@ def _export_faults(folder: Folder, frames: list[Frame], wanted: Export, deep: bo
         return [f"{EXPORTS}/{wanted.folder}: expected an export to {wanted.format}, it is missing"]
     if not deep:
         return []
-    with _local(folder, names) as root:
+    with _local(folder, dict.fromkeys(names)) as root:
         return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _faults_there(root, frames, wanted)]
 
 
@@ -231,27 +204,26 @@ def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
 
 
 @contextmanager
-def _local(folder: Folder, names: Iterable[str]) -> Iterator[Path]:
-    """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a
-    store's."""
+def _local(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
+    """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a store's.
+
+    Args:
+        folder: of the dataset.
+        sizes: by the name of each file, the bytes that it may have; None for what the store says.
+    """
     if folder.local is not None:
         yield folder.local
         return
     with tempfile.TemporaryDirectory(prefix="omniscv-") as place:
-        for name in names:
+
+        def copy(name: str) -> None:
             path = Path(place) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             with suppress(MissingFileError):
-                folder.copy(name, path)
+                folder.copy(name, path, sizes[name])
+
+        folder.each(copy, list(sizes))
         yield Path(place)
-
-
-def _for_each(folder: Folder, check: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """Return the results of a check: on all cores, or by threads that wait for a store."""
-    if folder.local is not None:
-        return side_by_side(check, items)
-    with ThreadPoolExecutor(_FETCHES) as threads:
-        return list(threads.map(check, items))
 
 
 def _differences(wanted: Path, got: Path) -> Iterator[str]:
@@ -262,7 +234,7 @@ def _differences(wanted: Path, got: Path) -> Iterator[str]:
             yield f"{name}: expected no such file"
         elif not (got / name).is_file():
             yield f"{name}: expected a file, it is missing"
-        elif (got / name).read_bytes() != (wanted / name).read_bytes():
+        elif not filecmp.cmp(got / name, wanted / name, shallow=False):
             yield f"{name}: expected what the frames give, got other bytes"
 
 

@@ -75,7 +75,7 @@ class Export:
         cameras = {name: camera for name, camera in cameras.items() if self.shows(name)}
         for name, camera in cameras.items():
             if reason := format.refuses(camera):
-                advice = "" if self.cameras else "; or name others in 'cameras'"
+                advice = "" if self.cameras else "; name others by --camera, or 'cameras' in a job"
                 raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}{advice}")
         with within(start):
             format.check_options(format.read_options(self.options), cameras)
@@ -152,9 +152,7 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
         written = wanted.write_into(with_stand_in(frames, Path(root)), part)
         target = out.below(f"{EXPORTS}/{wanted.folder}")
         found = _put(target, part, written)
-    for name in target.names():
-        if f"{target}/{name}" not in found:
-            target.remove(name)
+    target.each(target.remove, [name for name in target.names() if f"{target}/{name}" not in found])
     return found
 
 
@@ -174,11 +172,13 @@ def _put(target: Folder, part: Path, paths: Sequence[Path]) -> list[str | Path]:
     Returns:
         Their URLs.
     """
+
+    def put(path: Path) -> str:
+        target.put(name := path.relative_to(part).as_posix(), path)
+        return f"{target}/{name}"
+
     others = sorted({path for path in part.rglob("*") if path.is_file()} - set(paths))
-    names = [path.relative_to(part).as_posix() for path in (*others, *paths)]
-    for name in names:
-        target.put(name, part / name)
-    return [f"{target}/{name}" for name in names]
+    return [*target.each(put, others), *map(put, paths)]
 
 
 def _written(

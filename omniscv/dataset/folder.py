@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from tempfile import gettempdir
+from typing import Any
 
+from omniscv.arguments import shown
 from omniscv.compose.files import OBJECTS
 from omniscv.dataset import manifest
 from omniscv.dataset.manifest import MOST_IDS, Manifest
-from omniscv.errors import ArgumentError, DatasetError, MissingFileError
-from omniscv.frame import Frame
+from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
+from omniscv.frame import Frame, FrameFiles
 from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES
 from omniscv.storage.local import locked, remove_parts, remove_scratch, scratch_folder
 
 _SCRATCH = ".omniscv-"
+_OWN = (manifest.DATASET, manifest.FRAMES, "exports", "parts")
 
 
 def lock(folder: Folder) -> AbstractContextManager[None]:
@@ -38,9 +42,32 @@ def check_new(folder: Folder, resume: bool = False) -> None:
         ArgumentError: it does.
     """
     if not resume and _has_dataset(folder):
-        raise _taken(folder, "a dataset; resume it, or")
+        raise _taken(folder, "a dataset; --resume completes it, --overwrite replaces it, or")
     if folder.exists(OBJECTS):
         raise _taken(folder, "images of 'render';")
+
+
+def make_room(folder: Folder, overwrite: bool = False) -> None:
+    """Remove a dataset that has no frames yet, as a job leaves it that failed at once; ``overwrite``: any.
+
+    Raises:
+        ArgumentError: as :func:`check_new`.
+    """
+    if _has_dataset(folder) and (overwrite or not _frame_names(folder)):
+        stems = {name.partition(".")[0] for name in _frame_names(folder)}
+        for name in sorted(folder.names(), key=lambda name: name == manifest.DATASET):  # the manifest last
+            top = name.partition("/")[0]
+            if top in _OWN or (top == name and name.partition(".")[0] in stems):
+                folder.remove(name)
+    check_new(folder)
+
+
+def _frame_names(folder: Folder) -> list[str]:
+    """Return the names of the files that are the last of a frame."""
+    others = (manifest.DATASET, OBJECTS)
+    return [
+        name for name in folder.names() if name.endswith(".json") and "/" not in name and name not in others
+    ]
 
 
 def begin(folder: Folder, wanted: Manifest, resume: bool) -> Manifest:
@@ -52,10 +79,12 @@ def begin(folder: Folder, wanted: Manifest, resume: bool) -> Manifest:
         DatasetError: its manifest is damaged.
         UnmatchedNamesError: no rule of the classes matches some names.
     """
-    check_new(folder, resume)
-    if not _has_dataset(folder) and manifest.write(folder, wanted, first=True):
-        return wanted
-    current = manifest.read(folder)
+    current = manifest.find(folder) if resume else None
+    if current is None:
+        check_new(folder, resume)
+        if not _has_dataset(folder) and manifest.write(folder, wanted, first=True):
+            return wanted
+        current = manifest.read(folder)
     extended = _extended(current, wanted, folder)
     if current.to_dict() != extended.to_dict():
         manifest.write(folder, extended)
@@ -82,10 +111,22 @@ def _extended(current: Manifest, wanted: Manifest, folder: Folder) -> Manifest:
     if wanted.rules is not None and current.rules != wanted.rules:
         raise _differs(folder, "other classes" if current.rules else "no classes")
     settings = json.loads(json.dumps(wanted.settings))  # as it is read: lists for tuples
-    if differ := [key for key, value in settings.items() if current.settings.get(key) != value]:
-        raise _differs(folder, f"other {', '.join(differ)}")
+    if settings and (differ := _difference(current.settings, settings)):
+        raise _differs(folder, differ)
     names = with_names(current.names, [name for name in wanted.names if name not in current.names])
     return replace(current, names=names, cameras={**current.cameras, **wanted.cameras})
+
+
+def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any], start: str = "") -> str:
+    """Return the first setting that two datasets have with other values, and both; empty if there is none."""
+    for key, value in wanted.items():
+        other = there.get(key)
+        if isinstance(value, Mapping) and isinstance(other, Mapping):
+            if below := _difference(other, {**dict.fromkeys(other), **value}, f"{start}{key}."):
+                return below
+        elif value != other:
+            return f"{start}{key} {shown(other)}, and the job {shown(value)}"
+    return ""
 
 
 def _has_dataset(folder: Folder) -> bool:
@@ -99,7 +140,9 @@ def _taken(folder: Folder, content: str) -> ArgumentError:
 
 def _differs(folder: Folder, difference: str) -> ArgumentError:
     wanted = "expected the dataset that is resumed to be the same"
-    return ArgumentError(f"{folder}: {wanted}, it has {difference}; write elsewhere")
+    return ArgumentError(
+        f"{folder}: {wanted}, it has {difference}; --overwrite replaces it, or write elsewhere"
+    )
 
 
 # -- files of frames -------------------------------------------------------------------------------------
@@ -116,13 +159,14 @@ def scratch(folder: Folder) -> Iterator[Path]:
         yield path
 
 
-def put(folder: Folder, paths: Iterable[Path]) -> None:
-    """Move files of a :func:`scratch` folder into a dataset, in their order."""
-    for path in paths:
-        if folder.local is None:
-            folder.put(path.name, path)
-        else:
-            path.replace(folder.local / path.name)
+def put(folder: Folder, paths: Sequence[Path], last: Path) -> None:
+    """Move files of a :func:`scratch` folder into a dataset, one of them after all others."""
+    if folder.local is None:
+        folder.each(lambda path: folder.put(path.name, path), paths)
+        folder.put(last.name, last)
+        return
+    for path in (*paths, last):
+        path.replace(folder.local / path.name)
 
 
 def tidy(folder: Folder) -> None:
@@ -143,10 +187,10 @@ def read_frame(folder: Folder, whole: Manifest, key: str) -> Frame | None:
     """
     name = f"{key}.json"
     try:
-        frame = whole.frame_of_file(name, folder.read(name), folder)
-    except (DatasetError, MissingFileError):
+        frame = whole.frame_of_file(name, folder.read(name, MOST_JSON_BYTES), folder)
+    except (DatasetError, DamagedFileError, MissingFileError):
         return None
-    return None if frame.key != key or is_damaged(folder, frame, deep=True) else frame
+    return None if is_damaged(folder, frame, deep=True) else frame
 
 
 def is_damaged(folder: Folder, frame: Frame, deep: bool) -> bool:
@@ -154,5 +198,9 @@ def is_damaged(folder: Folder, frame: Frame, deep: bool) -> bool:
 
     Files of a store are not read: they are written whole.
     """
-    local = folder.local
-    return local is not None and any(entry.fault(local, deep) for entry in frame.entries.values())
+    local, files = folder.local, frame.files
+    if local is None or not isinstance(files, FrameFiles):
+        return False
+    if deep:
+        return any(files.fault(kind) for kind in files)
+    return any(entry.fault(local, deep=False) for entry in frame.entries.values())

@@ -10,20 +10,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from omniscv import storage
-from omniscv.arguments import shown, stem, whole_number
+from omniscv.arguments import one_of, shown, stem, whole_number
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import versions
-from omniscv.errors import ArgumentError, DatasetError, StorageError
-from omniscv.frame import FileEntry, Frame, FrameFiles
+from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
+from omniscv.frame import IMAGE, FileEntry, Frame, file_endings
 from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
+from omniscv.truth import registry as truths
 from omniscv.truth.classes import ClassRules, ClassTable
 
 DATASET, FRAMES = "dataset.json", "frames.jsonl"
@@ -42,8 +44,8 @@ CONVENTIONS = {
 MOST_IDS = (1 << 16) - 1
 """Instance ids: labels have 16 bits."""
 
-IMAGE = "image"
-"""The kind of ``STEM.json`` among the files of a frame."""
+_MOST_FRAMES_BYTES = 1 << 30
+"""Of ``frames.jsonl``: more than half a million frames."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,10 @@ class Manifest:
         """
         return None if self.rules is None else self.rules.table(self.names)
 
+    @cached_property
+    def _endings(self) -> Mapping[str, Collection[str]]:
+        return file_endings(truths.kinds())
+
     def frame(self, line: Any, folder: Folder) -> Frame:
         """Return the frame of a line of ``frames.jsonl``.
 
@@ -81,9 +87,9 @@ class Manifest:
             folder: of the dataset.
 
         Raises:
-            ArgumentError: no such line, or a camera that the dataset does not have.
+            ArgumentError: no such line, a camera that the dataset does not have, or an unknown kind of file.
         """
-        return Frame.from_dict(line, folder, self.cameras, self.names, self.classes)
+        return Frame.from_dict(line, folder, self.cameras, self._endings, self.names, self.classes)
 
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
         """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files.
@@ -92,9 +98,11 @@ class Manifest:
             DatasetError: the file is no such description.
         """
         with _damage(name):
-            frame = self.frame(json.loads(content)["frame"], folder)
+            frame = self.frame(parse_json(content)["frame"], folder)
+            if name != f"{frame.key}.json":
+                raise ArgumentError(f"expected the frame of its name, got {shown(frame.key)}")
             image = FileEntry(name, len(content), hashlib.sha256(content).hexdigest())
-            return replace(frame, files=FrameFiles(folder, {**frame.entries, IMAGE: image}))
+            return frame.with_files(folder, {**frame.entries, IMAGE: image})
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -125,20 +133,43 @@ class Manifest:
             raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
         try:
             cameras = {stem("camera", name): from_dict(each) for name, each in data["cameras"].items()}
-            names = {name: whole_number(name, each, most=MOST_IDS) for name, each in data["names"].items()}
+            names = {name: whole_number("names", each, most=MOST_IDS) for name, each in data["names"].items()}
             said = data["classes"]
-            rules = None
+            rules, table = None, None
             if said is not None:
-                said = {key: value for key, value in said.items() if key not in ("classes", "of_object")}
-                rules = ClassRules.from_dict(said)
+                stored = {key: value for key, value in said.items() if key not in ("classes", "of_object")}
+                rules = ClassRules.from_dict(stored)
+                of_object = {name: said["of_object"][name] for name in names if name in said["of_object"]}
+                for name, class_name in of_object.items():
+                    one_of(f"classes.of_object.{shown(name)}", class_name, rules.classes)
+                table = ClassTable(rules.classes, of_object, rules.taxonomy)
             keys = ("format", "out", "options", "cameras")
             exports = [{key: each[key] for key in keys} for each in data["exports"]]
             settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
             versions = {"omniscv": data["omniscv"], **data["versions"]}
-            return cls(cameras, names, rules, settings, versions)
+            manifest = cls(cameras, names, rules, settings, versions)
+            vars(manifest)["classes"] = table  # as it is written: patterns of others may take for ever
+            return manifest
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected cameras, names, classes, splits, exports, options"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+def find(folder: Folder) -> Manifest | None:
+    """Return what ``dataset.json`` holds; None where there is none.
+
+    Raises:
+        DatasetError: the file is damaged.
+    """
+    try:
+        content = folder.read(DATASET, MOST_JSON_BYTES)
+    except MissingFileError:
+        return None
+    with _damage(f"{folder}/{DATASET}"):
+        manifest = Manifest.from_dict(parse_json(content))
+    if len(set(manifest.names.values())) != len(manifest.names):
+        raise DatasetError(f"{folder}/{DATASET}: names: expected another id for each")
+    return manifest
 
 
 def read(out: str | Path | Folder) -> Manifest:
@@ -149,10 +180,11 @@ def read(out: str | Path | Folder) -> Manifest:
         DatasetError: the file is damaged, or missing beside frames.
     """
     folder = storage.folder(out)
-    if not folder.exists(DATASET) and not folder.exists(FRAMES):
-        raise ArgumentError(f"{folder}: expected the folder of a dataset, got none: it has no {DATASET}")
-    with _damage(f"{folder}/{DATASET}"):
-        return Manifest.from_dict(json.loads(folder.read(DATASET)))
+    if (manifest := find(folder)) is not None:
+        return manifest
+    if folder.exists(FRAMES):
+        raise DatasetError(f"{folder}/{DATASET}: expected a file of a dataset, it is missing")
+    raise ArgumentError(f"{folder}: expected the folder of a dataset, got none: it has no {DATASET}")
 
 
 def write(out: Folder, manifest: Manifest, first: bool = False) -> bool:
@@ -179,13 +211,21 @@ def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list
         DatasetError: the file is damaged, or missing: the dataset is not complete.
     """
     folder = storage.folder(out)
-    if not folder.exists(FRAMES):
-        advice = "finish it by 'omniscv dataset make JOB --resume'"
-        raise DatasetError(f"{folder}: expected a complete dataset, got no {FRAMES} in it; {advice}")
     manifest = read(folder) if whole is None else whole
+    try:
+        content = folder.read(FRAMES, _MOST_FRAMES_BYTES)
+    except MissingFileError:
+        advice = "finish it by 'omniscv dataset make JOB --resume'"
+        raise DatasetError(
+            f"{folder}: expected a complete dataset, got no {FRAMES} in it; {advice}"
+        ) from None
     with _damage(f"{folder}/{FRAMES}"):
-        lines = folder.read(FRAMES).decode("utf-8").splitlines()
-        return [manifest.frame(json.loads(line), folder) for line in lines]
+        lines = content.splitlines()
+        frames = [manifest.frame(parse_json(line), folder) for line in lines]
+    keys = [frame.key for frame in frames]
+    if keys != sorted(set(keys)):
+        raise DatasetError(f"{folder}/{FRAMES}: expected every key once, in their order")
+    return frames
 
 
 def write_frames(out: str | Path | Folder, frames: Iterable[Frame]) -> None:
@@ -215,7 +255,5 @@ def _damage(path: Path | str) -> Iterator[None]:
     """Raise what is wrong with a file as a DatasetError that names it."""
     try:
         yield
-    except (
-        OSError, StorageError, ValueError, TypeError, KeyError, AttributeError, RecursionError
-    ) as cause:  # fmt: skip
+    except (OSError, StorageError, ValueError, TypeError, KeyError, AttributeError) as cause:
         raise DatasetError(f"{path}: expected a file of a dataset, got: {cause}") from cause

@@ -15,6 +15,9 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.records import NoOptions, read
 
+RELATIVE_ERROR_HELP = "part of the depth; leave out pixels whose depth_error is larger; null: none"
+"""Of the option of formats of points."""
+
 
 class Format(ABC):
     """Base of the formats. A subclass has at least a name and :meth:`write`.
@@ -92,6 +95,7 @@ _NAMES = (
     "colmap",
     "nerfstudio",
     "kalibr",
+    "tum_mono",
     "flow",
     "cfl",
     "horizonnet",

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +24,12 @@ from omniscv.dataset import folder, manifest, spherical_metadata
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.errors import ArgumentError, DatasetError
-from omniscv.frame import FileEntry, Frame, FrameFiles
+from omniscv.frame import IMAGE, FileEntry, Frame
 from omniscv.geometry import Pose
-from omniscv.parallel import side_by_side
 from omniscv.truth.classes import ClassRules
+
+_AHEAD = 4
+"""Frames whose files are put into a store at a time, while the next one is made."""
 
 
 class Writer:
@@ -73,6 +78,8 @@ class Writer:
             wanted = replace(wanted, rules=class_rules(classes))
         self._frames: dict[str, Frame] = {}
         self._written: set[str] = set()
+        self._pool = ThreadPoolExecutor(_AHEAD, thread_name_prefix="put")  # without threads until it is used
+        self._putting: deque[Future[None]] = deque()
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
         with folder.lock(self._folder):
@@ -80,6 +87,8 @@ class Writer:
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
+        if frame.key in self._written:
+            self._settle()
         if frame.key not in self._frames:
             self.keep([frame.key])
         written = self._frames.get(frame.key)
@@ -153,7 +162,7 @@ class Writer:
         return frame, replace(image, layers=layers)
 
     def write(self, frame: Frame, image: OmniImage, records: Mapping[str, Any]) -> None:
-        """Write a frame.
+        """Write a frame; in a store its files may still be on their way when this returns.
 
         Args:
             frame, image: as :meth:`with_ids` returns them; the frame is without files.
@@ -169,28 +178,54 @@ class Writer:
                     f"key: expected one that no other frame has, got {shown(frame.key)} again"
                 )
             self._written.add(frame.key)
-        with folder.scratch(self._folder) as scratch:
-            files = write_layers(image.layers, scratch, frame.key, self._image_format)
+        with ExitStack() as stack:
+            scratch = stack.enter_context(folder.scratch(self._folder))
+            files = write_layers(image.layers, scratch, frame.key, self._image_format, image.transfer)
             if self._media["xmp"] and "lit" in files and spherical_metadata.refuses(frame.camera) is None:
                 spherical_metadata.tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])
             for kind, record in records.items():
                 # Not indented: curves are long lists.
                 files[kind] = write_json(scratch / f"{frame.key}.{kind}.json", record, indent=None)
             entries = {kind: FileEntry.of(path) for kind, path in sorted(files.items())}
-            line = replace(frame, files=FrameFiles(self._folder, entries)).to_dict()
+            line = frame.with_files(self._folder, entries).to_dict()
             path = write_json(scratch / f"{frame.key}.json", {**_described(image), "frame": line})
-            entries[manifest.IMAGE] = FileEntry.of(path)
-            written = replace(frame, files=FrameFiles(self._folder, entries))
-            folder.put(self._folder, (*files.values(), path))
+            entries[IMAGE] = FileEntry.of(path)
+            written = frame.with_files(self._folder, entries)
+            put = partial(self._put, stack.pop_all(), written, [*files.values(), path])
+        if self._folder.local is not None:
+            put()
+            return
         with self._lock:
-            self._frames[frame.key] = written
+            self._putting.append(self._pool.submit(put))
+        self._settle(_AHEAD)
+
+    def _put(self, scratch: ExitStack, frame: Frame, paths: Sequence[Path]) -> None:
+        """Put the files of a frame into the dataset, its own last, and remove their scratch folder."""
+        with scratch:
+            folder.put(self._folder, paths[:-1], last=paths[-1])
+        with self._lock:
+            self._frames[frame.key] = frame
+
+    def _settle(self, ahead: int = 0) -> None:
+        """Wait for the frames that are put into a store, but the last few; raise what stopped one, when none
+        is on its way any more."""
+        with self._lock:
+            earlier = [self._putting.popleft() for _ in range(len(self._putting) - ahead)]
+        try:
+            for each in earlier:
+                each.result()
+        except BaseException:
+            wait((*earlier, *self._putting))
+            raise
 
     def frames(self, keys: Iterable[str]) -> list[Frame]:
-        """Return frames of the dataset by their keys."""
+        """Return frames of the dataset by their keys, when all of their files are in it."""
+        self._settle()
         return [self._frames[key] for key in keys]
 
     def finish(self) -> list[Frame]:
         """Write ``frames.jsonl`` of all frames in the folder, and return them in the order of their keys."""
+        self._settle()
         names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
         self.keep([key for key in names if "." not in key and "/" not in key])
         frames = self.frames(sorted(self._frames))
@@ -207,11 +242,12 @@ class Writer:
     ) -> None:
         if kind is None:
             self.finish()
+        wait(self._putting)
 
     def keep(self, keys: Iterable[str]) -> None:
         """Read the frames of these keys that the dataset has; damaged ones are left out."""
         missing = [key for key in keys if key not in self._frames]
-        for frame in side_by_side(partial(folder.read_frame, self._folder, self.manifest), missing):
+        for frame in self._folder.each(partial(folder.read_frame, self._folder, self.manifest), missing):
             if frame is not None:
                 self._frames[frame.key] = frame
 

@@ -41,12 +41,12 @@ def examine_blender(
     with open_process(address, timeout_s) as source:
         center = _center(source) if position is None else position
         scene = source.blender.scene
-        lights = f"{'a' if scene['world'] else 'no'} world, {scene['lights']} lamps"
-        lit, objects = scene["world"] or scene["lights"], len(scene["objects"])
-        missing = f"{len(scene['missing'])} missing" + "".join(f", {each}" for each in scene["missing"][:1])
+        lights = f"{'a' if scene.world else 'no'} world, {scene.lights} lamps"
+        lit, objects = scene.world or scene.lights, len(scene.objects)
+        missing = f"{len(scene.missing)} missing" + "".join(f", {each}" for each in scene.missing[:1])
         return [
             Finding("Blender", f"{source.blender.version}; {source.scene_identity.level}"),
-            Finding.unless(not scene["missing"], "linked files", missing, "bad", _PACK),
+            Finding.unless(not scene.missing, "linked files", missing, "bad", _PACK),
             Finding.unless(bool(lit), "light", lights, "warning", "add a world or lamps, or all is black"),
             Finding.unless(bool(objects), "objects", str(objects), "warning", "nothing is rendered"),
             *_colors(source, center),
@@ -55,7 +55,7 @@ def examine_blender(
 
 
 def _center(source: BlenderSource) -> Array:
-    camera = source.blender.scene["camera"]
+    camera = source.blender.scene.camera
     if camera is not None:
         return np.array(camera)
     corners = [box.corners_w() for box in source.geometry().boxes.values()]

@@ -1,25 +1,30 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
 from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Unpack
 
 import numpy as np
 
+from omniscv import storage
 from omniscv.diagnostics import Finding, seams
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
+from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import UNALIGNED, Picture, fitted_fov, misfit
 from omniscv.diagnostics.server import EDGE_PX, NEVER, RawCamera, across, alike, color_counts
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
-from omniscv.sources.registry import Deadlines, scheme_of
+from omniscv.sources.recording.folders import import_folder
+from omniscv.sources.registry import Deadlines, open_source, scheme_of
 from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.codecs import SKY
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.masks import colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.replies import SKY
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
@@ -35,32 +40,37 @@ Pairs = dict[str, list[tuple[Picture, Picture]]]
 
 
 def examine_address(
-    address: str, position: Array | None = None, **deadlines: Unpack[Deadlines]
+    address: str, position: Array | None = None, quick: bool = False, **deadlines: Unpack[Deadlines]
 ) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:
-        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``; or
-            ``blender://SCENE.blend``, for :func:`omniscv.diagnostics.blender_scene.examine_blender`.
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``;
+            ``blender://SCENE.blend``, for :func:`omniscv.diagnostics.blender_scene.examine_blender`; or a
+            recording, or a folder of captures, for
+            :func:`omniscv.diagnostics.recorded_faces.examine_recording`.
         position: (3,) where to measure, world frame, metres; None: the player's position.
+        quick: leave out seams, the unit of depth, and what moves.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
         ArgumentError: an address of another form.
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
+    if scheme_of(address) in (None, *storage.SCHEMES):
+        return _examine_file(address)
     if scheme_of(address) == "blender":
         return examine_blender(address, position, **deadlines)
     with open_connection(address, **deadlines) as connection:
         mode = view_mode(connection)
         with RawCamera(connection, position) as camera, ExitStack() as paused:
             world = MovingWorld(connection, camera)
-            motion = world.findings()
+            motion = [] if quick else world.findings()
             paused.enter_context(world.still())
             settled = settle(camera)
             pairs = turned_pairs(camera)
             kind, meaning = depth_kind(pairs, camera)
-            unit, scale = depth_unit(camera)
+            unit, scale = (camera.driver.table.depth[1], None) if quick else depth_unit(camera)
             version, scene = map(replies.name, connection.texts([VERSION, SCENE]))
             dialect = camera.driver.capabilities.dialect
             return [
@@ -71,12 +81,23 @@ def examine_address(
                 sizes(pairs, camera),
                 *(field_of_view(mode, pairs, camera, kind) for mode in _MODES),
                 meaning,
-                scale,
+                *([scale] if scale else []),
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
-                *seams.findings(seams.measure(camera)),
+                *([] if quick else seams.findings(seams.measure(camera))),
                 *motion,
             ]
+
+
+def _examine_file(path: str) -> list[Finding]:
+    """Examine a recording, or a folder of captures by way of one."""
+    with TemporaryDirectory() as temporary:
+        if Path(path).is_dir():
+            imported = Path(temporary) / "captures.sqlite"
+            import_folder(Path(path), imported)
+            path = str(imported)
+        with open_source(path) as source:  # says what to write in place of host:port
+            return examine_recording(source)
 
 
 def view_mode(connection: Connection) -> Finding:
@@ -100,7 +121,7 @@ def settle(camera: RawCamera) -> Finding:
         return Finding(name, f"at once, first frame after {milliseconds:.0f} ms")
     value = f"stale frames: {stale}, {milliseconds:.0f} ms"
     if stale <= SETTLED:
-        return Finding(name, value, "warning", "none needed: recordings skip them")
+        return Finding(name, f"{value}, which recordings skip")
     return Finding(name, value, "bad", f"at most {SETTLED} are skipped: raise the frame rate")
 
 
@@ -113,8 +134,7 @@ def capabilities(camera: RawCamera) -> Finding:
         "points straight up": abs(camera.driver.read("rotation", 3)[0] - 90) < _PRINTED,
     }
     value = ", ".join(("" if able else "not: ") + what for what, able in can.items())
-    remedy = "none needed: recordings allow for it"
-    return Finding.unless(all(can.values()), "capabilities", value, "warning", remedy)
+    return Finding("capabilities", value if all(can.values()) else f"{value}; recordings allow for it")
 
 
 def sizes(pairs: Pairs, camera: RawCamera) -> Finding:

@@ -9,12 +9,14 @@ import shutil
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omniscv.diagnostics import Finding
+from omniscv.errors import OmniscvError
 
 if TYPE_CHECKING:
     from packaging.specifiers import SpecifierSet
@@ -46,6 +48,7 @@ def examine_installation(folder: Path | None = None, port: int = 9000) -> list[F
         _writable("working folder", folder),
         _writable("temporary folder", temporary),
         _attempt("numba cache", _numba_cache, "set NUMBA_CACHE_DIR to a folder that can be written to"),
+        _attempt("kernels", _kernels, _AGAIN),
         _attempt("ports of 127.0.0.1", _port, "allow this process to listen on the loopback interface"),
         _default_port(port),
         *map(_space, dict.fromkeys((folder, temporary))),
@@ -90,7 +93,7 @@ def _attempt(name: str, check: Callable[[], str], remedy: str) -> Finding:
     """Return the result of a check as a finding, which is bad if the check raises."""
     try:
         return Finding(name, check())
-    except (ImportError, OSError, RuntimeError) as cause:
+    except (ImportError, OSError, RuntimeError, OmniscvError) as cause:
         return Finding(name, f"fails: {cause}", "bad", remedy)
 
 
@@ -113,6 +116,19 @@ def _numba_cache() -> str:
 
     probe(1.0)
     return f"{probe.stats.cache_path} can be written to"
+
+
+def _kernels() -> str:
+    """Compile what first images need, if it is not kept yet."""
+    from omniscv import cameras, open_source, render
+    from omniscv.geometry import Pose
+
+    started, pose = time.monotonic(), Pose.from_angles((0, 0, 1.5))
+    with open_source("mock://four-wall") as source:
+        for name in ("fisheye-equidistant", "noncentral-panorama"):
+            modes = ("lit", "object_mask", "depth", "normals")
+            render(cameras.model(name).example(32), pose, source, modes, face_size=16)
+    return f"compiled, or found compiled, in {time.monotonic() - started:.0f} s"
 
 
 def _port() -> str:

@@ -38,7 +38,7 @@ class MovingWorld:
                 self._can_stop = moves.verdict != "ok"
                 return [moves, self._pauses(), self._follows()]
         except ServerRefusedError as refused:
-            pauses = Finding("world pauses", f"no: {refused}", "warning", "freeze: batch or none")
+            pauses = Finding("world pauses", f"no: {refused}", "warning", "--set freeze=batch, or none")
             return [moves, pauses, self._follows()]
 
     @contextmanager
@@ -51,14 +51,14 @@ class MovingWorld:
         moving = self._moving()
         if not moving:
             return Finding("world moves", "no")
-        return Finding("world moves", f"yes: {_listed(moving)}", "warning", "freeze: puppet or pause")
+        return Finding("world moves", f"yes: {_listed(moving)}", "warning", "--set freeze=puppet, or pause")
 
     def _pauses(self) -> Finding:
         moving = self._moving()
         if moving:
             self._can_stop = False
             value = f"no: {_listed(moving)} still moving"
-            return Finding("world pauses", value, "bad", "freeze: batch, with branch 5.2; or stop them")
+            return Finding("world pauses", value, "bad", "--set freeze=batch, with branch 5.2; or stop them")
         how = "toggles" if self._camera.driver.table is LEGACY else "pauses"
         return Finding("world pauses", f"yes, by a command that {how}")
 
@@ -83,7 +83,7 @@ class MovingWorld:
         count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
         value = f"stale ticks: {count}" if count else "at once"
         if count <= SETTLED:
-            return Finding.unless(count == 0, title, value, "warning", "none needed: captures wait for it")
+            return Finding(title, value)  # captures wait for them
         return Finding(title, value, "bad", f"at most {SETTLED} are waited for: raise the frame rate")
 
     def _moving(self) -> list[str]:

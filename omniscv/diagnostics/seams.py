@@ -36,7 +36,7 @@ _LEAST_PIXELS = 64
 _DARK, _BRIGHT = 16, 240  # grey levels between which rounding and clipping do not matter
 _SEAM_LEVELS, _SHARE = 2.0, 0.02
 """Grey levels of 255, and share of the light, below which a seam is invisible and may come from textures."""
-_REMEDY = "record --fix-exposure"
+_REMEDY = "--set source_options.fix_exposure=true"
 _OTHERS = "vrun r.BloomQuality 0, r.LensFlareQuality 0, r.SSR.Quality 0, r.PostProcessAAQuality 0"
 """Other effects that make pictures of one surface differ (protocol reference, section 7.1)."""
 
@@ -70,7 +70,7 @@ def measure(camera: RawCamera) -> Light:
 def findings(light: Light) -> list[Finding]:
     """Return a finding for the exposure, one for the vignette, and one for each seam."""
     drift = f"vrun r.EyeAdaptationQuality 0, or {_REMEDY}"
-    shade = f"vrun r.Tonemapper.Quality 1, or {_REMEDY}, or crop: --overscan"
+    shade = f"vrun r.Tonemapper.Quality 1, or {_REMEDY}, or record --overscan 512"
     first = [
         _share("exposure", light.exposure, "{:.1%} between pictures of one surface", drift),
         _share("vignette", light.vignette, "corners {:.1%} darker than the middle", shade),

@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import View
-from omniscv.sources.unreal.codecs import SKY
+from omniscv.sources.unreal.replies import SKY
 
 GREY = np.array((0.5, 0.3, 0.2))  # weights that make grey levels of RGB
 UNALIGNED = 0.3  # a misfit above which two pictures cannot be aligned

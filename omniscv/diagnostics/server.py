@@ -14,10 +14,10 @@ from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import decode, picture_size
 from omniscv.sources.registry import Deadlines
-from omniscv.sources.unreal.client import Connection, Reply
+from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import checked
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.replies import described, fov
+from omniscv.sources.unreal.replies import Reply, described, fov
 from omniscv.sources.unreal.source import open_driver
 
 EDGE_PX = 128  # frames are square and of this size, where the server can set it

@@ -26,6 +26,7 @@ FARTHEST = 1e9
 R_LEVEL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera to world of the level pose that looks along world +X."""
 
+_EYE = np.eye(3)
 _NOT_ORTHONORMAL = 1e-6  # largest entry of |R R^T - I| that a rotation may have
 _SHORTEST_QUATERNION = 1e-12
 
@@ -41,8 +42,9 @@ def position_reader(name: str, value: ArrayLike, farthest: float = FARTHEST) -> 
 def rotation_reader(name: str, value: ArrayLike) -> Array:
     """Return a (3, 3) rotation matrix; ArgumentError for anything else."""
     rotation = numbers(name, value, (3, 3))
-    drift = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if drift > _NOT_ORTHONORMAL or np.linalg.det(rotation) < 0:
+    with np.errstate(over="ignore", invalid="ignore"):
+        drift = float(np.abs(rotation @ rotation.T - _EYE).max())
+    if not drift <= _NOT_ORTHONORMAL or np.linalg.det(rotation) < 0:  # NaN where products overflow
         raise ArgumentError(
             f"{name}: expected a right-handed orthonormal 3x3 matrix, "
             f"got determinant {np.linalg.det(rotation):.6g} and |R R^T - I| = {drift:.3g}"

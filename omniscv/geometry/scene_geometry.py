@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from typing import Any, Literal, Self, get_args
 
@@ -20,9 +19,6 @@ _CORNERS = 0.5 * np.array(
 )
 BOX_EDGES = np.array([e for i in range(4) for e in ((i, (i + 1) % 4), (4 + i, 4 + (i + 1) % 4), (i, 4 + i))])
 """(12, 2): the pairs of corners of :meth:`ObjectBox.corners_w` that are joined by an edge."""
-
-_ORDERS = tuple(itertools.permutations(range(3)))
-_SIGNS = tuple(itertools.product((1.0, -1.0), repeat=3))
 
 
 def _size(name: str, value: Any) -> Array:
@@ -56,13 +52,9 @@ class ObjectBox:
 
     @classmethod
     def of(cls, center_w: Array, axes_w: Array, size: Array, source: BoxSource) -> Self:
-        """Return a box of axes, (3, 3) unit rows in any order and sense.
-
-        Of the frames that have these axes, the box has the one that is turned the least from the world's.
-        """
-        frames = [np.array(signs)[:, None] * axes_w[list(order)] for order in _ORDERS for signs in _SIGNS]
-        R_b_w = max((R for R in frames if np.linalg.det(R) > 0), key=np.trace)
-        return cls(center_w, R_b_w.T, np.abs(R_b_w @ axes_w.T) @ size, source)
+        """Return a box in an object's own frame, (3, 3) unit rows; of a left-handed one, z is turned."""
+        own = axes_w * np.array([[1.0], [1.0], [1.0 if np.linalg.det(axes_w) > 0 else -1.0]])
+        return cls(center_w, own.T, size, source)
 
     def corners_w(self) -> Array:
         """Return the corners, (8, 3) metres, world frame, in the order of Omni3D.

@@ -33,7 +33,8 @@ would be noticed by (2 cm), more than half floats jump (0.05 %)."""
 CONTINUED_M = 0.01
 CONTINUED_RELATIVE = 0.002
 """How far a surface is continued in depth beyond the last pixel that shows it: it may end there."""
-_FLOAT32 = 2.0**-25  # relative rounding error
+_FLOAT32 = 2.0**-24  # relative rounding error
+_COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 _LEAST_M = 1e-6  # a server may send a depth of 0
 
@@ -162,9 +163,9 @@ def interpolated(cell: Cell, a: float, b: float, length: float, size: int, preci
     at_near, at_far = rounding(1.0 / near, length, precision), rounding(1.0 / far, length, precision)
     stored = max(near * near * at_near, far * far * at_far)
     noise = 2.0 * stored  # second differences of rounded values are mostly smaller
-    bent_across = max(_bend(w0, i00, i01, e0), _bend(w1, i10, i11, e1))
-    bent_down = max(_bend(n0, i00, i10, s0), _bend(n1, i01, i11, s1))
-    bend = a * (1 - a) * max(0.0, bent_across - noise) + b * (1 - b) * max(0.0, bent_down - noise)
+    bent_across = max(_bend(w0, i00, i01, e0, a, noise), _bend(w1, i10, i11, e1, a, noise))
+    bent_down = max(_bend(n0, i00, i10, s0, b, noise), _bend(n1, i01, i11, s1, b, noise))
+    bend = bent_across + bent_down
     placed = (abs(across) + abs(down)) * _FLOAT32 * size  # coordinates are float32
     return Point(inverse if one_surface else 0.0, across, down, stored + bend + placed, 0.0)
 
@@ -219,15 +220,26 @@ def rounding(z: float, length: float, precision: Precision) -> float:
     # 2^floor(log2(stored)). math.frexp is a call, which keeps loops from being vectorized: 3 times slower.
     power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)
     step = precision.unit_m / np.float64(np.int64(1) << precision.digits) * power
-    return float(step / length + _FLOAT32 * z)
+    return float(step / length + _COMPUTED * _FLOAT32 * z)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def _bend(before: float, a: float, b: float, after: float) -> float:
-    """Return how far a curve or a crease may lie off the chord between a and b, times 4; all 1/z."""
+def _bend(before: float, a: float, b: float, after: float, at: float, noise: float) -> float:
+    """Return how far a curve or a crease may lie off the chord from a to b, ``at`` the way along it; all 1/z.
+
+    The second differences on both sides bound it, less what rounding makes of them. Where one is unknown,
+    because the surface ends there, the curve may go on from the other side as far as it likes. Where both
+    are, the surface is as narrow as the step.
+    """
     left = abs(2.0 * a - b - before) if before > 0.0 else 0.0
     right = abs(2.0 * b - a - after) if after > 0.0 else 0.0
-    return left + right
+    both = at * (1.0 - at) * max(0.0, left + right - noise)
+    one = at * left + (1.0 - at) * right + noise
+    near = max(a, b)
+    none = (CONTINUED_M * near + CONTINUED_RELATIVE) * near
+    if before > 0.0 and after > 0.0:
+        return both
+    return one if before > 0.0 or after > 0.0 else none
 
 
 @njit(cache=True, nogil=True)

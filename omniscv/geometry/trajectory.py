@@ -10,17 +10,20 @@ KITTI odometry
     number per line.
 EuRoC
     ``time,px,py,pz,qw,qx,qy,qz``, the time in whole nanoseconds; further columns are ignored.
+CSV
+    a line of names, then numbers: ``x,y,z``, and ``yaw,pitch,roll`` in degrees (``yaw_rad``: radians) as of
+    :meth:`Pose.from_angles`, or ``qx,qy,qz,qw``; ``time`` in seconds may be among them.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import overload
+from typing import Literal, overload
 
 import numpy as np
 
@@ -28,7 +31,10 @@ from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose
 
+Frame = Literal["camera", "body", "object"]
+
 _NS = 10**9
+_ANGLES, _QUATERNION = ("yaw", "pitch", "roll"), ("qx", "qy", "qz", "qw")
 _MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _KITTI_ROUNDING = 1e-4
@@ -102,14 +108,17 @@ class Trajectory(Sequence[Pose]):
         return self.poses[i - 1].interpolate(self.poses[i], fraction)
 
 
-def read_trajectory(path: Path, first: Pose = _FIRST) -> Trajectory:
-    """Return the poses of a TUM, KITTI or EuRoC file in its order. The format is recognised by the lines.
+def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame = "camera") -> Trajectory:
+    """Return the poses of a TUM, KITTI, EuRoC or CSV file in its order; its lines show which it is.
 
     Args:
         path: the file. KITTI's times are read from a file beside it: the same name with the suffix
             ``.times``, or ``times.txt``.
         first: the pose of KITTI's first camera, to which its poses are relative; level at the origin if not
             given.
+        frame: what the file's quaternions and matrices turn. ``camera``: x right, y down, z forward.
+            ``body``: x forward, y left, z up; poses are then those of a camera that looks along its x.
+            ``object``: the same, and the poses are the object's own.
 
     Raises:
         ArgumentError: the file cannot be read, a line does not hold the finite numbers of a pose, or times
@@ -119,7 +128,12 @@ def read_trajectory(path: Path, first: Pose = _FIRST) -> Trajectory:
     if not rows:
         raise ArgumentError(f"{path}: expected lines 'time tx ty tz qx qy qz qw', got none")
     (_, words, commas), *_ = rows
-    columns, read = _EUROC if commas else _KITTI if len(words) == 12 else _TUM
+    if commas and {"x", "y", "z"} & {word.lower() for word in words}:
+        with within(path):
+            columns, read = _csv([word.lower() for word in words], frame)
+        del rows[0]
+    else:
+        columns, read = _EUROC if commas else _KITTI if len(words) == 12 else _TUM
     times, poses = [], []
     for line, words, _ in rows:
         try:
@@ -128,10 +142,10 @@ def read_trajectory(path: Path, first: Pose = _FIRST) -> Trajectory:
             got = shown(" ".join(words))
             raise ArgumentError(f"{path}, line {line}: expected {columns}, got {got}") from cause
         times.append(time)
-        poses.append(pose)
+        poses.append(Pose(pose.position, pose.rotation @ R_LEVEL) if frame == "body" else pose)
     with within(path):
         if read is not _kitti:
-            return Trajectory(tuple(poses), tuple(times))
+            return Trajectory(tuple(poses), None if math.isnan(times[0]) else tuple(times))
         return Trajectory(tuple(first @ pose for pose in poses), _kitti_times(path))
 
 
@@ -201,6 +215,33 @@ def _kitti(words: list[str]) -> tuple[float, Pose]:
     if not np.abs(rotation @ rotation.T - np.eye(3)).max() < _KITTI_ROUNDING:
         raise ValueError("expected a rotation")
     return math.nan, Pose(matrix[:, 3], Rotation.from_matrix(rotation).as_matrix())  # the nearest rotation
+
+
+def _csv(names: Sequence[str], frame: Frame) -> tuple[str, Callable[[list[str]], tuple[float, Pose]]]:
+    """Return what the lines below a header hold, and a function that reads one."""
+    known = ("time", "x", "y", "z", *_ANGLES, *_QUATERNION)
+    plain_names = [name.removesuffix("_rad").removesuffix("_deg") for name in names]
+    if wrong := [name for name, plain in zip(names, plain_names, strict=True) if plain not in known]:
+        raise ArgumentError(f"line 1: expected names among {', '.join(known)}; got {shown(wrong[0])}")
+    if missing := [name for name in "xyz" if name not in names]:
+        raise ArgumentError(f"line 1: expected columns x, y and z, got no {missing[0]}")
+    turned = [name for name in _QUATERNION if name in names]
+    if turned and (len(turned) < 4 or set(_ANGLES) & set(plain_names)):
+        raise ArgumentError("line 1: expected qx, qy, qz and qw, or yaw, pitch and roll; got some of them")
+
+    def read(words: list[str]) -> tuple[float, Pose]:
+        values = dict(zip(plain_names, map(float, words), strict=True))
+        position = values["x"], values["y"], values["z"]
+        time = number("time", values["time"]) if "time" in values else math.nan
+        if turned:
+            return time, Pose.from_quaternion(position, [values[name] for name in _QUATERNION])
+        for name, plain in zip(names, plain_names, strict=True):
+            if name.endswith("_rad"):
+                values[plain] = math.degrees(values[plain])
+        level = Pose.from_angles(position, *(values.get(name, 0.0) for name in _ANGLES))
+        return time, level if frame == "camera" else Pose(level.position, level.rotation @ R_LEVEL.T)
+
+    return f"'{','.join(names)}'", read
 
 
 _TUM = ("'time tx ty tz qx qy qz qw'", _tum)

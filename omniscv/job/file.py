@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 from omniscv.arguments import Reader, flag, number, one_of, shown, text, texts, whole_number, within
+from omniscv.calibration import load as load_cameras
 from omniscv.calibration import load_rig
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
@@ -27,12 +28,14 @@ from omniscv.errors import ArgumentError
 from omniscv.job import recipe
 from omniscv.job.job import Job
 from omniscv.job.motions import Exposure, MotionKeys, load_motions, read_motions
-from omniscv.job.poses import Posed, Times, at_times, load_poses, read_poses, read_times
+from omniscv.job.poses import Posed, PoseFile, Times, at_times, load_poses, read_poses, read_times
 from omniscv.job.sampling import KINDS
+from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, help_of, key_of, listed, mapping, nested, optional, record
 from omniscv.records import read as read_record
-from omniscv.sources.registry import SourceOptions, scheme_of
+from omniscv.sensor import Sensor
+from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
 from omniscv.sources.world import Freeze
 from omniscv.storage import bounded, is_url, without_secrets
 
@@ -53,16 +56,42 @@ def _source(name: str, value: object) -> str | tuple[str, ...]:
     return text(name, value) if isinstance(value, str) else texts(name, value)
 
 
-def _cameras(name: str, value: object) -> dict[str, Camera]:
+@record
+class _CameraFile:
+    """A camera in a calibration file of another program."""
+
+    file: str = checked(text)
+    name: str | None = checked(optional(text), default=None)
+    format: Any = None
+    width: int | None = checked(optional(whole_number), default=None)
+    height: int | None = checked(optional(whole_number), default=None)
+
+    def load(self, folder: Path) -> Camera:
+        """Return the camera; ArgumentError if the file has several and ``name`` is none of them."""
+        sizes = self.width, self.height
+        size = None if sizes == (None, None) else sizes
+        cameras = load_cameras(folder / self.file, self.format, size)  # type: ignore[arg-type]
+        if self.name is None and len(cameras) == 1:
+            return next(iter(cameras.values()))
+        with within(folder / self.file):
+            return cameras[one_of("name", self.name, cameras)]
+
+
+def _cameras(name: str, value: object) -> dict[str, Camera | _CameraFile]:
     if not isinstance(value, dict) or not value:
-        wanted = "expected a mapping from file stem to model and parameters"
+        wanted = "expected a mapping from file stem to model and parameters, or to a calibration file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    cameras = {}
+    cameras: dict[str, Camera | _CameraFile] = {}
     for stem, description in value.items():
         if stem != Path(text(f"{name}: stem", stem)).name or stem.startswith("."):
             raise ArgumentError(f"{name}: expected names that can be file names, got {shown(stem)}")
         with within(f"{name}.{stem}"):
-            cameras[stem] = from_dict(description)
+            if isinstance(description, str):
+                description = {"file": description}
+            if isinstance(description, Mapping) and "file" in description:
+                cameras[stem] = read_record(_CameraFile, description)
+            else:
+                cameras[stem] = from_dict(description)
     return cameras
 
 
@@ -78,7 +107,7 @@ def _rig(name: str, value: object) -> Rig | str:
 
 def _record(name: str, value: object) -> str:
     if is_url(value):
-        wanted = "expected a path on this machine, to be put into a store by 'omniscv captures merge'"
+        wanted = "expected a path on this machine, to be put into a store by 'omniscv recording merge'"
         raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
     return text(name, value)
 
@@ -96,6 +125,7 @@ def _source_options(name: str, value: object) -> dict[str, Any]:
 
 _freeze: Reader = partial(one_of, words=get_args(Freeze))
 _OPTION_READERS: dict[object, Reader] = {
+    Transfer: partial(one_of, words=TRANSFERS),
     float: partial(number, above=0),
     int: partial(whole_number, least=0),
     bool: flag,
@@ -111,12 +141,16 @@ class _Keys:
     """The keys of a job's file, but for those of :class:`omniscv.RenderOptions`."""
 
     source: Any = checked(_source, help="an address, a recording, or a list: replicas of one game")
-    poses: str | Posed = checked(read_poses, help="a list of poses, a trajectory file, or random, grid, path")
+    poses: PoseFile | Posed = checked(
+        read_poses, help="a list of poses, a trajectory file, or random, grid, path"
+    )
     source_options: Any = checked(_source_options, default=None, help="how the source is opened")
     record: str | None = checked(
         optional(_record), default=None, help="recording that captures are taken from and added to"
     )
-    cameras: Any = checked(_cameras, default=None, help="start of the file names: model and parameters")
+    cameras: Any = checked(
+        _cameras, default=None, help="start of the file names: model and parameters, or a calibration file"
+    )
     rig: Any = checked(_rig, default=None, help="cameras that move together, or the name of a rig's file")
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
     out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
@@ -129,6 +163,9 @@ class _Keys:
     )
     freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is kept at an instant")
     exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
+    sensor: Sensor | None = checked(
+        optional(nested(Sensor)), default=None, help="noise and lens of the cameras"
+    )
     classes: Any = checked(recipe.read_classes, default=None, help="names of objects to classes, or a file")
     truth: Any = checked(recipe.read_truth, default=None, help="truths to derive, each true or its options")
     export: Any = checked(listed(recipe.read_export), default=(), help="formats, each a name or its options")
@@ -144,8 +181,10 @@ class _Keys:
 _RENDER = {each.name: each for each in fields(RenderOptions)}
 _FIELDS = {key_of(each): each for each in fields(_Keys)} | _RENDER
 _BELOW: dict[str, type[Any]] = {
+    "poses": PoseFile,
     **{f"poses.{kind}": cls for kind, cls in KINDS.items()},
     "exposure": Exposure,
+    "sensor": Sensor,
     "split": recipe.SplitOptions,
     "media": recipe.Media,
     "layout": recipe.Layout,
@@ -172,6 +211,7 @@ _SOURCE_OPTIONS = (
     Key("source_options.timeout_s", 15.0, "seconds that connecting, and each reply, may take"),
     Key("source_options.patience_s", 10.0, "seconds of connecting and sending again after a fault"),
     Key("source_options.retries", 5, "how often, with exponential backoff"),
+    Key("source_options.transfer", None, "what 8-bit colours say of light: srgb, linear, film or unknown"),
     Key("source_options.fix_exposure", False, "switch off vignette and auto exposure in the running game"),
 )
 
@@ -206,6 +246,10 @@ def load(job: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | Non
     if isinstance(job, Mapping):
         return read(overridden(job, overrides or {}), Path())
     path = Path(job)
+    if scheme_of(str(path)) or is_recording(path):
+        source = str(path).replace(":/", "://", 1)
+        wanted = "expected the file of a job, got a source of captures"
+        raise ArgumentError(f"{source}: {wanted}; write --source {source}")
     with within(path):
         return read(overridden(bounded.parse_yaml(bounded.read_text(path)), overrides or {}), path.parent)
 
@@ -261,7 +305,7 @@ def read(description: object, folder: Path) -> Job:
     posed = at_times(load_poses(keys.poses, folder), keys.times)
     return Job(
         source=address(keys.source, folder),
-        cameras=keys.cameras or {},
+        cameras=_load_cameras(keys.cameras or {}, folder),
         out=keys.out if is_url(keys.out) else folder / keys.out,
         modes=keys.modes,
         record=None if keys.record is None else folder / keys.record,
@@ -274,7 +318,16 @@ def read(description: object, folder: Path) -> Job:
         **posed._asdict(),
         clock=keys.times is not None,
         exposure=keys.exposure,
+        sensor=None if keys.sensor is None else keys.sensor.relative_to(folder),
     )
+
+
+def _load_cameras(cameras: Mapping[str, Camera | _CameraFile], folder: Path) -> dict[str, Camera]:
+    loaded = {}
+    for stem, camera in cameras.items():
+        with within(f"cameras.{stem}"):
+            loaded[stem] = camera.load(folder) if isinstance(camera, _CameraFile) else camera
+    return loaded
 
 
 def _load_rig(rig: Rig | str | None, folder: Path) -> Rig | None:
@@ -286,7 +339,13 @@ def _load_rig(rig: Rig | str | None, folder: Path) -> Rig | None:
 
 def _recipe(keys: _Keys, folder: Path) -> recipe.Recipe:
     truth = dict(keys.truth or {})
-    shared = {"seam": keys.seam, "layout": keys.layout, "tolerance": truth.pop("tolerance", None)}
+    sensor = None if keys.sensor is None else keys.sensor.relative_to(folder).to_dict()
+    shared = {
+        "seam": keys.seam,
+        "layout": keys.layout,
+        "tolerance": truth.pop("tolerance", None),
+        "sensor": sensor,
+    }
     return recipe.Recipe(
         classes=_load_classes(keys.classes, folder),
         truth=truth,

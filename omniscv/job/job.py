@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from omniscv import modalities, storage
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -16,6 +16,7 @@ from omniscv.job.motions import Exposure, check_times
 from omniscv.job.recipe import Recipe
 from omniscv.job.sampling import SampledPoses
 from omniscv.planning import RenderOptions
+from omniscv.sensor import Sensor
 from omniscv.sources.registry import SourceOptions
 
 
@@ -44,6 +45,8 @@ class Job:
         motions: by object.
         clock: whether images show the world at the times of the poses.
         exposure: of every image.
+        assumed: of the file of its poses, in one line; empty for nothing.
+        sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
 
     Raises:
         ArgumentError: an unknown mode, a rig that does not fit the rest, or times that are missing, or fewer
@@ -67,6 +70,8 @@ class Job:
     motions: Mapping[str, Motion] = field(default_factory=dict)
     clock: bool = False
     exposure: Exposure = field(default_factory=Exposure)
+    assumed: str = ""
+    sensor: Sensor | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))
@@ -74,6 +79,13 @@ class Job:
         check_times(self.times, self.motions, self.clock or self.exposure.seconds > 0, self.poses)
         if self.rig is not None and self.times is None and self.poses:
             _check_no_offsets(self.rig)
+        if self.sensor is not None:
+            for camera in self.cameras.values():
+                self.sensor.check(camera)
+            rolling = any(isinstance(camera, RollingShutter) for camera in self.cameras.values())
+            if self.moves and rolling and self.sensor.lateral != (0.0, 0.0):
+                wanted = "expected none of a rolling-shutter camera in a world that moves"
+                raise ArgumentError(f"sensor.lateral: {wanted}, got {list(self.sensor.lateral)}")
         if self.moves:
             self.exposure.check(self.cameras)
         if (self.motions or self.exposure.seconds) and self.source_options.get("freeze") == "pause":
@@ -93,6 +105,11 @@ class Job:
     def sources(self) -> tuple[str, ...]:
         """The addresses of its source: several for replicas."""
         return (self.source,) if isinstance(self.source, str) else self.source
+
+    @property
+    def captured(self) -> tuple[str, ...]:
+        """The modalities that are captured: ``modes``, and ``lit`` for a sensor."""
+        return self.modes if self.sensor is None or "lit" in self.modes else ("lit", *self.modes)
 
     @property
     def moves(self) -> bool:

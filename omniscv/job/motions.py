@@ -26,6 +26,14 @@ from omniscv.geometry.trajectory import Trajectory, read_trajectory
 from omniscv.records import checked, mapping, optional, read, record
 
 
+def _instants(name: str, value: object) -> int | Literal["auto"]:
+    if value == "auto":
+        return "auto"
+    if (count := whole_number(name, value, least=3, most=999)) % 2 == 0:
+        raise ArgumentError(f"{name}: expected an odd number, got {count}")
+    return count
+
+
 @record
 class Exposure:
     """How long the shutter is open while the world moves, and how finely that is captured.
@@ -39,16 +47,12 @@ class Exposure:
     """
 
     seconds: float = checked(number, least=0, default=0.0, help="time that the shutter is open")
-    instants: int = checked(
-        whole_number, least=3, most=999, default=9, help="captured instants, an odd number"
+    instants: int | Literal["auto"] = checked(
+        _instants, default=9, help="captured instants, an odd number, or auto: as many as the motion needs"
     )
     camera: Literal["moves", "rests"] = checked(
         one_of, words=("moves", "rests"), default="moves", help="moves along timed poses meanwhile, or rests"
     )
-
-    def __post_init__(self) -> None:
-        if self.instants % 2 == 0:
-            raise ArgumentError(f"instants: expected an odd number, got {self.instants}")
 
     def check(self, cameras: Mapping[str, Camera]) -> None:
         """Refuse an exposure time for rolling-shutter cameras."""
@@ -59,7 +63,7 @@ class Exposure:
 
     def offsets(self) -> tuple[float, ...]:
         """Return seconds from the middle, that of the middle first."""
-        count = self.instants if self.seconds else 1
+        count = self._count() if self.seconds else 1
         offsets = [self.seconds * ((i + 0.5) / count - 0.5) for i in range(count)]
         middle = count // 2
         return (0.0, *offsets[:middle], *offsets[middle + 1 :])
@@ -69,9 +73,14 @@ class Exposure:
         if camera.readout == 0:
             yield 0.0, camera
             return
-        step = 1 / (self.instants - 1)
-        for i in range(self.instants):
+        step = 1 / (self._count() - 1)
+        for i in range(self._count()):
             yield camera.readout * i * step, camera.lines((i - 0.5) * step, (i + 0.5) * step)
+
+    def _count(self) -> int:
+        """The number of instants, once it is chosen."""
+        assert self.instants != "auto"
+        return self.instants
 
 
 class MotionKeys(NamedTuple):
@@ -135,7 +144,9 @@ def load_motions(motions: Mapping[str, MotionKeys], folder: Path) -> dict[str, M
     """
     loaded = {}
     for name, (waypoints, curve) in motions.items():
-        path = read_trajectory(folder / waypoints) if isinstance(waypoints, str) else waypoints
+        path = (
+            read_trajectory(folder / waypoints, frame="object") if isinstance(waypoints, str) else waypoints
+        )
         with within(f"motions.{name}"):
             loaded[name] = Motion(path, curve)
     return loaded

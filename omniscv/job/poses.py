@@ -1,8 +1,8 @@
 """The keys ``poses`` and ``times`` of a job: where its cameras are, and when.
 
-``poses`` is a list, the name of a trajectory file, or a description of poses to sample
-(:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``, or ``poses``: those
-of the poses.
+``poses`` is a list, the name of a trajectory file or ``{file: NAME, frame: body}``, or a description of poses
+to sample (:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``,
+or ``poses``: those of the poses.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from omniscv.arguments import number, shown, text, whole_number, within
+import numpy as np
+
+from omniscv.arguments import number, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory
 from omniscv.job.motions import Waypoint
 from omniscv.job.sampling import SampledPoses, read_sampling
 from omniscv.records import checked, read, record
+
+_STEEP = 0.7071  # of a direction's Z: 45 degrees up or down
 
 Times = tuple[float, ...] | Literal["poses"]
 
@@ -29,12 +33,40 @@ class Posed(NamedTuple):
         times: of the poses, seconds; None unless all have one.
         places: of the poses, empty for a pose without one; None if no pose has one.
         sampling: how poses are sampled; None if they are known.
+        assumed: of the file that they are from, in one line; empty for nothing.
     """
 
     poses: tuple[Pose, ...]
     times: tuple[float, ...] | None = None
     places: tuple[str, ...] | None = None
     sampling: SampledPoses | None = None
+    assumed: str = ""
+
+
+@record
+class PoseFile:
+    """The keys of ``poses`` that name a trajectory file."""
+
+    file: str = checked(
+        text, default="", help="a trajectory file: TUM, KITTI, EuRoC, or CSV with names of columns"
+    )
+    frame: Literal["camera", "body"] | None = checked(
+        one_of,
+        words=("camera", "body"),
+        default=None,
+        help="of the file's rotations: camera (z forward), body (x forward)",
+    )
+
+    def load(self, folder: Path) -> Posed:
+        """Return the poses; say what was assumed if they seem to be of a body, and nothing says which."""
+        posed = _of(read_trajectory(folder / self.file, frame=self.frame or "camera"))
+        upward = np.mean([abs(pose.rotation[2, 2]) > _STEEP for pose in posed.poses])
+        if self.frame is not None or upward < 0.5:
+            return posed
+        taken = "taken as poses of a camera, z forward, which mostly looks up or down"
+        return posed._replace(
+            assumed=f"poses: {self.file}: {taken}; if x is forward, write {{file: {self.file}, frame: body}}"
+        )
 
 
 @record
@@ -42,14 +74,16 @@ class _ListedPose(Waypoint):
     place: str = checked(text, default="")
 
 
-def read_poses(name: str, value: object) -> str | Posed:
-    """Return the poses that a list or a mapping describes, or the name of a trajectory file.
+def read_poses(name: str, value: object) -> PoseFile | Posed:
+    """Return the poses that a list or a mapping describes, or the trajectory file that holds them.
 
     Raises:
         ArgumentError: anything else, or a pose with an unknown, missing or wrong key.
     """
     if isinstance(value, str):
-        return text(name, value)
+        return PoseFile(text(name, value))
+    if isinstance(value, dict) and "file" in value:
+        return read(PoseFile, value, name)
     if isinstance(value, dict):
         sampling = read_sampling(name, value)
         return _of(sampling.poses()) if sampling.clearance is None else Posed((), sampling=sampling)
@@ -70,13 +104,13 @@ def read_poses(name: str, value: object) -> str | Posed:
     )
 
 
-def load_poses(poses: str | Posed, folder: Path) -> Posed:
+def load_poses(poses: PoseFile | Posed, folder: Path) -> Posed:
     """Return poses; those of a trajectory file are read from it.
 
     Raises:
         ArgumentError: the file cannot be read.
     """
-    return poses if isinstance(poses, Posed) else _of(read_trajectory(folder / poses))
+    return poses if isinstance(poses, Posed) else poses.load(folder)
 
 
 def _of(trajectory: Trajectory) -> Posed:

@@ -150,7 +150,7 @@ class Recipe:
         shards: the same of the last export; None without.
         split: how frames are divided among splits; None without.
         media: as :class:`Media`; empty without.
-        shared: keys that several truths and formats take: ``seam``, ``layout``, ``tolerance``.
+        shared: keys that truths and formats take: ``seam``, ``layout``, ``tolerance``, ``sensor``.
     """
 
     classes: Any = None

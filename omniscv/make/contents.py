@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import islice
 from typing import Any
 
 from omniscv import modalities, planning
-from omniscv.arguments import stem, within
+from omniscv.arguments import one_of, stem, texts, within
 from omniscv.compose.files import check_format
+from omniscv.compose.renderer import Renderer
 from omniscv.dataset import registry
 from omniscv.dataset.classes import class_rules
 from omniscv.dataset.exporting import Export
-from omniscv.dataset.manifest import IMAGE
 from omniscv.errors import ArgumentError
+from omniscv.frame import IMAGE
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Exposure, Job, Recipe
+from omniscv.make.moments import Moment, renderer_at
 from omniscv.records import mapping
+from omniscv.sources.base import Source, check_modes
 from omniscv.truth import registry as truths
 from omniscv.truth.classes import ClassRules
 
@@ -43,9 +48,12 @@ def check_dataset(job: Job) -> Contents:
     contents = check(job)
     for name in job.cameras:
         stem("camera", name)
-    kinds = contents.kinds(job.modes)
+    kinds = contents.kinds(job)
     if contents.classes is not None and "labels" not in kinds:
         raise _missing_modes("classes", ["object_mask"], job)
+    for name, cameras in contents.truth_cameras.items():
+        for camera in cameras:
+            one_of(f"truth.{name}.cameras", camera, job.cameras)
     for name, options in contents.truth.items():
         truth = truths.get(name)
         if missing := [mode for mode in truth.needs if mode not in kinds]:
@@ -61,6 +69,39 @@ def check_dataset(job: Job) -> Contents:
     return contents
 
 
+def check_source(job: Job, contents: Contents, source: Source, planned: Sequence[Moment]) -> None:
+    """Refuse a job whose dataset its open source cannot give, before anything is captured or written.
+
+    Raises:
+        ArgumentError: the source lacks a modality, or what a truth needs.
+        MissingCaptureError: it is a recording, and lacks a view of an image.
+    """
+    modes = job.options.sampled(job.modes)
+    check_modes(source, modes)
+    geometry = (
+        source.geometry() if any(truths.get(name).check for name in contents.truth) else SceneGeometry()
+    )
+    for name, options in contents.truth.items():
+        truth = truths.get(name)
+        if truth.check is not None:
+            with within(f"truth.{name}"):
+                truth.check(source, geometry, modes, truth.read_options(options))
+    if source.recorded_views() is not None:
+        _check_recorded(job, Renderer(source), planned)
+
+
+def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[Moment]) -> None:
+    """Request the first view of images that a recording lacks: its error says what is there."""
+    for moment in planned:
+        for take in moment.takes:
+            with renderer_at(renderer, take.instant) as still:
+                held = frozenset(still.source.recorded_views() or ())
+                tasks = [still.task(camera, pose, job.options) for camera, pose in take.views]
+                plans = planning.share_captures(tasks, job.options.sampled(take.modes))
+                lacking = (each for plan in plans for each in plan.requests if each.view not in held)
+                list(still.source.capture(islice(lacking, 1)))
+
+
 def _missing_modes(name: str, missing: list[str], job: Job) -> ArgumentError:
     wanted = f"expected modes with {', '.join(missing)}"
     return ArgumentError(f"{name}: {wanted}, got {', '.join(job.modes)}; add them to 'modes'")
@@ -74,11 +115,13 @@ class Contents:
         classes: rules that give objects classes; None for no layer ``classes``.
         truth: options of the truths to derive, by name.
         exports: the formats to write at the end.
+        truth_cameras: by truth, the cameras that were named for it; it is derived for no others.
     """
 
     classes: ClassRules | None = None
     truth: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     exports: tuple[Export, ...] = ()
+    truth_cameras: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, job: Job) -> Contents:
@@ -92,6 +135,11 @@ class Contents:
         truth = {name: dict(recipe.truth[name]) for name in truths.names() if name in recipe.truth}
         if job.moves:
             truth.setdefault("poses", {})
+        cameras = {
+            name: texts(f"truth.{name}.cameras", options.pop("cameras"))
+            for name, options in truth.items()
+            if "cameras" in options
+        }
         exports = list(recipe.exports)
         for name in [name for name in truth if truths.get(name).format]:  # truths between frames
             exports = _with_options(exports, truths.get(name).format, truth.pop(name))
@@ -101,13 +149,16 @@ class Contents:
             classes=None if recipe.classes is None else class_rules(recipe.classes),
             truth={name: _shared(truths.get(name), recipe) | options for name, options in truth.items()},
             exports=tuple(_export(keys, recipe) for keys in exports),
+            truth_cameras=cameras,
         )
 
-    def kinds(self, modes: tuple[str, ...]) -> frozenset[str]:
+    def kinds(self, job: Job) -> frozenset[str]:
         """Return the kinds of files that every frame has: layers, and records of truths."""
-        rows = [modalities.get(mode) for mode in modes]
-        kinds = {IMAGE, *modes, *(layer for row in rows for layer in row.derives)}
+        rows = [modalities.get(mode) for mode in job.modes]
+        kinds = {IMAGE, *job.modes, *(layer for row in rows for layer in row.derives)}
         kinds |= {row.marked_by for row in rows if row.marked_by}
+        if job.sensor is not None:
+            kinds |= {"sensor"} | ({"raw"} if job.sensor.mosaic != "none" else set())
         if self.classes is not None and "labels" in kinds:
             kinds.add("classes")
         return frozenset(kinds | {truths.get(name).kind for name in self.truth})
@@ -117,7 +168,10 @@ class Contents:
         options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
         if job.exposure != Exposure():
             options["exposure"] = asdict(job.exposure)
-        options["truth"] = {name: dict(each) for name, each in self.truth.items()}
+        if job.sensor is not None:
+            options["sensor"] = job.sensor.to_dict()
+        named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}
+        options["truth"] = {name: {**each, **named.get(name, {})} for name, each in self.truth.items()}
         options["media"] = dict(job.recipe.media)
         return {
             "splits": None if job.recipe.split is None else job.recipe.split.to_dict(),

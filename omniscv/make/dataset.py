@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from typing import NamedTuple
 
 from omniscv import modalities, storage
 from omniscv.arguments import whole_number
 from omniscv.dataset import exporting, manifest
-from omniscv.dataset.folder import check_new, lock, tidy
+from omniscv.dataset.folder import lock, make_room, tidy
 from omniscv.dataset.manifest import Manifest
 from omniscv.dataset.writer import Writer
-from omniscv.errors import DatasetError
+from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import Frame
 from omniscv.job import Job
-from omniscv.make.contents import Contents, check_dataset
+from omniscv.make.contents import Contents, check_dataset, check_source
 from omniscv.make.frames import FrameMaker
 from omniscv.make.moments import moments
 from omniscv.make.parts import (
@@ -42,17 +42,21 @@ class Made:
         written: that were made.
         kept: that existed.
         missing: of parts that are not finished; the dataset is not complete without them.
+        failed: that were left out, because the job keeps going.
     """
 
     written: int
     kept: int
     missing: int = 0
+    failed: int = 0
 
 
 def make(
     job: Job,
     *,
     resume: bool = False,
+    overwrite: bool = False,
+    keep_going: bool = False,
     shard: tuple[int, int] | None = None,
     workers: int = 1,
     progress: Report | None = None,
@@ -63,6 +67,8 @@ def make(
     Args:
         job: what to make.
         resume: continue a dataset; frames whose files have their checksums are kept.
+        overwrite: remove a dataset that is there.
+        keep_going: report frames that fail, and leave them out; ``resume`` tries them again.
         shard: (i, n): only part i of n (:class:`omniscv.jobs.Part`), into a dataset that may exist. The last
             one finishes the dataset. The folders of shards are joined by copying them into one, and are
             finished by ``resume``.
@@ -78,10 +84,12 @@ def make(
     whole_number("workers", workers, most=256)
     part = Part() if shard is None else Part(*shard)
     folder = storage.folder(job.out)
-    if not (resume or shard):
-        check_new(folder)
+    if overwrite and (resume or shard):
+        raise ArgumentError("overwrite: expected it without resume and shard, got several of them")
+    if not (resume or shard or overwrite):
+        make_room(folder)
     complete = folder.exists(manifest.FRAMES) and not marker_names(folder)
-    made, job, frames = _run(job, part, None, workers, progress, warn)
+    made, job, frames = _run(job, part, None, workers, progress, warn, keep_going, overwrite)
     if shard and complete and not made.written:
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
@@ -90,7 +98,7 @@ def make(
     missing = sum(len(each.poses(job.poses)) for each in unfinished(folder, part.count)) * len(job.cameras)
     if not missing:
         finish(job, part.count, warn)
-    return Made(made.written, made.kept, missing)
+    return replace(made, missing=missing)
 
 
 def run_part(
@@ -134,6 +142,8 @@ def _run(
     workers: int,
     progress: Report | None,
     warn: Callable[[str], None] | None,
+    keep_going: bool = False,
+    overwrite: bool = False,
 ) -> _Run:
     """Make a part; as :func:`run_part`."""
     contents = check_dataset(job)
@@ -141,6 +151,9 @@ def _run(
         scene = "/".join(name for name in astuple(live.scene_identity) if name)
         planned = list(moments(job, part.poses(job.poses), scene))
         frames = [frame for moment in planned for frame in moment.frames]
+        check_source(job, contents, live, planned)
+        if overwrite:
+            make_room(storage.folder(job.out), overwrite)
         begun = Manifest(job.cameras, _names(job, live), contents.classes, contents.settings(job))
         writer = Writer(
             job.out,
@@ -154,10 +167,13 @@ def _run(
         writer.keep_marked(read_marker(folder, writer.manifest, part) or ())
         writer.keep(frame.key for frame in frames)
         missing = {frame.key for frame in frames if not writer.has(frame)}
-        FrameMaker(job, contents, live, writer, workers, warn).run(planned, missing, progress)
-        written = writer.frames(frame.key for frame in frames)
+        maker = FrameMaker(job, contents, live, writer, workers, warn, keep_going)
+        maker.run(planned, missing, progress)
+        failed = set(maker.failed)
+        written = writer.frames(frame.key for frame in frames if frame.key not in failed)
         write_marker(folder, part, written)
-    return _Run(Made(len(missing), len(frames) - len(missing)), job, written)
+    kept = len(frames) - len(missing)
+    return _Run(Made(len(missing) - len(failed), kept, failed=len(failed)), job, written)
 
 
 def _names(job: Job, source: Source) -> dict[str, int]:
@@ -194,6 +210,9 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         if exports := Contents.of(job).exports:
             written = manifest.open(job.out)
             for export in exports:  # each replaces the one that exists
+                shown = [set(frame.files) for frame in written if export.shows(frame.camera_name)]
+                if shown:  # truths may have been left out
+                    export.check(job.cameras, set.intersection(*shown))
                 exporting.write(export, written, folder)
         remove_markers(folder, marker_names(folder))
         tidy(folder)

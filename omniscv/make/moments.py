@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import light
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
@@ -19,7 +20,8 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job import Job, Split
-from omniscv.planning import RenderOptions
+from omniscv.job.motions import Exposure
+from omniscv.make import motion_blur
 from omniscv.progress import Meter, Report, without_images
 from omniscv.sources.base import Color, Source
 
@@ -99,17 +101,49 @@ def _frames(job: Job, path: Trajectory | None, i: int, late: float = 0.0) -> Ite
 
 def _takes(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -> Iterator[Take]:
     """Yield what is captured for images of one instant: first at their time, then during their exposure."""
-    first, exposure = group[0], job.exposure
+    first, exposure = group[0], _chosen(job, path, i, group)
     if job.moves and isinstance(first.camera, RollingShutter):
         for seconds, lines in exposure.lines(first.camera):
-            yield Take(_instant(job, first.time, seconds), ((lines, first.pose),), job.modes)
+            yield Take(_instant(job, first.time, seconds), ((lines, first.pose),), job.captured)
         return
-    yield Take(_instant(job, first.time), tuple((frame.camera, frame.pose) for frame in group), job.modes)
+    views = tuple((frame.camera, frame.pose) for frame in group)
+    yield Take(_instant(job, first.time), views, job.captured)
+    yield from _lateral(job, _instant(job, first.time), views)
     keys = {frame.key for frame in group}
-    for offset in exposure.offsets()[1:] if "lit" in job.modes else ():
+    for offset in exposure.offsets()[1:] if "lit" in job.captured else ():
         moved = _frames(job, path, i, offset if exposure.camera == "moves" else 0.0)
         views = tuple((frame.camera, frame.pose) for frame in moved if frame.key in keys)
         yield Take(_instant(job, first.time, offset), views, ("lit",))
+        yield from _lateral(job, _instant(job, first.time, offset), views)
+
+
+def _chosen(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -> Exposure:
+    """Return the job's exposure with a number of instants: enough for the fastest motion in any image."""
+    if job.exposure.instants != "auto":
+        return job.exposure
+    most, motions = 0.0, tuple(job.motions.values())
+    for frame in group:
+        rolling = isinstance(frame.camera, RollingShutter)
+        seconds = frame.camera.readout if isinstance(frame.camera, RollingShutter) else job.exposure.seconds
+        start = 0.0 if rolling else -seconds / 2
+        moves = job.exposure.camera == "moves" and not rolling
+        ends = [
+            {each.key: each.pose for each in _frames(job, path, i, late if moves else 0.0)}[frame.key]
+            for late in (start, start + seconds)
+        ]
+        at = frame.time or 0.0
+        span = (at + start, at + start + seconds)
+        most = max(most, motion_blur.motion_px(frame.camera, (ends[0], ends[1]), motions, span))
+    return replace(job.exposure, instants=motion_blur.instants(most))
+
+
+def _lateral(job: Job, instant: Instant, views: Sequence[tuple[Camera, Pose]]) -> Iterator[Take]:
+    """Yield what lateral colour needs beside a take: red light of all its views, then blue light of all."""
+    pairs = [job.sensor.lateral_cameras(camera) for camera, _ in views] if job.sensor else []
+    if any(pairs):
+        poses = [pose for _, pose in views]
+        reds, blues = zip(*(pair for pair in pairs if pair), strict=True)
+        yield Take(instant, tuple(zip((*reds, *blues), poses * 2, strict=True)), ("lit",))
 
 
 def _instant(job: Job, time: float | None, late: float = 0.0) -> Instant:
@@ -151,7 +185,7 @@ def renderer_at(renderer: Renderer, instant: Instant) -> Iterator[Renderer]:
 def images_of(
     renderer: Renderer,
     moment: Moment,
-    options: RenderOptions,
+    job: Job,
     only: Collection[int] | None = None,
     progress: Report | None = None,
     look: Callable[[Source], object] | None = None,
@@ -161,38 +195,61 @@ def images_of(
     Args:
         renderer: of the job's source.
         moment: of the job.
-        options: how images are captured and composed.
+        job: whose options and sensor make the images.
         only: indices of the frames that are composed; all if not given.
         progress: called as images progress.
         look: called once, with a source of the world at the moment's instant.
     """
-    takes, meter = moment.takes, Meter(len(moment.frames) if only is None else len(only), progress)
+    takes, count = moment.takes, len(moment.frames)
+    chosen = sorted(range(count) if only is None else only)
+    meter = Meter(len(chosen), progress)
     parts: list[list[OmniImage]] = []
     for done, take in enumerate(takes):
         report = meter.part() if done + 1 == len(takes) else without_images(meter.part())
         with renderer_at(renderer, take.instant) as renderer_then:
             if look and done == 0:
                 look(renderer_then.source)
+            wanted = [i for i in range(len(take.views)) if i % count in chosen]
             images = renderer_then.render_together(
-                take.views, take.modes, options, only=only, progress=report
+                take.views, take.modes, job.options, only=wanted, progress=report
             )
             if len(takes) == 1:
-                yield from images
+                for i, image in zip(chosen, images, strict=True):
+                    yield _sensed(job, moment.frames[i], image)
                 return
             parts.append(list(images))
-    indices = range(len(moment.frames)) if only is None else sorted(only)
-    for i, *takes_of_image in zip(indices, *parts, strict=True):
+    for k, i in enumerate(chosen):
+        # A take has one image of each frame; lateral colour's has two, and follows each other take.
+        of_image = [images[k :: len(chosen)] for images in parts]
+        lateral = [pair for pair in of_image if len(pair) == 2]
+        taken = [image for images in of_image if len(images) == 1 for image in images]
         camera = moment.frames[i].camera
-        rolling = isinstance(camera, RollingShutter)
-        yield _read_out(camera, takes_of_image) if rolling else _exposed(takes_of_image)
+        image = _read_out(camera, taken) if isinstance(camera, RollingShutter) else _exposed(taken)
+        colors = [_exposed(color) for color in zip(*lateral, strict=True)]
+        yield _sensed(job, moment.frames[i], image, colors)
+
+
+def _sensed(job: Job, frame: Frame, image: OmniImage, lateral: Sequence[OmniImage] = ()) -> OmniImage:
+    """Return an image as the job's sensor shows it, with ``lit`` only if the job wants it."""
+    if job.sensor is None:
+        return image
+    image = job.sensor.apply(image, frame.camera_name, frame.time, lateral)
+    layers = {name: layer for name, layer in image.layers.items() if name != "lit" or "lit" in job.modes}
+    return replace(image, layers=layers)
 
 
 def _exposed(parts: Sequence[OmniImage]) -> OmniImage:
-    """Return the first of several images, with the mean of their colours."""
-    lit = [np.asarray(image["lit"]) for image in parts]
-    mean = np.mean(lit, axis=0, dtype=np.float64)
-    rounded = np.rint(mean) if lit[0].dtype == np.uint8 else mean
-    return replace(parts[0], layers={**parts[0].layers, "lit": rounded.astype(lit[0].dtype)})
+    """Return the first of several images, with the mean of their colours: of light where codes say it."""
+    lit, transfer = [np.asarray(image["lit"]) for image in parts], parts[0].transfer
+    if light.known(transfer, lit[0]):
+        total = np.zeros(lit[0].shape)
+        for each in lit:
+            total += light.decode(each, transfer)
+        shown = light.encode(np.asarray(total / len(lit), np.float32), transfer)
+    else:
+        mean = np.mean(lit, axis=0, dtype=np.float64)
+        shown = (np.rint(mean) if lit[0].dtype == np.uint8 else mean).astype(lit[0].dtype)
+    return replace(parts[0], layers={**parts[0].layers, "lit": shown})
 
 
 def _read_out(camera: RollingShutter, parts: Sequence[OmniImage]) -> OmniImage:

@@ -19,13 +19,13 @@ import numpy as np
 
 from omniscv.arguments import whole_number
 from omniscv.dataset.manifest import Manifest
-from omniscv.errors import ArgumentError, MissingFileError
+from omniscv.errors import DamagedFileError, MissingFileError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.job import Job
-from omniscv.parallel import side_by_side
 from omniscv.sources.recording import part_file
 from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 
 _FOLDER = "parts"
 _FRAMES = 16
@@ -60,7 +60,7 @@ class Part:
         return range(self._first(poses, self.index), self._first(poses, self.index + 1))
 
     def of(self, job: Job) -> Job:
-        """Return a job that records into a file of the part; ``captures merge`` joins these files."""
+        """Return a job that records into a file of the part; ``recording merge`` joins these files."""
         if job.record is None or self.count == 1:
             return job
         return replace(job, record=part_file(job.record, self.index, self.count))
@@ -100,17 +100,17 @@ def write_marker(folder: Folder, part: Part, frames: Sequence[Frame]) -> None:
 def read_marker(folder: Folder, manifest: Manifest, part: Part) -> list[Frame] | None:
     """Return the frames of a finished part; None if its marker is missing or damaged."""
     try:
-        content = json.loads(folder.read(part.marker))
+        content = parse_json(folder.read(part.marker, MOST_JSON_BYTES))
         if content["sha256"] != _checksum(content["frames"]):
             return None
         return [manifest.frame(line, folder) for line in content["frames"]]
-    except (MissingFileError, ArgumentError, ValueError, TypeError, KeyError):
+    except (MissingFileError, DamagedFileError, ValueError, TypeError, KeyError):
         return None
 
 
 def read_markers(folder: Folder, manifest: Manifest, count: int) -> list[list[Frame] | None]:
     """Return what :func:`read_marker` returns for each part, of so many."""
-    return side_by_side(partial(read_marker, folder, manifest), list(parts(count)))
+    return folder.each(partial(read_marker, folder, manifest), list(parts(count)))
 
 
 def marker_names(folder: Folder) -> list[str]:
@@ -126,8 +126,7 @@ def unfinished(folder: Folder, count: int) -> list[Part]:
 
 def remove_markers(folder: Folder, names: Sequence[str]) -> None:
     """Remove markers by name, and their local folder if it is empty then."""
-    for name in names:
-        folder.remove(name)
+    folder.each(folder.remove, names)
     if folder.local is not None and not marker_names(folder):
         shutil.rmtree(folder.local / _FOLDER, ignore_errors=True)
 

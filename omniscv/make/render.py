@@ -26,7 +26,7 @@ from omniscv.make.source import opened
 from omniscv.planning import ImageRays, Kept, Plan, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
-from omniscv.sources.base import Request, Source, View
+from omniscv.sources.base import Request, Source, View, check_modes
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 
@@ -61,6 +61,9 @@ def run(
     written: list[Path] = []
     with opened(job) as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
         saving = None
+        if warn:
+            for line in transfer_warning(job, source):
+                warn(line)
         for stem, image in _images(job, Renderer(source), progress):
             if warn:
                 for line in warnings_of(stem, image):
@@ -75,7 +78,7 @@ def _images(job: Job, renderer: Renderer, progress: Report | None) -> Iterator[t
     """Yield stem and image of every camera at every pose; those of a moment share captures."""
     meter = Meter(len(job), progress)
     for moment in moments(job):
-        images = images_of(renderer, moment, job.options, progress=meter.part())
+        images = images_of(renderer, moment, job, progress=meter.part())
         yield from zip((frame.key for frame in moment.frames), images, strict=True)
 
 
@@ -83,6 +86,14 @@ _WARNINGS = {
     "unsure": "not verified by any capture",
     "occluded": "their optical centres are not visible from the camera position",
 }
+
+
+def transfer_warning(job: Job, source: Source) -> Iterator[str]:
+    """Yield a line if a job averages colours, and the source does not say what its codes mean."""
+    averages = job.exposure.seconds > 0 or job.options.filter == "area"
+    if "lit" in job.captured and source.capabilities.transfer == "unknown" and (averages or job.sensor):
+        how = "a sensor takes them as sRGB" if job.sensor else "the mean of codes is no mean of light"
+        yield f"transfer: the source does not say what its colours are; {how}; set source_options.transfer"
 
 
 def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
@@ -109,6 +120,8 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
     needed: dict[Request, None] = {}
     meter = Meter(len(job), progress)
     with opened(replace(job, record=path)) as (job, source):
+        check_modes(source, job.options.sampled(job.modes))
+        _check_face_size(job, source)
         source.objects()
         renderer = Renderer(source)
         for moment in moments(job):
@@ -124,6 +137,15 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                     capturing = _Capturing(plans, modes, needed, report)
                     needed |= planning.verify_still(renderer_then.source, modes, capturing)
     return len(needed)
+
+
+def _check_face_size(job: Job, source: Source) -> None:
+    """Refuse a size of faces that a recording, the job's source, does not have."""
+    views, wanted = source.recorded_views(), job.options.face_size
+    sizes = {round(2 * view.focal_px) for view in views or () if view.width == view.height}
+    if sizes and wanted != "auto" and wanted not in sizes:
+        has = " or ".join(map(str, sorted(sizes)))
+        raise ArgumentError(f"face_size: expected {has} px, as the recording has, or auto; got {wanted}")
 
 
 class _Capturing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import Any
@@ -10,9 +10,17 @@ from typing import Any
 import numpy as np
 
 from omniscv import modalities
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Mask
 from omniscv.planning.sharing import Plan, share_captures
 from omniscv.planning.strategy import Task, get
-from omniscv.sources.base import Request
+from omniscv.sources.base import Request, View
+
+_AWAY_M = 2.0
+_MARKED = 0.03
+_MARKED_PER_M = 3.0
+"""Marked pixels of images in rooms: their share from own optical centres, and by how much it grows with the
+distance to a shared one (docs/accuracy.md)."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +35,7 @@ class Cost:
         bytes: on the wire, estimated.
         seconds: estimated.
         displacement_m: the largest distance from a pixel's optical centre to that of its captures, metres.
+        marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure.
     """
 
     strategy: str
@@ -37,16 +46,18 @@ class Cost:
     bytes: float
     seconds: float
     displacement_m: float = 0.0
+    marked: float = 0.0
 
     def __add__(self, other: Cost) -> Cost:
         """Return the cost of two sets of images that share no captures."""
         sums = {
             each.name: getattr(self, each.name) + getattr(other, each.name)
             for each in fields(self)
-            if each.name not in ("strategy", "displacement_m")
+            if each.name not in ("strategy", "displacement_m", "marked")
         }
         displacement_m = max(self.displacement_m, other.displacement_m)
-        return Cost(strategy=self.strategy, displacement_m=displacement_m, **sums)
+        marked = max(self.marked, other.marked)
+        return Cost(strategy=self.strategy, displacement_m=displacement_m, marked=marked, **sums)
 
 
 def cost(
@@ -65,10 +76,11 @@ def cost(
     """
     requests: dict[Request, None] = {}
     further = most = 0
-    displacement_m = 0.0
+    displacement_m = marked = 0.0
     for plan in chain.from_iterable(_plans(strategy, tasks, modes) for tasks in frames):
         requests |= plan.requests
-        displacement_m = max([displacement_m, *_displacements_m(plan)])
+        displacements_m, shares = _shared(plan)
+        displacement_m, marked = max(displacement_m, displacements_m), max(marked, shares)
         estimate, limit = get(strategy).further_views(plan.task)
         further, most = further + estimate, most + limit
     modes_per_view = len({*modes, "depth"}) if further else len(modes)
@@ -88,6 +100,7 @@ def cost(
         bytes=wire_bytes + further * further_bytes,
         seconds=count * seconds_per_request,
         displacement_m=displacement_m,
+        marked=marked,
     )
 
 
@@ -100,15 +113,34 @@ def _plans(strategy: str, tasks: Sequence[Task], modes: Sequence[str]) -> list[P
     return [plan if plan.requests else Plan.make(plan.task, modes) for plan in share_captures(changed, modes)]
 
 
-def _displacements_m(plan: Plan) -> Iterator[float]:
-    """Yield the largest distance from a pixel's optical centre to the centre of its captures, by viewpoint.
+def _shared(plan: Plan) -> tuple[float, float]:
+    """Return the largest distance from a pixel's optical centre to that of its captures, metres, and the
+    share of pixels that are expected to be marked.
 
-    Viewpoints of marched rays are left out.
+    Viewpoints of marched rays count as exact. Labels are marked where no view shows the point that a ray
+    meets, taken to be 2 m away; else by measurement of rooms.
     """
     task, origins = plan.task, plan.task.rays.origins
     if origins is None:
-        return
+        return 0.0, _MARKED
+    farthest_m, marked = 0.0, _MARKED * task.rays.valid_count
     for viewpoint in (each for round_ in plan.planned or () for each in round_.viewpoints):
-        if viewpoint.toward_w is None and len(viewpoint.pixels):
-            own_w = task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels])
-            yield float(np.linalg.norm(own_w - viewpoint.center_w, axis=1).max())
+        if viewpoint.toward_w is not None or not len(viewpoint.pixels):
+            continue
+        own_w = task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels]) - viewpoint.center_w
+        directions_w = task.rays.directions.reshape(-1, 3)[viewpoint.pixels] @ task.pose.R_w_c.T
+        away = np.linalg.norm(own_w, axis=1)
+        lookup = _shown(own_w + _AWAY_M * directions_w, viewpoint.views)
+        farthest_m = max(farthest_m, float(away.max()))
+        marked += float(np.where(lookup, np.minimum(_MARKED_PER_M * away, 1 - _MARKED), 1 - _MARKED).sum())
+    return farthest_m, marked / max(1, task.rays.valid_count)
+
+
+def _shown(directions_w: Array, views: Sequence[View]) -> Mask:
+    """Return (N,) whether a view shows each direction."""
+    seen = np.zeros(len(directions_w), np.bool_)
+    for view in views:
+        x, y, z = (directions_w @ view.pose.R_w_c).T
+        half = np.array([view.width, view.height]) / 2 / view.focal_px
+        seen |= (z > 0) & (np.abs(x) <= half[0] * z) & (np.abs(y) <= half[1] * z)
+    return seen

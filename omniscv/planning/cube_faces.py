@@ -21,6 +21,8 @@ ALL_FACES = np.ones(6, np.bool_)
 FACE_BORDER_PX = 4
 """The filter support beyond a ray's pixel, and two for good measure."""
 
+_ALIGNED = 1 - 1e-9  # cosine between the axes of a face and of one that is aligned with the world
+
 _EVERY = 101
 """One of so many rays is tested first: an image that looks everywhere hits all faces already with these."""
 
@@ -63,11 +65,21 @@ class CubeFaces:
     def views(self, center_w: Array, hit: NDArray[np.bool_]) -> tuple[View, ...]:
         """Return the views at a centre that show the faces that are hit, in the order of :func:`faces_hit`.
 
-        Of a recording, faces of another size are taken where it lacks these.
+        Of a recording, faces of another size are taken where it lacks these, or all faces of a cube in
+        another orientation, or all views there if they see every direction.
         """
         six = tuple(View(Pose(center_w, R_w_c), *self._shape) for R_w_c in ROTATIONS)
-        if self._task.recorded is not None:
-            six = self._task.recorded.faces(center_w, six, self._task.options.truth_scale)
+        if self._task.options.seams != "keep":
+            hit = ALL_FACES  # a correction of one face depends on all
+        recorded = self._task.recorded
+        if recorded is not None:
+            six = recorded.faces(center_w, six, self._task.options.truth_scale)
+            if not self._task.available(six) and (views := recorded.all_around(center_w)):
+                return views
+            if any(
+                view.pose.R_w_c[:, 2] @ R[:, 2] < _ALIGNED for view, R in zip(six, ROTATIONS, strict=True)
+            ):
+                hit = ALL_FACES
         covers = [self._task.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
         return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
 

@@ -5,49 +5,61 @@ or inside a cupboard. Engines render from there, too. So small depth pictures ar
 camera's position, and the pixels of centres behind their surfaces are flagged.
 """
 
+from __future__ import annotations
+
 from collections.abc import Generator
+from typing import NamedTuple
 
 import numpy as np
 
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Mask
 from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
-from omniscv.planning.ray_marching import DepthShell, depth_shell, distances
-from omniscv.planning.rays import Groups, RayGroup
+from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
+from omniscv.planning.rays import Groups
 from omniscv.planning.rounds import Kept, Round, Viewpoint
 from omniscv.planning.strategy import Task
 
 _EDGE_PX = 64
-"""px of a face."""
-
-_SLACK = 1.01
-"""A centre on a wall counts as visible, up to this multiple of the captured distance."""
+"""px of a face that shows where optical centres are occluded."""
 
 
 def capture_around(task: Task, groups: Groups) -> Generator[Round, Kept | None, DepthShell | None]:
-    """Yield a round of small depth pictures at the camera's position, and return the captured depth.
+    """Yield a round of depth pictures at the camera's position, and return the captured depth.
 
-    None for a single centre, where a recording has no such pictures, and where nothing is captured.
+    They are small where each pixel is captured from its own optical centre. Where centres are shared, they
+    also show what rays meet, and are as fine as the image needs; a recording may only have small ones. None
+    where every ray starts at one centre, where a recording has no such pictures, and where nothing is
+    captured.
     """
-    if len(groups) < 2:
+    if len(groups) < 2 and (task.rays.origins is None or len(task.rays.own_viewpoints.centers) < 2):
         return None
     center_w = task.pose.t_w_c
-    views = CubeFaces(task, _EDGE_PX, 0).views(center_w, ALL_FACES)
-    if not task.available(views):
+    shared = task.options.viewpoints is not None
+    edges = [max(task.edge, _EDGE_PX), _EDGE_PX] if shared else [_EDGE_PX]
+    sizes = [CubeFaces(task, edge, 0).views(center_w, ALL_FACES) for edge in edges]
+    available = [views for views in sizes if task.available(views)]
+    if not available:
         return None
+    views = available[0]
     kept = yield Round((Viewpoint(center_w, views, np.zeros(0, np.int64), modes=("depth",), keep=True),))
     return None if kept is None else depth_shell(center_w, kept[0]["depth"])
 
 
-def visible(around: DepthShell, points_w: Array) -> Mask:
-    """Return (N,) bool, whether no surface lies between the shell's centre and points (N, 3), world frame."""
-    toward = points_w - around.center_w
-    away = np.linalg.norm(toward, axis=-1)
-    return np.asarray((away == 0) | (away <= distances(around, toward) * _SLACK))
+class Occlusion(NamedTuple):
+    """Whether points are visible from the camera's position. Points near an edge may be neither.
 
+    Attributes:
+        visible, occluded: (N,) bool.
+    """
 
-def occluded(around: DepthShell | None, center_w: Array, group: RayGroup) -> Mask | None:
-    """Return (N,) bool, True for all pixels of a centre that is not visible; None where that is unknown."""
-    if around is None:
-        return None
-    return np.full(len(group.pixels), not visible(around, center_w[None])[0])
+    visible: Mask
+    occluded: Mask
+
+    @classmethod
+    def of(cls, around: DepthShell, points_w: Array) -> Occlusion:
+        """Compare points (N, 3), world frame, with the depth around the camera."""
+        toward = points_w - around.center_w
+        away = np.linalg.norm(toward, axis=-1)
+        least, most = distances(around, toward)
+        return cls((away == 0) | (away < least), (away > 0) & (away > most))

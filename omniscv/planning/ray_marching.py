@@ -14,39 +14,34 @@ Surfaces between pixels, and the planes through them, are those of :mod:`omniscv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.geometry import Array, cube_rotations
+from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.geometry.surfaces import (
-    Precision,
-    discontinuities,
-    nearest_pixel,
     plane_of,
     surface_point,
 )
-from omniscv.sources import codecs
-from omniscv.sources.base import Capture
+from omniscv.planning.depth_shell import DepthShell, look_up, pixel_depth, planar_depth
 
 # Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
 _REFINEMENTS = 12  # halvings of a step to find where a ray meets a surface
 _ON_SURFACE = 0.003  # distance of a refined crossing from its surface, metres and relative (half floats)
+_SAME_SURFACE = 0.003  # relative to the reach: rays that end nearer to each other meet the same surface
 _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
 _ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
-_BEHIND = 1.01  # relative depth beyond which a ray's origin counts as hidden from the centre
+_BEHIND = 1.0 + 1e-6  # relative depth beyond which a ray's origin is hidden from the centre
 _DEEPER_PX, _TOUCHING = 2.0, 4.0  # a ray grazes if so many px on it is less than so many depth errors behind
 _SHORT = 0.25  # of the reach: a longer hidden part of a ray's way may hold anything
 _LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays have no sharper error
 
-_SAME_FACE = 0.01
-"""Largest difference of rotation matrices of a face and of the view that a source captured for it."""
+FAR_M = 1e6
+"""Distance at which the direction to a point of the sky is the ray's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,139 +61,6 @@ class KnownDepth:
     direction_error: Floats
     grazes: Mask
     unsure: Mask
-
-
-class DepthShell(NamedTuple):
-    """The depth captured from one centre, in the faces of a world-aligned cube.
-
-    Attributes:
-        center_w: (3,) metres.
-        depth: (V, h, w) float32 planar metres; +inf for the sky.
-        nearest: (V, h, w) float32, depth of the nearest surface within a pixel, where that is another surface
-            than the pixel's own; else the pixel's own depth.
-        slot: (6,) int64, index of each face of the cube in ``depth``; -1 if it was not captured.
-        R_c_w: (6, 3, 3) world to each face.
-        focal, half_width, half_height: px.
-        least, most: of the finite distances, metres.
-        precision: of the depth.
-    """
-
-    center_w: Array
-    depth: Floats
-    nearest: Floats
-    slot: Ints
-    R_c_w: Array
-    focal: float
-    half_width: float
-    half_height: float
-    least: float
-    most: float
-    precision: Precision
-
-
-def depth_shell(center_w: Array, captures: Sequence[Capture]) -> DepthShell:
-    """Return the shell of planar depths captured with the faces of a world-aligned cube.
-
-    Args:
-        center_w: (3,) the views' common centre.
-        captures: depth, all of one size. Views that are no face of the cube are passed over.
-    """
-    view = captures[0].view
-    R_c_w = np.array([R_w_c.T for _, R_w_c in cube_rotations()])
-    slot = np.full(6, -1, np.int64)
-    for i, capture in enumerate(captures):
-        captured = capture.view.pose.R_w_c.T
-        off = np.abs(R_c_w - captured).max(axis=(1, 2))
-        if off.min() < _SAME_FACE:
-            slot[off.argmin()], R_c_w[off.argmin()] = i, captured
-    depth = [capture.pixels for capture in captures]
-    finite = [face[np.isfinite(face)] for face in depth]
-    most = max((float(face.max()) for face in finite if face.size), default=0.0)
-    corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
-    return DepthShell(
-        center_w,
-        np.stack(depth),
-        np.stack([_nearest_around(face) for face in depth]),
-        slot,
-        R_c_w,
-        view.focal_px,
-        view.width / 2,
-        view.height / 2,
-        least=min(float(face.min()) for face in depth),
-        most=most * corner,
-        precision=codecs.precision(captures[0].encoding),
-    )
-
-
-def _nearest_around(face: Floats) -> Floats:
-    least = cv2.erode(face, np.ones((3, 3), np.uint8))
-    beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
-    return np.where(beside, least, face)
-
-
-def distances(shell: DepthShell, directions_w: Array) -> Array:
-    """Return (N,) captured distances of the nearest pixels, metres.
-
-    0 in directions that were not captured, and for a direction of length 0.
-
-    Args:
-        shell: captured depth.
-        directions_w: (N, 3), of any length.
-    """
-    out = np.zeros(len(directions_w))
-    _distances(shell, directions_w, out)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _distances(shell: Any, directions: Any, out: Any) -> None:
-    for i in range(directions.shape[0]):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        if length > 0:
-            k, u, v, along = _look_up(shell, (x, y, z))
-            out[i] = _pixel(shell.depth[k], u, v) / along * length if k >= 0 else 0.0
-
-
-@njit(cache=True, nogil=True)
-def _face_of(direction: Any) -> int:
-    """Return which face of the world-aligned cube a direction hits."""
-    x, y, z = direction
-    if abs(x) >= abs(y) and abs(x) >= abs(z):
-        return 0 if x > 0 else 2
-    if abs(y) >= abs(z):
-        return 3 if y > 0 else 1
-    return 4 if z > 0 else 5
-
-
-@njit(cache=True, nogil=True)
-def _look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
-    """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
-
-    -1 if that face was not captured.
-    """
-    x, y, z = direction
-    face = _face_of(direction)
-    if shell.slot[face] < 0:
-        return -1, 0.0, 0.0, 1.0
-    R = shell.R_c_w[face]
-    depth = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-    u = shell.focal * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z) / depth + shell.half_width
-    v = shell.focal * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z) / depth + shell.half_height
-    return shell.slot[face], u, v, depth
-
-
-@njit(cache=True, nogil=True)
-def _pixel(face: Any, u: float, v: float) -> float:
-    r, c = nearest_pixel(face.shape, u, v)
-    return float(face[r, c])
-
-
-@njit(cache=True, nogil=True)
-def _between_pixels(shell: Any, k: int, u: float, v: float) -> float:
-    """Return planar depth between pixels; +inf where there is no surface."""
-    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
-    return 1.0 / point.inverse if point.inverse > 0.0 else np.inf
 
 
 class Hits(NamedTuple):
@@ -222,7 +84,7 @@ class Hits(NamedTuple):
     hidden_from: Array
     hidden_to: Array
 
-    def of(self, rows: Ints) -> Hits:
+    def of(self, rows: Ints | Mask) -> Hits:
         """Return the hits of some of the rays."""
         parts: list[Any] = [values[rows] for values in self]
         return Hits(*parts)
@@ -239,6 +101,36 @@ class Hits(NamedTuple):
             self.grazes | ~self.sure,
             ~self.sure & long,
         )
+
+    def distrust(self, rows: Mask) -> None:
+        """Make guesses of some of N hits."""
+        self.sure[rows], self.hidden_from[rows], self.hidden_to[rows] = False, 0.0, np.inf
+
+    def join(self, others: Hits) -> Mask:
+        """Take in hits of the same rays, seen from another centre, that end at the same surface.
+
+        Two centres may see all of a ray's way together, which none of them sees alone.
+
+        Returns:
+            (N,) whether both end at the same surface.
+        """
+        with np.errstate(invalid="ignore"):
+            off = np.where(self.reach == others.reach, 0.0, np.abs(self.reach - others.reach))
+            same = off <= self.error + others.error + _SAME_SURFACE * self.reach
+            vague = others.error > _SAME_SURFACE * self.reach  # it may be the surface beside this one
+        open_ = same & ~self.sure
+        self.hidden_from[open_] = np.maximum(self.hidden_from, others.hidden_from)[open_]
+        self.hidden_to[open_] = np.minimum(self.hidden_to, others.hidden_to)[open_]
+        self.sure[open_] = self.hidden_from[open_] >= self.hidden_to[open_]
+        grazing = open_ & (others.grazes | vague)
+        self.grazes[grazing] = True
+        self.error[grazing] = np.maximum(self.error, off + others.error)[grazing]
+        return np.asarray(same)
+
+    def replace(self, rows: Mask | Ints, others: Hits) -> None:
+        """Set some of the hits to others, as many as there are rows."""
+        for known, new in zip(self, others, strict=True):
+            known[rows] = new
 
     @classmethod
     def unknown(cls, count: int) -> Hits:
@@ -274,6 +166,9 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
     """
     hits = Hits.unknown(len(origins_w))
     run(_march_block, (origins_w, directions_w, *hits), shell)
+    behind = hits.reach <= 0  # a hit counts only in front of the ray's origin
+    hits.reach[behind] = np.nan
+    hits.distrust(behind)
     return hits
 
 
@@ -322,37 +217,60 @@ def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
 @njit(cache=True, nogil=True)
 def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
     """Write the hit of a ray that runs through the centre, or starts there."""
-    k, u, v, along = _look_up(shell, arc.direction)
+    k, u, v, along = look_up(shell, arc.direction)
     if k >= 0:
-        hits.reach[i] = _between_pixels(shell, k, u, v) / along + arc.foot
-        hits.sure[i] = arc.foot >= -shell.least
-        hits.error[i] = _met_at(shell, arc, arc.direction)[1]
+        hits.reach[i] = planar_depth(shell, k, u, v) / along + arc.foot
+        hits.sure[i] = arc.foot <= 0.0 or _distance(shell, arc.origin) > arc.foot
+        _, error, _, jump = _met_at(shell, arc, arc.direction)
+        hits.error[i] = error + _MARGIN * jump
+
+
+@njit(cache=True, nogil=True)
+def _distance(shell: Any, direction: Any) -> float:
+    """Return the captured distance of the nearest pixel; 0 in a direction that was not captured."""
+    k, u, v, along = look_up(shell, direction)
+    x, y, z = direction
+    return pixel_depth(shell.depth[k], u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> float:
+    """Return the angle up to which a ray is in the views without a gap, seen from its end."""
+    psi = end
+    while psi < start and look_up(shell, _toward(arc, min(psi + step, start)))[0] >= 0:
+        psi = min(psi + step, start)
+    return psi
 
 
 @njit(cache=True, nogil=True)
 def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
     """Write the hit of a ray."""
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
-    psi = np.arctan2(h, -foot)
-    if h < shell.least:  # nothing is nearer to the centre than that
-        psi = min(psi, np.arcsin(h / shell.least))
+    start = psi = np.arctan2(h, -foot)
     end = h / (2.0 * shell.most + h) if shell.most > 0 else step
+    if not shell.cube:
+        psi = _first_seen(shell, arc, end, start, step)
+    elif h * h + foot * foot < shell.least * shell.least:  # nothing is nearer to the centre than that
+        psi = np.arcsin(h / shell.least)
     was_free, first = False, True
+    if not shell.cube and psi < start:
+        hits.hidden_from[i], hits.hidden_to[i] = 0.0, foot + h / np.tan(psi)
+        first = False
     met_at, passed = -1.0, np.inf
     while True:
         psi = max(psi, end)
         was_free = was_free or first
         free = False
-        k, u, v, along = _look_up(shell, _toward(arc, psi))
+        k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
             planar = h / np.sin(psi) * along
-            captured = _pixel(shell.depth[k], u, v)
+            captured = pixel_depth(shell.depth[k], u, v)
             if planar < captured:
                 free = True
-                beside = _pixel(shell.nearest[k], u, v)
+                beside = pixel_depth(shell.nearest[k], u, v)
                 if planar >= beside:
                     passed = min(passed, _passing(arc, psi, beside / along))
-            elif was_free and not (first and planar > captured * _BEHIND):
+            elif was_free and not (first and planar > planar_depth(shell, k, u, v) * _BEHIND):
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
                 behind, before = max(psi - step, 0.5 * end), min(psi + 2 * step, np.pi)
                 at, gap = _refined(shell, arc, behind, before)
@@ -390,7 +308,9 @@ def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
     """Write the reach and its bounds of a ray that meets a surface at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
     along_ray = arc.foot + arc.h * c / s
-    hits.reach[i], hits.error[i], hits.direction_error[i] = _met_at(shell, arc, _toward(arc, psi))
+    hits.reach[i], hits.error[i], hits.direction_error[i], jump = _met_at(shell, arc, _toward(arc, psi))
+    if jump > 0.0:  # it may pass the edge of that surface, and meet anything behind
+        hits.error[i] = np.inf
     if abs(hits.reach[i] - along_ray) > _ON_SURFACE * (1.0 + arc.h / s):  # too grazing for a plane
         hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
     if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / shell.focal):
@@ -398,20 +318,21 @@ def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float]:
+def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, float]:
     """Return where a ray meets the plane through the surface in a direction from the centre.
 
     An error of a part of the inverse depth moves ``t = (1 - m . o) / (m . d)`` by that part of
     ``1 / (m . d)``.
 
     Returns:
-        The reach, the bound on its error, and the bound on the direction's error from the centre, radians.
+        The reach, the bound on its error on that plane, the bound on the direction's error from the centre,
+        radians, and the distance to other surfaces beside it, metres along the ray; 0 if there are none.
     """
-    k, u, v, along = _look_up(shell, toward)
+    k, u, v, along = look_up(shell, toward)
     point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
     if not point.inverse > 0.0:
-        return np.inf, np.inf, np.inf
-    R = shell.R_c_w[_face_of(toward)]
+        return np.inf, np.inf, np.inf, 0.0
+    R = shell.R_c_w[k]
     dx, dy = u - shell.half_width, v - shell.half_height
     a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, shell.focal)
     slope = start = parallel = 0.0
@@ -425,13 +346,13 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float]:
     off = _ROUNDED * point.error / point.inverse * distance / cosine
     aside = np.sqrt(max(0.0, 1.0 - parallel * parallel))
     reach = (1.0 - start) / slope if slope != 0.0 else np.inf
-    return reach, off + _MARGIN * point.jump / along / cosine, off * aside / distance
+    return reach, off, off * aside / distance, point.jump / along / cosine
 
 
 @njit(cache=True, nogil=True)
 def _touches(shell: Any, arc: Any, psi: float) -> bool:
     """Return whether a ray that met a surface is hardly behind it at an angle a little farther on."""
-    k, u, v, along = _look_up(shell, _toward(arc, psi))
+    k, u, v, along = look_up(shell, _toward(arc, psi))
     if psi <= 0.0 or k < 0:
         return False
     point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
@@ -445,10 +366,10 @@ def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float,
     middle, gap = behind, np.inf
     for _ in range(_REFINEMENTS):
         middle = 0.5 * (behind + before)
-        k, u, v, along = _look_up(shell, _toward(arc, middle))
+        k, u, v, along = look_up(shell, _toward(arc, middle))
         if k < 0:
             return middle, np.inf
-        gap = arc.h / np.sin(middle) - _between_pixels(shell, k, u, v) / along
+        gap = arc.h / np.sin(middle) - planar_depth(shell, k, u, v) / along
         if gap > 0:
             behind = middle
         else:

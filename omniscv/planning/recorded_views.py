@@ -1,23 +1,71 @@
-"""The views of a recording, and the cube faces among them."""
+"""The views of a recording, and the cubes among them: six views along three axes, in any orientation."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.geometry import Array, cube_rotations
 from omniscv.sources.base import View
 
 _POSITION_DECIMALS = 6  # a micrometre
-_SAME = 1e-6  # matrix entries
+_SAME = 1e-6  # matrix entries, and relative to the focal length
+_AXES = np.array([R_w_c[:, 2] for _, R_w_c in cube_rotations()])
+_R_D_FRONT = cube_rotations()[0][1]
+_DIRECTIONS = np.random.default_rng(0).normal(size=(2000, 3))
 
 Position = tuple[float, ...]
-Shape = tuple[int, int, float]
+
+
+class Shape(NamedTuple):
+    """Size in px and horizontal field of view in degrees."""
+
+    width: int
+    height: int
+    fov_deg: float
+
+    @classmethod
+    def of(cls, view: View) -> "Shape":
+        """Return the shape of a view."""
+        return cls(view.width, view.height, round(view.fov_deg, 6))
+
+    def scaled(self, factor: int) -> "Shape":
+        """Return the shape with ``factor`` times as many pixels each way."""
+        return self._replace(width=factor * self.width, height=factor * self.height)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cube:
+    """Views at one centre along the axes of a frame d.
+
+    Attributes:
+        R_w_d: (3, 3); the identity if the cube is aligned with the world.
+        faces: by shape and by row of ``cube_rotations()``. Each may be turned by quarters about its axis.
+    """
+
+    R_w_d: Array
+    faces: dict[Shape, dict[int, View]] = field(default_factory=lambda: defaultdict(dict))
+
+    @property
+    def aligned(self) -> bool:
+        """Whether it is aligned with the world."""
+        return bool(np.abs(self.R_w_d - np.eye(3)).max() < _SAME)
+
+    def add(self, view: View) -> bool:
+        """Add a view if it is a face; return whether it is."""
+        off = np.abs(_AXES - view.pose.R_w_c[:, 2] @ self.R_w_d).max(axis=1)
+        across = np.abs(view.pose.R_w_c[:, 0] @ self.R_w_d)
+        is_face = bool(off.min() < _SAME and across.max() > 1 - _SAME)
+        if is_face:
+            self.faces[Shape.of(view)].setdefault(int(off.argmin()), view)
+        return is_face
 
 
 class RecordedViews:
-    """A recording's views, and its world-aligned faces by position, and by size and field of view.
+    """A recording's views, and its cubes by position, and by size and field of view.
 
     Args:
         views: the recorded views.
@@ -26,14 +74,11 @@ class RecordedViews:
     def __init__(self, views: Sequence[View]) -> None:
         self.views = views
         self._held = frozenset(views)
-        rotations = [R_w_c for _, R_w_c in cube_rotations()]
-        self._at: dict[Position, dict[Shape, dict[int, View]]] = defaultdict(lambda: defaultdict(dict))
-        for view in views:
-            if view.fov_deg < 90:
-                continue
-            for face, R_w_c in enumerate(rotations):
-                if np.abs(view.pose.R_w_c - R_w_c).max() < _SAME:
-                    self._at[_position(view.pose.t_w_c)][_shape(view)][face] = view
+        self._at: dict[Position, list[View]] = defaultdict(list)
+        for view, position in zip(views, _positions([view.pose.t_w_c for view in views]), strict=True):
+            self._at[position].append(view)
+        self._cubes: dict[Position, list[_Cube]] = {}
+        self._around: dict[Position, tuple[View, ...]] = {}
 
     def hold(self, views: Iterable[View]) -> bool:
         """Return whether all of these views are recorded."""
@@ -41,42 +86,78 @@ class RecordedViews:
 
     def centers(self) -> tuple[Position, ...]:
         """Return the centres (x, y, z), metres, at which all faces are recorded, in their order."""
-        full = len(cube_rotations())
         return tuple(
-            at for at, sets in self._at.items() if any(len(faces) == full for faces in sets.values())
+            at
+            for at in self._at
+            if any(len(faces) == len(_AXES) for cube in self._cubes_at(at) for faces in cube.faces.values())
         )
 
     def faces(self, center_w: Array, six: Sequence[View], truth_scale: int = 1) -> tuple[View, ...]:
-        """Return the six views at a centre: the given ones if recorded, else the fullest, finest set.
+        """Return the six views at a centre: the given ones if recorded, else the fullest, finest cube.
 
-        Missing faces of that set are the given ones: requesting them shows what is missing.
+        Missing faces of that cube are the given ones: requesting them shows what is missing.
 
         Args:
             center_w: (3,) the centre.
-            six: views.
-            truth_scale: how many times finer ground truth is requested. A set that is recorded both ways
+            six: views of a cube aligned with the world, in the order of ``cube_rotations()``.
+            truth_scale: how many times finer ground truth is requested. A cube that is recorded both ways
                 comes first; one that is recorded once is taken for ground truth.
         """
-        sets = self._at.get(_position(center_w), {})
-        if not sets or _shape(six[0]) in sets or _shape(six[0].scaled(truth_scale)) in sets:
-            return tuple(six)
+        (at,) = _positions([center_w])
+        requested = Shape.of(six[0])
+        best, most = tuple(six), (False, 0, 0, 0)
+        for cube in self._cubes_at(at):
+            for shape in _coarse_shapes(cube, requested, truth_scale):
+                recorded = cube.faces.get(shape.scaled(truth_scale), {})
+                if not cube.aligned and len(recorded) < len(_AXES):
+                    continue
+                twice = truth_scale > 1 and shape in cube.faces
+                rank = shape == requested and cube.aligned, int(twice), len(recorded), shape.width
+                if rank > most:
+                    most = rank
+                    best = tuple(
+                        replace(recorded.get(face, view), width=shape.width, height=shape.height)
+                        for face, view in enumerate(six)
+                    )
+        return best
 
-        def finer(shape: Shape) -> Shape:
-            return truth_scale * shape[0], truth_scale * shape[1], shape[2]
+    def all_around(self, center_w: Array) -> tuple[View, ...]:
+        """Return all views at a centre (3,) if together they see every direction; else none."""
+        (at,) = _positions([center_w])
+        if at not in self._around:
+            views = tuple(self._at.get(at, ()))
+            seen = np.any([_sees(view, _DIRECTIONS) for view in views], axis=0)
+            self._around[at] = views if np.all(seen) else ()
+        return self._around[at]
 
-        coarse = [shape for shape in sets if finer(shape) in sets]
-        coarse = coarse or [(width // truth_scale, height // truth_scale, fov) for width, height, fov in sets]
-        best = max(coarse, key=lambda shape: (len(sets.get(finer(shape), {})), shape[0]))
-        recorded = sets.get(finer(best), {})
-        return tuple(
-            replace(recorded[face], width=best[0], height=best[1]) if face in recorded else view
-            for face, view in enumerate(six)
-        )
+    def _cubes_at(self, at: Position) -> list[_Cube]:
+        """The cubes at a position, of views that see 90 degrees both ways."""
+        if at not in self._cubes:
+            cubes = [_Cube(np.eye(3))]
+            for view in self._at.get(at, ()):
+                sees_a_face = min(view.width, view.height) / 2 >= view.focal_px * (1 - _SAME)
+                if sees_a_face and not any(cube.add(view) for cube in cubes):
+                    cubes.append(_Cube(view.pose.R_w_c @ _R_D_FRONT.T))
+                    cubes[-1].add(view)
+            self._cubes[at] = cubes
+        return self._cubes[at]
 
 
-def _position(position: Array) -> Position:
-    return tuple((np.round(position, _POSITION_DECIMALS) + 0.0).tolist())
+def _sees(view: View, directions_w: Array) -> NDArray[np.bool_]:
+    """(N,) whether a view shows directions (N, 3)."""
+    u, v, z = view.project(view.pose.t_w_c + directions_w).T
+    return np.asarray((z > 0) & (u >= 0) & (u <= view.width) & (v >= 0) & (v <= view.height))
 
 
-def _shape(view: View) -> Shape:
-    return view.width, view.height, round(view.fov_deg, 6)
+def _coarse_shapes(cube: _Cube, requested: Shape, truth_scale: int) -> list[Shape]:
+    """The shapes of a cube in which colours can be had."""
+    if requested in cube.faces or requested.scaled(truth_scale) in cube.faces:
+        return [requested]
+    twice = [shape for shape in cube.faces if shape.scaled(truth_scale) in cube.faces]
+    once = [Shape(w // truth_scale, h // truth_scale, fov_deg) for w, h, fov_deg in cube.faces]
+    return twice or once
+
+
+def _positions(positions: Sequence[Array]) -> list[Position]:
+    rounded = np.round(np.reshape(positions, (-1, 3)), _POSITION_DECIMALS) + 0.0  # no negative zero
+    return list(map(tuple, rounded.tolist()))

@@ -20,8 +20,9 @@ import numpy as np
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.occlusion import capture_around, visible
-from omniscv.planning.ray_marching import DepthShell, Hits, KnownDepth, depth_shell, march
+from omniscv.planning.depth_shell import DepthShell, depth_shell
+from omniscv.planning.occlusion import Occlusion, capture_around
+from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
 from omniscv.planning.strategies import cheapest_viewpoints, face_viewpoints
@@ -32,11 +33,8 @@ _INITIAL_VIEWPOINTS = 8
 _DEFAULT_ERROR_PX = 0.5
 _TRIES = 4
 """Number of centres, nearest first, through which a ray is marched."""
-_ON_SURFACE = 0.003
-"""Relative to the reach: rays that end nearer to each other than this meet the same surface."""
 _SAMPLED_RAYS = 20_000
 _ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
-_FAR = 1e6  # metres: where the direction to a point of the sky is the ray's own
 
 # Of ``adaptive``:
 _ENOUGH = 0.003  # part of the rays that may stay uncertified
@@ -178,44 +176,25 @@ class Search:
     def _march_through(self, number: int, rows: Ints) -> None:
         hits = march(self._shells[number], self.origins_w[rows], self.directions_w[rows])
         limit = self._task.options.max_error_px
-        behind = hits.reach <= 0  # a hit counts only in front of the ray's origin
         error_px = hits.direction_error / self._steps[rows]
-        hits.reach[behind] = np.nan
-        wrong = ~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)) | behind
-        hits.sure[wrong], hits.hidden_from[wrong], hits.hidden_to[wrong] = False, 0.0, np.inf
-        self._join(rows, hits)
-        # A guess is better than none, and the nearer centre's is better than a farther one's.
-        better = hits.sure | (np.isnan(self.hits.reach[rows]) & ~np.isnan(hits.reach))
-        chosen = rows[better]
-        self._shell_of[chosen] = number
-        for known, new in zip(self.hits, hits, strict=True):
-            known[chosen] = new[better]
-
-    def _join(self, rows: Ints, hits: Hits) -> None:
-        """Certify rays that meet one surface from several centres which together see all of their way."""
+        hits.distrust(~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)))
         known = self.hits.of(rows)
-        with np.errstate(invalid="ignore"):
-            same = (known.reach == hits.reach) | (
-                np.abs(known.reach - hits.reach) <= known.error + hits.error + _ON_SURFACE * known.reach
-            )
-        same &= ~hits.sure & ~np.isnan(known.reach)
-        joined = rows[same]
-        self.hits.hidden_from[joined] = np.maximum(known.hidden_from, hits.hidden_from)[same]
-        self.hits.hidden_to[joined] = np.minimum(known.hidden_to, hits.hidden_to)[same]
-        self.hits.sure[joined] = self.hits.hidden_from[joined] >= self.hits.hidden_to[joined]
-        self.hits.grazes[joined] |= hits.grazes[same]
-        grazing = rows[same & hits.grazes]
-        self.hits.error[grazing] = np.maximum(self.hits.error[grazing], hits.error[same & hits.grazes])
+        known.join(hits)
+        # A guess is better than none, and the nearer centre's is better than a farther one's.
+        better = hits.sure | (np.isnan(known.reach) & ~np.isnan(hits.reach))
+        known.replace(better, hits.of(better))
+        self._shell_of[rows[better]] = number
+        self.hits.replace(rows, known)
 
     def viewpoints(self, around: DepthShell | None) -> Iterator[Viewpoint]:
         """Yield the centres that serve rays, with the faces that see the points which these meet."""
-        occluded = None if around is None else ~visible(around, self.origins_w)
+        occluded = None if around is None else Occlusion.of(around, self.origins_w).occluded
         for number, shell in enumerate(self._shells):
             rows = np.flatnonzero(self._shell_of == number)
             if not len(rows):
                 continue
             hits = self.hits.of(rows)
-            reach = np.where(np.isfinite(hits.reach), hits.reach, _FAR)[:, None]
+            reach = np.where(np.isfinite(hits.reach), hits.reach, FAR_M)[:, None]
             toward_w = self.origins_w[rows] + reach * self.directions_w[rows] - shell.center_w
             views = self._faces.views(shell.center_w, faces_hit(toward_w, np.eye(3)))
             yield Viewpoint(

@@ -11,7 +11,7 @@ from omniscv import modalities
 from omniscv.errors import BadReplyError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning.ray_marching import KnownDepth
+from omniscv.planning.ray_marching import Hits, KnownDepth
 from omniscv.progress import Progress
 from omniscv.sources.base import Capture, Request, Source, View
 
@@ -29,8 +29,11 @@ class Viewpoint:
         keep: whether the strategy is sent its captures at the end of the round.
         toward_w: (N, 3) directions, of any length, in which the pixels are looked up; their own rays if None.
         known_depth: of the pixels, where the strategy knows it; depth is then not captured.
-        depth_check: depth along the pixels' own rays, where their depth is captured from another centre.
+        check: what the pixels' own rays meet, as far as the camera's position sees it, where they are
+            captured from another centre that is far from their own.
         occluded: (N,) bool, pixels whose own optical centre is not visible from the camera's position;
+            None: not judged.
+        unsure: (N,) bool, pixels whose own optical centre may lie beyond a surface, seen from ``center_w``;
             None: not judged.
         truth_scale: set by :func:`omniscv.planning.rounds` for every strategy.
         state: of the world in which captures are made; set as well.
@@ -43,8 +46,9 @@ class Viewpoint:
     keep: bool = False
     toward_w: Array | None = None
     known_depth: KnownDepth | None = None
-    depth_check: KnownDepth | None = None
+    check: Hits | None = None
     occluded: Mask | None = None
+    unsure: Mask | None = None
     truth_scale: int = 1
     state: str = ""
 

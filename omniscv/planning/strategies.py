@@ -6,23 +6,27 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.occlusion import capture_around, occluded
-from omniscv.planning.ray_marching import DepthShell, KnownDepth, march
+from omniscv.planning.depth_shell import DepthShell
+from omniscv.planning.occlusion import Occlusion, capture_around
+from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
+from omniscv.planning.sharing import SAME_M
 from omniscv.planning.strategy import Strategy, Task, get
 from omniscv.planning.strips import STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
 
-_SHARED_M = 0.05
-"""Distance from a viewpoint within which its own captures bound the depth of rays well enough."""
+_SHARED = 0.05
+"""Distance from a viewpoint, relative to the nearest surface's, within which its own captures bound the depth
+of rays well enough."""
 _MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
 """Pixels per radian of a 90 degree face on the mean, against its middle: edge^2 pixels see 4 pi / 6 sr."""
 _STRIP_BORDER_PX = 2
@@ -183,23 +187,35 @@ def _viewpoints(
     viewpoints = []
     for group in groups:
         center_w = task.pose.to_world(group.center_c)
-        hidden, check = occluded(around, center_w, group), _depth_check(task, group, around)
-        viewpoints.append(
-            Viewpoint(center_w, views(center_w, group), group.pixels, depth_check=check, occluded=hidden)
-        )
+        claims = _claims(task, group, around)
+        viewpoints.append(Viewpoint(center_w, views(center_w, group), group.pixels, **claims))
     return tuple(viewpoints)
 
 
-def _depth_check(task: Task, group: RayGroup, around: DepthShell | None) -> KnownDepth | None:
-    """Return depth, seen from the camera's position, of rays that share a centre far from their origins."""
+def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:
+    """Return what depth around the camera says of rays that share a centre, by fields of Viewpoint."""
     origins = task.rays.origins
-    if around is None or origins is None:
-        return None
-    origins_c = origins.reshape(-1, 3)[group.pixels]
-    if np.abs(origins_c - group.center_c).max() <= _SHARED_M:
-        return None
-    directions_w = group.directions @ task.pose.R_w_c.T
-    return march(around, task.pose.to_world(origins_c), directions_w).known_depth()
+    if origins is None:
+        return {}
+    origins_w, center_w = (
+        task.pose.to_world(each) for each in (origins.reshape(-1, 3)[group.pixels], group.center_c)
+    )
+    shared_m = float(np.abs(origins_w - center_w).max())
+    nearest_m = 1.0
+    if around is not None:
+        nearest_m = min(1.0, around.least - float(np.linalg.norm(center_w - around.center_w)))
+    claims: dict[str, Any] = {}
+    if shared_m > max(_SHARED * nearest_m, SAME_M):
+        claims["check"] = Hits.unknown(len(origins_w))
+        if around is not None:
+            claims["check"] = march(around, origins_w, group.directions @ task.pose.R_w_c.T)
+    if around is not None:
+        own = Occlusion.of(around, origins_w)
+        claims["occluded"] = own.occluded
+        if shared_m > SAME_M and "check" not in claims:
+            center = Occlusion.of(around, center_w[None])
+            claims["unsure"] = ~(own.visible & center.visible)
+    return claims
 
 
 def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:

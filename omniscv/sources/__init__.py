@@ -10,6 +10,7 @@ from omniscv.sources.base import (
     SourceWrapper,
     View,
 )
+from omniscv.sources.pictures import from_faces
 from omniscv.sources.registry import open_source, register, schemes
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Source",
     "SourceWrapper",
     "View",
+    "from_faces",
     "open_source",
     "register",
     "schemes",

@@ -11,7 +11,8 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import astuple, dataclass, field, fields
+from dataclasses import astuple, dataclass, field, fields, replace
+from functools import cached_property
 from typing import NoReturn, Self
 
 from omniscv import modalities
@@ -20,6 +21,7 @@ from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.modalities import Transfer
 from omniscv.sources.requests import Capture as Capture
 from omniscv.sources.requests import Request as Request
 from omniscv.sources.requests import View as View
@@ -42,6 +44,7 @@ class Capabilities:
         fov_deg: horizontal field of view of every view, where it cannot be set.
         min_size: the smallest width and height of a view, px.
         dialect: the server's dialect; of other sources, what they are, such as ``recording``.
+        transfer: what 8-bit colours say of light (:mod:`omniscv.light`).
         moves: whether the world may change between two captures; captures that must show one instant are
             then checked for motion (:mod:`omniscv.planning.stillness`).
     """
@@ -54,6 +57,7 @@ class Capabilities:
     fov_deg: float | None = None
     min_size: int = 1
     dialect: str = ""
+    transfer: Transfer = "unknown"
     moves: bool = False
 
 
@@ -78,12 +82,18 @@ class ObjectTable:
             object.__setattr__(self, "colors", {name: _color_of(id_) for name, id_ in self.ids.items()})
 
     def label(self, name: str) -> int:
-        """Return the label of an object; ValueError for an unknown name."""
-        return 1 + self.names().index(name)
+        """Return the label of an object; ArgumentError for an unknown name."""
+        if name not in self._labels:
+            raise ArgumentError(f"objects: expected objects of the scene, got {shown(name)}")
+        return self._labels[name]
 
     def names(self) -> list[str]:
         """Return all names in sorted order: label - 1 is the index."""
-        return sorted(self.colors)
+        return list(self._labels)
+
+    @cached_property
+    def _labels(self) -> dict[str, int]:
+        return {name: label for label, name in enumerate(sorted(self.colors), start=1)}
 
 
 def _color_of(instance: int) -> Color:
@@ -312,6 +322,24 @@ class SourceView(SourceWrapper):
         pass
 
 
+class WithTransfer(SourceWrapper):
+    """A source whose 8-bit colours are known to say something else of light than it declares."""
+
+    def __init__(self, source: Source, transfer: Transfer) -> None:
+        super().__init__(source)
+        self._transfer: Transfer = transfer
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return replace(self._source.capabilities, transfer=self._transfer)
+
+    def without(self, objects: Iterable[str]) -> Source:
+        return WithTransfer(super().without(objects), self._transfer)
+
+    def at(self, instant: Instant) -> Source:
+        return WithTransfer(super().at(instant), self._transfer)
+
+
 class ProcessBound(SourceWrapper):
     """A live source in the process that opened it; other processes cannot use, pickle or close it.
 
@@ -350,6 +378,21 @@ class ProcessBound(SourceWrapper):
 def closed_error(what: str) -> SourceError:
     """Return the error of a closed source that is used."""
     return SourceError(f"{what}: expected an open source, got a closed one; open it again")
+
+
+def check_modes(source: Source, modes: Iterable[str]) -> None:
+    """Raise ArgumentError for modalities that a source does not deliver, before anything is captured.
+
+    A recording says by itself what it lacks, and where.
+    """
+    offered = source.capabilities.modes
+    needed = (modalities.get(mode).captured_as or mode for mode in modes)
+    lacking = [mode for mode in needed if mode not in offered]
+    if lacking and source.recorded_views() is None:
+        raise ArgumentError(
+            f"modes: expected some of {', '.join(sorted(offered))}, which the source delivers; "
+            f"got {', '.join(lacking)}"
+        )
 
 
 def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:

@@ -4,7 +4,7 @@ Encodings of every source
     ``png``   modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
     ``npy``   pixels as they are: any modality, any dtype of numbers
 
-Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.codecs`.
+Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`.
 """
 
 import io
@@ -218,5 +218,5 @@ def _first_bytes(payload: bytes) -> str:
 _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
-_MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.codecs")
+_MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.replies")
 """Modules that register encodings, by encoding; imported when one is decoded first."""

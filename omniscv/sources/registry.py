@@ -15,9 +15,10 @@ from typing import Any, TypedDict, Unpack
 from urllib.parse import parse_qsl
 
 from omniscv import storage
-from omniscv.arguments import shown
+from omniscv.arguments import one_of, shown
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.sources.base import Capabilities, Source
+from omniscv.modalities import TRANSFERS, Transfer
+from omniscv.sources.base import Capabilities, Source, WithTransfer
 from omniscv.sources.world import Freeze
 
 Opener = Callable[..., Source]
@@ -26,6 +27,8 @@ Opener = Callable[..., Source]
 _ENTRY_POINTS = "omniscv.sources"
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _HOST_AND_PORT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:]+\]):\d+")
+
+_SQLITE = b"SQLite format 3\0"
 
 _UNREAL = "omniscv.sources.unreal.opening"
 _RECORDING = "omniscv.sources.recording.replay:RecordedSource"
@@ -61,11 +64,14 @@ class SourceOptions(Deadlines, total=False):
         fix_exposure: switch off vignette and auto exposure in the running game.
         freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
             ``auto`` if not given. If it is given, the world moves, and captures are checked for motion.
+        transfer: what 8-bit colours say of light (:mod:`omniscv.light`), in place of what the source
+            declares; of any source.
     """
 
     retries: int
     fix_exposure: bool
     freeze: Freeze
+    transfer: Transfer
 
 
 def register(scheme: str, opener: Opener) -> None:
@@ -96,6 +102,24 @@ def scheme_of(address: str) -> str | None:
     return match[1] if match and ("://" in address or match[1] in _openers) else None
 
 
+def is_recording(path: Path) -> bool:
+    """Return whether a path is that of a file that begins as recordings do."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_SQLITE)) == _SQLITE
+    except OSError:
+        return False
+
+
+def did_you_mean(address: str) -> str:
+    """Return ``; write ADDRESS`` with the whole address of a server or a scene; else nothing."""
+    from mock_server import scene_names
+
+    if _HOST_AND_PORT.fullmatch(address):
+        return f"; write unreal://{address}"
+    return f"; write mock://{address}" if address in scene_names() else ""
+
+
 def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
     """Open a source of captures.
 
@@ -119,9 +143,9 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         raise ArgumentError(f"source: expected an address or the path of a recording, got {shown(uri)}")
     text = str(uri)
     scheme = scheme_of(text)
-    if scheme is None and _HOST_AND_PORT.fullmatch(text) and not Path(text).exists():
-        expected = f"expected an address or a recording, got {shown(text)}"
-        raise ArgumentError(f"source: {expected}; write unreal://{text}")
+    if scheme is None and (advice := did_you_mean(Path(text).name)) and not Path(text).exists():
+        raise ArgumentError(f"source: expected an address or a recording, got {shown(text)}{advice}")
+    transfer = options.pop("transfer", None)
     opener = resolve_name(_RECORDING) if scheme is None else _opener(scheme, text)
     try:
         inspect.signature(opener).bind(text, **options)
@@ -131,12 +155,14 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         got = ", ".join(sorted(options))
         address = shown(storage.without_secrets(text) if opener is resolve_name(_RECORDING) else text)
         raise ArgumentError(f"options: expected {expected} for {address}, got {got}") from None
+    if transfer is not None:
+        one_of("transfer", transfer, TRANSFERS)
     source = opener(text, **options)
     if not isinstance(source, Source):
         raise ArgumentError(
             f"{scheme}: expected it to return a Source for {shown(text)}, got {shown(source)}"
         )
-    return source
+    return source if transfer is None else WithTransfer(source, transfer)
 
 
 def open_sources(uris: Sequence[str], **options: Unpack[SourceOptions]) -> Source:

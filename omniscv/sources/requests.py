@@ -1,8 +1,9 @@
-"""Views, requests and captures: what is requested of sources, and what they deliver."""
+"""Views, requests and captures: what is requested of sources, and what they deliver, in order."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv import modalities
 from omniscv.arguments import shown
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Array, Pose, pinhole
 
 _POSE_DECIMALS = 7
@@ -158,3 +159,53 @@ class Capture:
     def mode(self) -> str:
         """The request's mode."""
         return self.request.mode
+
+
+Held = Callable[[], Capture]
+"""Returns a held capture; called when it is delivered, so that no pixels are read too early."""
+
+_MOST_HELD_IN_A_ROW = 24
+"""After as many held captures in a row, those that wait are delivered before more requests are read: a stream
+of requests is not read to its end before its first capture is delivered."""
+
+
+def in_order(
+    requests: Iterable[Request],
+    find: Callable[[Request], Held | None],
+    capture: Callable[[Iterable[Request]], Iterator[Capture]],
+) -> Iterator[Capture]:
+    """Yield one capture per request, in the order of the requests.
+
+    Args:
+        requests: read lazily, by ``capture``.
+        find: returns the held capture of a request, or None where a new one is needed; called once for each
+            request, when it is read.
+        capture: captures what is not held: one capture for each request that it gets, in their order.
+
+    Raises:
+        SourceError: ``capture`` delivered too few captures.
+    """
+    remaining = iter(requests)
+    waiting: deque[Held | None] = deque()  # None stands for the next new capture
+
+    def missing() -> Iterator[Request]:
+        held_in_a_row = 0
+        while held_in_a_row < _MOST_HELD_IN_A_ROW and (request := next(remaining, None)):
+            held = find(request)
+            waiting.append(held)
+            held_in_a_row = held_in_a_row + 1 if held else 0
+            if held is None:
+                yield request
+
+    while True:
+        for new in capture(missing()):
+            while held := waiting.popleft():
+                yield held()
+            yield new
+        if not waiting:
+            return
+        while waiting:
+            held = waiting.popleft()
+            if held is None:
+                raise SourceError("source: expected a capture for each request, got too few")
+            yield held()

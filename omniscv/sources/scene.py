@@ -41,7 +41,9 @@ _BLOCK_PX = 1 << 13
 """Pixels traced together: their arrays stay in a core's cache, and one thread traces at most as many."""
 _NEAR = 1e-3
 """Least planar depth of projected boxes, metres."""
-_CAPABILITIES = Capabilities(frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene")
+_CAPABILITIES = Capabilities(
+    frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene", transfer="linear"
+)
 
 
 @dataclass

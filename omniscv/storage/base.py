@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
+from omniscv.parallel import side_by_side
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+MOST_BYTES = 1 << 30
+"""Of a file that is read at once."""
+
+_REQUESTS = 16
+"""To a store at a time."""
 
 
 class Folder(ABC):
@@ -29,8 +43,13 @@ class Folder(ABC):
         """
 
     @abstractmethod
-    def read(self, name: str) -> bytes:
-        """Return the bytes of a file; MissingFileError if it does not exist."""
+    def read(self, name: str, most: int = MOST_BYTES) -> bytes:
+        """Return the bytes of a regular file.
+
+        Raises:
+            MissingFileError: it does not exist.
+            DamagedFileError: it has more than ``most`` bytes, or is a device or a pipe.
+        """
 
     @abstractmethod
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
@@ -51,22 +70,33 @@ class Folder(ABC):
         """Remove a file if it exists."""
 
     @abstractmethod
-    def fetch(self, name: str, checksum: str = "") -> Path:
+    def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
         """Return a local file with the same bytes: the file itself, or a copy in the local cache.
 
         Args:
             name: of the file.
             checksum: SHA-256 of the copy, hexadecimal. Without it, the copy is of the store's present
-                version, and is compared with the checksum of its download.
+                version, and is compared with its size in the store, and with the checksum of its download.
+            size: that a file with a checksum has at most, bytes.
 
         Raises:
             MissingFileError: the file does not exist.
-            StorageError: its bytes do not match the checksum.
+            DamagedFileError: its bytes have another size, or do not match the checksum.
         """
 
     @abstractmethod
-    def copy(self, name: str, path: Path) -> None:
-        """Write the bytes of a file to a local path; MissingFileError if it does not exist."""
+    def copy(self, name: str, path: Path, most: int | None = None) -> None:
+        """Write the bytes of a file to a local path.
+
+        Args:
+            name: of the file.
+            path: to write to.
+            most: bytes that a store's file may have; as many as the store says if not given.
+
+        Raises:
+            MissingFileError: it does not exist.
+            DamagedFileError: it has more bytes, or others than the store says.
+        """
 
     @abstractmethod
     def below(self, name: str) -> Folder:
@@ -77,9 +107,26 @@ class Folder(ABC):
     def local(self) -> Path | None:
         """The folder as a path; None for an object store."""
 
+    def each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """Return the results of a function that uses the folder's files, for every item, in order.
+
+        Of a store several requests are waited for at a time, of a local folder all cores work.
+        """
+        if self.local is not None or len(items) < 2:
+            return side_by_side(function, items)
+        with ThreadPoolExecutor(min(len(items), _REQUESTS)) as threads:
+            return list(threads.map(function, items))
+
+
+def is_name(name: object) -> bool:
+    """Return whether a text names a file or folder below another."""
+    return (
+        isinstance(name, str) and not {"\0", "\\"} & set(name) and not {"", ".", ".."} & set(name.split("/"))
+    )
+
 
 def checked_name(name: str) -> str:
     """Return the name of a file or folder below another; ArgumentError for anything else."""
-    if isinstance(name, str) and not {"\0", "\\"} & set(name) and not {"", ".", ".."} & set(name.split("/")):
+    if is_name(name):
         return name
     raise ArgumentError(f"name: expected the name of a file below a folder, got {shown(name)}")

@@ -1,32 +1,94 @@
-"""Files that others wrote, read within a bound: bytes, texts, and YAML as plain values.
+"""Files that others wrote, read within a bound: bytes, texts, JSON and YAML as plain values.
 
 The YAML reader is the mock server's, which imports nothing of this package: one reader serves both.
 """
 
+import json
+import os
+import stat
+import sys
+from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from mock_server import yaml_text
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 
 MOST_YAML_BYTES = yaml_text.MOST_BYTES
+MOST_JSON_BYTES = 1 << 26
+"""Of records of one frame; a list of many frames may have more."""
+
+
+def open_regular(path: Path, links: bool = True, most: int = sys.maxsize) -> BufferedReader:
+    """Open a regular file to read: no folder, device or pipe, which may have no end.
+
+    Args:
+        path: of the file.
+        links: whether the name may be a symbolic link, which may lead anywhere.
+        most: bytes that it may have.
+
+    Raises:
+        FileNotFoundError: nothing has that name.
+        ArgumentError: it is no regular file, cannot be read, or is larger.
+    """
+    if not links and path.is_symlink():
+        raise ArgumentError("expected a regular file, got a link")
+    try:
+        opened = os.open(path, os.O_RDONLY | _NO_WAIT)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as cause:  # ValueError: a NUL in the name
+        got = getattr(cause, "strerror", None) or str(cause)
+        raise ArgumentError(f"expected a readable file, got {got}") from cause
+    status = os.fstat(opened)
+    if stat.S_ISREG(status.st_mode) and status.st_size <= most:
+        return os.fdopen(opened, "rb")
+    os.close(opened)
+    if stat.S_ISREG(status.st_mode):
+        raise ArgumentError(f"expected a file of at most {most} bytes, got a larger one")
+    raise ArgumentError("expected a regular file, got a folder, a device or a pipe")
+
+
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""Opening a pipe does not wait for its other end."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a file, ``most`` at most.
+    """Return the bytes of a regular file, ``most`` at most.
 
     Raises:
-        ArgumentError: it cannot be read, or is larger; a device is never read to its end.
+        ArgumentError: it cannot be read, is no regular file, or is larger.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except (OSError, ValueError) as cause:  # ValueError: a NUL in the name
-        wrong = getattr(cause, "strerror", None) or str(cause)
-        raise ArgumentError(f"expected a readable file, got {wrong}") from cause
+        with open_regular(path, most=most) as file:
+            return file.read()
+    except OSError as cause:
+        raise ArgumentError(f"expected a readable file, got {cause.strerror}") from cause
+
+
+def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:
+    """Return the value of a JSON document in UTF-8.
+
+    Raises:
+        ArgumentError: more than ``most`` bytes, no JSON (NaN and infinity are none), nested too deeply, a
+            number of too many digits, or a text that is no Unicode.
+    """
     if len(data) > most:
-        raise ArgumentError(f"expected a file of at most {most} bytes, got a larger one")
-    return data
+        raise ArgumentError(f"expected JSON of at most {most} bytes, got {len(data)}")
+    try:
+        value = json.loads(data.decode(), parse_constant=_no_number)
+        if b"\\u" in data:  # which can write half of a surrogate pair
+            json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError as cause:
+        raise ArgumentError(f"expected texts of Unicode, got {cause.object[cause.start]!a}") from cause
+    except (ValueError, RecursionError) as cause:
+        raise ArgumentError(f"expected JSON, got: {shown(str(cause))}") from cause
+    return value
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word}, which JSON does not have")
 
 
 def read_text(path: Path) -> str:

@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from omniscv.arguments import number
-from omniscv.errors import ArgumentError, MissingFileError, StorageError
+from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError
 from omniscv.storage.local import LocalFolder, in_one_line, whole_file
 
 Download = Callable[[Path], None]
@@ -54,21 +54,23 @@ def by_checksum(shown: str, name: str, checksum: str, download: Download) -> Pat
     """Return the copy of a SHA-256; download it if it is missing or differs.
 
     Raises:
-        StorageError: the store has other bytes, or the cache cannot be written.
+        DamagedFileError: the store has other bytes.
+        StorageError: the cache cannot be written.
     """
     path = _path(checksum, name)
     if _digest(path) == checksum:
         return path
-    if (got := _fetch(path, download)) != checksum:
-        path.unlink(missing_ok=True)
-        raise StorageError(
-            f"{shown}: expected the bytes of its checksum {checksum[:12]}..., got {got[:12]}..."
-        )
+    _fetch(path, download, shown, checksum)
     return path
 
 
-def by_version(url: str, version: str, download: Download) -> Path:
-    """Return the copy of a version of a file; download it if it is missing or has changed since.
+def by_version(url: str, version: str, size: int | None, download: Download) -> Path:
+    """Return the copy of a version of a file; download it if it is missing, or has changed since.
+
+    Args:
+        url, version: of the file.
+        size: that the store says, bytes; a copy of another size is not believed. None if it says none.
+        download: as :func:`by_checksum`.
 
     Raises:
         StorageError: the cache cannot be written.
@@ -79,7 +81,7 @@ def by_version(url: str, version: str, download: Download) -> Path:
         checksum = checksums.read(path.name + _SUM).decode("ascii", "replace")
     except MissingFileError:
         checksum = ""
-    if not checksum or _digest(path) != checksum:
+    if not checksum or _digest(path) != checksum or size not in (None, path.stat().st_size):
         checksums.put(path.name + _SUM, _fetch(path, download).encode())
     return path
 
@@ -99,12 +101,15 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def _fetch(path: Path, download: Download) -> str:
-    """Download a file, and return its SHA-256."""
+def _fetch(path: Path, download: Download, shown: str = "", expected: str = "") -> str:
+    """Download a file, and return its SHA-256; with an expected one, a file of other bytes is not kept."""
     with in_one_line(path):
         with whole_file(path) as part:
             download(part)
             checksum = _digest(part)
+            if expected and checksum != expected:
+                sums = f"{expected[:12]}..., got {checksum[:12]}..."
+                raise DamagedFileError(f"{shown}: expected the bytes of its checksum {sums}")
         _make_room()
     return checksum
 

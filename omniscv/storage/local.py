@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import shutil
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,8 +16,9 @@ from pathlib import Path
 from typing import IO
 
 from omniscv.arguments import shown
-from omniscv.errors import MissingFileError, StorageError
-from omniscv.storage.base import Folder, checked_name
+from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, StorageError
+from omniscv.storage.base import MOST_BYTES, Folder, checked_name
+from omniscv.storage.bounded import open_regular
 
 try:
     import fcntl
@@ -61,10 +63,14 @@ class LocalFolder(Folder):
             names += [(below / file).as_posix() for file in files if not file.startswith(".")]
         return sorted(name for name in names if name.startswith(prefix))
 
-    def read(self, name: str) -> bytes:
+    def read(self, name: str, most: int = MOST_BYTES) -> bytes:
         """Return the bytes of a file."""
-        with in_one_line(path := self.path / checked_name(name)):
-            return path.read_bytes()
+        path = self.path / checked_name(name)
+        try:
+            with in_one_line(path), open_regular(path, most=most) as file:
+                return file.read()
+        except ArgumentError as fault:
+            raise DamagedFileError(f"{path}: {fault.message}") from fault
 
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
         """Write a temporary file and rename it; with ``first`` link it, which never replaces a file."""
@@ -86,14 +92,14 @@ class LocalFolder(Folder):
         with in_one_line(path := self.path / checked_name(name)):
             path.unlink(missing_ok=True)
 
-    def fetch(self, name: str, checksum: str = "") -> Path:
+    def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
         """Return the file itself, unread."""
         path = self.path / checked_name(name)
         if not self.exists(name):
             raise MissingFileError(f"{path}: expected a file, it is missing")
         return path
 
-    def copy(self, name: str, path: Path) -> None:
+    def copy(self, name: str, path: Path, most: int | None = None) -> None:
         """Write the bytes of a file to a local path."""
         with in_one_line(source := self.path / checked_name(name)):
             shutil.copyfile(source, path)
@@ -235,20 +241,21 @@ def _try_lock(folder: Path) -> Iterator[bool]:
 
 @contextmanager
 def folder_beside(target: Path) -> Iterator[Path]:
-    """Yield a new folder beside ``target``, for :func:`replace_folder`, and remove it at the end."""
-    part = target.with_name(f".{target.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
-    try:
-        yield part
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    """Yield a new folder beside ``target``, for :func:`replace_folder`, and remove it at the end.
+
+    Several processes may have one each. Those that killed processes left are removed.
+    """
+    prefix = f".{target.name}."
+    with scratch_folder(target.parent, prefix) as folder:
+        remove_scratch(target.parent, prefix)
+        yield folder
 
 
 def replace_folder(part: Path, target: Path) -> None:
-    """Rename a folder to ``target``, in place of the folder that has the name."""
-    shutil.rmtree(target, ignore_errors=True)
-    part.replace(target)
+    """Rename a folder to ``target``, in place of the folder that has the name; the last of several wins."""
+    with locked(target.parent):
+        shutil.rmtree(target, ignore_errors=True)
+        part.replace(target)
 
 
 @contextmanager

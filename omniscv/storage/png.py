@@ -10,7 +10,7 @@ number of its filter, which says what was subtracted from its bytes.
 
 import struct
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,21 +31,49 @@ _LEVEL = 2
 """By measurement: colours and masks in half of zlib's fastest time, or less, and fewer bytes."""
 
 Pixels = NDArray[np.uint8]
+HEADER_BYTES = 33
+"""Of a PNG, which hold its size."""
 
 
-def decode(payload: bytes) -> Pixels:
+class Header(NamedTuple):
+    """Width and height, px; channels, and bits of each."""
+
+    width: int
+    height: int
+    channels: int
+    bits: int
+
+
+def header(start: bytes) -> Header:
+    """Return the header of a PNG, from its first ``HEADER_BYTES``.
+
+    Raises:
+        BadReplyError: no PNG.
+    """
+    if start[:8] != _SIGNATURE or len(start) < HEADER_BYTES or start[12:16] != b"IHDR":
+        raise BadReplyError("expected a PNG, got no signature and header of one")
+    width, height, bits, kind = struct.unpack_from(">IIBB", start, 16)
+    return Header(width, height, 3 if kind == _PALETTE else _CHANNELS.get(kind, 0), bits)
+
+
+def decode(payload: bytes, depth: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """Return (H, W, C) pixels: grey, grey with alpha, RGB or RGBA; a palette gives RGB.
 
     Memory is taken for the size in the header, which the caller has checked, with the signature.
+
+    Args:
+        payload: the file.
+        depth: bits of a channel, 8 or 16.
 
     Raises:
         BadReplyError: another kind of PNG, a wrong checksum, or data for less or more than the picture.
     """
     width, height, bits, kind, *methods = struct.unpack_from(">IIBBBBB", payload, 16)
-    if bits != 8 or kind not in _CHANNELS or any(methods):
+    if bits != depth or kind not in _CHANNELS or (kind == _PALETTE and depth != 8) or any(methods):
         got = f"{bits}-bit {width} x {height} of colour type {kind}, methods {methods}"
-        raise BadReplyError(f"expected an 8-bit PNG, not interlaced, got {got}")
-    step = _CHANNELS[kind]
+        wanted = "an 8-bit PNG" if depth == 8 else "a 16-bit PNG"
+        raise BadReplyError(f"expected {wanted}, not interlaced, got {got}")
+    step = _CHANNELS[kind] * depth // 8
     row = 1 + width * step
     if len(payload) > 2 * height * row + _SPARE:
         raise BadReplyError(f"expected a PNG of {width} x {height}, got {len(payload)} bytes")
@@ -55,6 +83,8 @@ def decode(payload: bytes) -> Pixels:
     if not _unfilter(rows, step, padded):
         raise BadReplyError("expected a PNG, got one with an unknown filter")
     pixels = padded[1:, step:].reshape(height, width, step)
+    if depth == 16:
+        return np.ascontiguousarray(pixels).view(">u2").astype(np.uint16)
     return _colored(pixels, palette) if kind == _PALETTE else pixels
 
 
@@ -112,7 +142,8 @@ def _unfilter(rows: Any, step: int, padded: Any) -> bool:
     for y in range(rows.shape[0]):
         kind, row, above, out = rows[y, 0], rows[y, 1:], padded[y], padded[y + 1]
         if kind == 0:
-            out[step:] = row
+            for x in range(row.size):  # an assignment of slices compiles numba's text of its errors, 2 s
+                out[x + step] = row[x]
         elif kind == 1:
             for x in range(row.size):
                 out[x + step] = row[x] + out[x]
@@ -135,8 +166,12 @@ def _unfilter(rows: Any, step: int, padded: Any) -> bool:
     return True
 
 
-def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> bytes:
     """Return the PNG of grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4) pixels.
+
+    Args:
+        pixels: uint8 or uint16.
+        srgb: whether the file says that they are sRGB.
 
     Raises:
         ArgumentError: other pixels.
@@ -155,4 +190,5 @@ def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
         return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib_ng.crc32(name + data))
 
     header = block(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0))
-    return _SIGNATURE + header + block(b"IDAT", zlib_ng.compress(rows, _LEVEL)) + block(b"IEND", b"")
+    color = block(b"sRGB", b"\0") + block(b"gAMA", struct.pack(">I", 45455)) if srgb else b""
+    return _SIGNATURE + header + color + block(b"IDAT", zlib_ng.compress(rows, _LEVEL)) + block(b"IEND", b"")

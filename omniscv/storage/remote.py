@@ -5,18 +5,22 @@ from __future__ import annotations
 import os
 import random
 import re
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from omniscv.errors import ArgumentError, MissingFileError, OmniscvError, StorageError
+from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, OmniscvError, StorageError
 from omniscv.storage import cache
-from omniscv.storage.base import Folder, checked_name
+from omniscv.storage.base import MOST_BYTES, Folder, checked_name, is_name
 from omniscv.storage.local import NO_SPACE
 
 T = TypeVar("T")
+Limits = Mapping[str, float]
+"""``timeout`` of a request, seconds; empty for stores that are reached without fsspec's event loop."""
 
 SCHEMES = ("file", "s3", "gs", "memory")
 """Tested stores; fsspec opens others too."""
@@ -25,12 +29,23 @@ _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
 _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
 _ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
-_PATIENCE_S = 20.0
-"""No later attempt is started: the packages of some stores retry too."""
+_PATIENCE_S, _ANSWER_S, _LISTING_S = 20.0, 8.0, 60.0
+"""No attempt is started later; for one attempt of a request, and of a listing, which is many requests. The
+packages of some stores retry, too, within an attempt."""
+_SLOWEST, _SMALL = 1e5, 1 << 20
+"""Bytes a second: content may take as much longer. Bytes of a file that is read without asking for more."""
+_S3_CLIENT = {
+    "connect_timeout": _ANSWER_S,
+    "read_timeout": _ANSWER_S,
+    "retries": {"max_attempts": 0},
+    "max_pool_connections": 32,
+}
+"""Silence ends an attempt of S3's client; it does not try again on its own."""
 _FINAL = (
     FileExistsError, FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, TypeError,
     ValueError, NotImplementedError, ImportError,
 )  # fmt: skip
+_REFUSED = "; check the store's credentials: they may be wrong, or have expired"
 _FINAL_NAMES = ("NoCredentialsError", "ParamValidationError", "PartialCredentialsError", "ProfileNotFound")
 """Errors that no retry mends; those of optional packages by name."""
 
@@ -66,45 +81,58 @@ class RemoteFolder(Folder):
         return self._info(name) is not None
 
     def names(self, prefix: str = "") -> list[str]:
-        """Return the names of all files that start with a prefix, sorted."""
+        """Return the names of all files that start with a prefix, sorted, but any that lead elsewhere."""
         inner = prefix.rpartition("/")[0]
         _, root = self._opened("")
         start = self._opened(inner)[1] if inner else root
 
-        def find() -> list[str]:
+        def find(limits: Limits) -> list[str]:
             fs, _ = self._opened("")
             fs.invalidate_cache()
-            return [str(path) for path in fs.find(start)]
+            return [str(path) for path in fs.find(start, **limits)]
 
         try:
-            paths = self._retry(inner, find)
+            paths = self._retry(inner, find, _LISTING_S)
         except MissingFileError:  # some stores have folders
             return []
         names = (path[len(root.rstrip("/")) :].lstrip("/") for path in paths)
-        return sorted(name for name in names if name.startswith(prefix) and "/." not in f"/{name}")
+        return sorted(
+            name for name in names if name.startswith(prefix) and "/." not in f"/{name}" and is_name(name)
+        )
 
-    def read(self, name: str) -> bytes:
+    def read(self, name: str, most: int = MOST_BYTES) -> bytes:
         """Return the bytes of a file."""
-        return self._retry(name, lambda: bytes(self._call(name, "cat_file")))
+        with TemporaryDirectory(prefix="omniscv-") as folder:
+            path = Path(folder) / "file"
+            try:
+                self._download(name, path, min(most, _SMALL))  # mostly enough: one request
+            except DamagedFileError:
+                size = _size_in(self._info(name) or {})
+                if size is None or size > most:
+                    raise DamagedFileError(
+                        f"{self}/{name}: expected at most {most} bytes, got {size}"
+                    ) from None
+                self._copy(name, path, size)
+            return path.read_bytes()
 
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
         """Write a file in one request, or in parts that the store joins at the end."""
         if first and self.exists(name):
             return False
         options = {"mode": "create"} if first and self._writes_once() else {}
+        size = len(content) if isinstance(content, bytes) else content.stat().st_size
         attempts = 0
 
-        def write() -> bool:
+        def write(limits: Limits) -> None:
             nonlocal attempts
             attempts += 1
             if isinstance(content, bytes):
-                self._call(name, "pipe_file", content, **options)
+                self._call(name, "pipe_file", content, **options, **limits)
             else:
-                self._call(name, "put_file", str(content), **options)
-            return True
+                self._call(name, "put_file", str(content), **options, **limits)
 
         try:
-            self._retry(name, write)
+            self._retry(name, write, _ANSWER_S + size / _SLOWEST)
         except MissingFileError as cause:
             raise StorageError(f"{self}: expected a bucket or folder to write to, it is missing") from cause
         except FileExistsError:
@@ -116,27 +144,44 @@ class RemoteFolder(Folder):
         """Remove a file if it exists."""
         if self.exists(name):
             try:
-                self._retry(name, lambda: self._call(name, "rm_file"))
+                self._retry(name, lambda limits: self._call(name, "rm_file", **limits))
             except MissingFileError:
                 return
 
-    def fetch(self, name: str, checksum: str = "") -> Path:
+    def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
         """Return a copy in the local cache, compared with its checksum at every call."""
-
-        def download(path: Path) -> None:
-            self.copy(name, path)
-
+        where = f"{self}/{checked_name(name)}"
         if checksum:
-            return cache.by_checksum(f"{self}/{name}", checked_name(name), checksum, download)
+            return cache.by_checksum(where, name, checksum, lambda path: self._download(name, path, size))
         info = self._info(name)
         if info is None:
-            raise MissingFileError(f"{self}/{name}: expected a file, it is missing")
+            raise MissingFileError(f"{where}: expected a file, it is missing")
         version = repr(sorted((str(key), str(value)) for key, value in info.items()))
-        return cache.by_version(f"{self.url}/{name}", version, download)
+        said = _size_in(info)
+        return cache.by_version(where, version, said, lambda path: self._copy(name, path, said))
 
-    def copy(self, name: str, path: Path) -> None:
+    def copy(self, name: str, path: Path, most: int | None = None) -> None:
         """Write the bytes of a file to a local path."""
-        self._retry(name, lambda: self._call(name, "get_file", str(path)))
+        if most is None:
+            self._copy(name, path, _size_in(self._info(name) or {}))
+        else:
+            self._download(name, path, most)
+
+    def _copy(self, name: str, path: Path, size: int | None) -> None:
+        """Write the bytes of a file, which has a size unless it is None, to a local path."""
+        self._download(name, path, sys.maxsize if size is None else size)
+        if size is not None and (got := path.stat().st_size) != size:
+            raise DamagedFileError(f"{self}/{name}: expected {size} bytes, got {got}")
+
+    def _download(self, name: str, path: Path, most: int) -> None:
+        """Write the bytes of a file, ``most`` at most, to a local path."""
+        seconds = _ANSWER_S + min(most, MOST_BYTES) / _SLOWEST
+
+        def get(limits: Limits) -> None:
+            bound = _bound(f"{self}/{name}", most)
+            self._call(name, "get_file", str(path), callback=bound, **limits)
+
+        self._retry(name, get, seconds)
 
     def below(self, name: str) -> RemoteFolder:
         """Return an inner folder."""
@@ -152,9 +197,14 @@ class RemoteFolder(Folder):
 
     def _file_system(self) -> tuple[Any, str]:
         try:
+            from fsspec.config import conf
             from fsspec.core import url_to_fs
 
-            fs, root = url_to_fs(self.url)
+            s3 = scheme_of(self.url) == "s3"
+            configured = conf.get("s3", {}).get("config_kwargs", {})
+            fs, root = url_to_fs(self.url, **({"config_kwargs": _S3_CLIENT | configured} if s3 else {}))
+            if s3:
+                fs.retries = 1
         except ImportError as cause:
             wanted = f"expected the packages of this store ({without_secrets(cause)})"
             raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud], and gcsfs for gs://") from cause
@@ -175,10 +225,10 @@ class RemoteFolder(Folder):
         The ``exists`` of fsspec returns False for any error.
         """
 
-        def look() -> dict[str, Any]:
+        def look(limits: Limits) -> dict[str, Any]:
             fs, path = self._opened(checked_name(name))
             fs.invalidate_cache()
-            return dict(fs.info(path))
+            return dict(fs.info(path, **limits))
 
         try:
             info = self._retry(name, look)
@@ -187,40 +237,76 @@ class RemoteFolder(Folder):
         return info if info.get("type") == "file" else None
 
     def _holds(self, name: str, content: bytes | Path) -> bool:
-        return self.read(name) == (content if isinstance(content, bytes) else content.read_bytes())
+        wanted = content if isinstance(content, bytes) else content.read_bytes()
+        try:
+            return self.read(name, len(wanted)) == wanted
+        except DamagedFileError:
+            return False
 
     def _writes_once(self) -> bool:
         """Return whether the store can refuse to replace a file, as S3 does by ``If-None-Match``."""
         protocol = self._opened("")[0].protocol
         return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
-    def _retry(self, name: str, action: Callable[[], T]) -> T:
+    def _retry(self, name: str, action: Callable[[Limits], T], seconds: float = _ANSWER_S) -> T:
         """Return the result of an action; retry with exponential backoff where that may help.
 
         FileExistsError passes unchanged.
+
+        Args:
+            name: of the file or folder, for messages.
+            action: called with the options of a request that bound its time.
+            seconds: that one attempt may take.
         """
         where = f"{self}/{name}" if name else str(self)
+        limits = {"timeout": seconds} if getattr(self._opened("")[0], "async_impl", False) else {}
         patient_until = time.monotonic() + _PATIENCE_S
         for attempt in range(_ATTEMPTS):
             try:
-                return action()
+                return action(limits)
             except (OmniscvError, FileExistsError):
                 raise
             except FileNotFoundError as cause:
                 raise MissingFileError(f"{where}: expected a file, it is missing") from cause
             except Exception as cause:  # each store's library has its own
-                full = getattr(cause, "errno", None) in NO_SPACE
+                number = getattr(cause, "errno", None)
                 final = isinstance(cause, _FINAL) or type(cause).__name__ in _FINAL_NAMES
-                late = attempt == _ATTEMPTS - 1 or time.monotonic() > patient_until
-                if final or full or late:
-                    raise _failure(where, cause, full) from cause
+                late = attempt == _ATTEMPTS - 1 or time.monotonic() + _ANSWER_S > patient_until
+                if final or number in NO_SPACE or late:
+                    raise _failure(where, cause, seconds) from cause
             time.sleep(_FIRST_WAIT_S * 2**attempt * random.uniform(0.5, 1.5))
         raise AssertionError("the last attempt returns or raises")
 
 
-def _failure(where: str, cause: Exception, full: bool) -> StorageError:
+def _size_in(info: Mapping[str, Any]) -> int | None:
+    """Return the size that a store says, None if it says none."""
+    size = info.get("size")
+    return size if isinstance(size, int) and size >= 0 else None
+
+
+def _bound(where: str, most: int) -> Any:
+    """Return a callback of downloads that raises DamagedFileError when more than ``most`` bytes have come."""
+    from fsspec.callbacks import Callback
+
+    class Bound(Callback):  # type: ignore[misc] # fsspec is imported without its types
+        def relative_update(self, inc: int = 1) -> None:
+            super().relative_update(inc)
+            if self.value > most:
+                raise DamagedFileError(f"{where}: expected at most {most} bytes, got more")
+
+    return Bound()
+
+
+def _failure(where: str, cause: Exception, seconds: float) -> StorageError:
     got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
-    advice = "; free space there, and run again" if full else ""
+    number, advice = getattr(cause, "errno", None), ""
+    if isinstance(cause, TimeoutError):
+        got = f"no answer in {seconds:.0f} s"
+    if number in NO_SPACE:
+        advice = "; free space there, and run again"
+    # Amazon answers 400 to an expired token, without a reason where it sends no body.
+    if isinstance(cause, PermissionError) or got == "Bad Request" or "credentials" in got.lower():
+        advice = _REFUSED
     return StorageError(f"{where}: expected to read or write it, got: {without_secrets(got)}{advice}")
 
 

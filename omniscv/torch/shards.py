@@ -6,13 +6,10 @@ position in them.
 
 from __future__ import annotations
 
-import json
 import os
-import tarfile
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,13 +17,9 @@ import numpy as np
 import torch.distributed
 from torch.utils.data import IterableDataset, get_worker_info
 
-from omniscv import storage
 from omniscv.arguments import flag, one_of, texts, whole_number
-from omniscv.cameras import from_dict
-from omniscv.dataset.formats.webdataset import SHARDS
-from omniscv.dataset.manifest import IMAGE, Manifest
-from omniscv.errors import ArgumentError, DatasetError
-from omniscv.frame import FileEntry, Frame
+from omniscv.dataset.formats.webdataset import Shard, read_list
+from omniscv.errors import ArgumentError
 from omniscv.storage import is_url, without_secrets
 from omniscv.torch.samples import LAYERS, Sample, sample_of_frame
 from omniscv.torch.workers import Epochs, bound_threads
@@ -35,6 +28,7 @@ _MIXED = 8
 """Shards of a group: enough that a batch is of many places, few enough to keep open."""
 
 _RECORDS = "truth", "layout"
+"""Kinds of files that every sample has, beside layers."""
 
 
 class ShardDataset(Epochs, IterableDataset[Sample]):
@@ -77,7 +71,7 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
                 f"folder: expected one on this machine, got {without_secrets(folder)}; copy it"
             )
         self._folder = Path(folder).absolute()
-        self._manifest, shards = _read_list(self._folder)
+        self._manifest, shards = read_list(self._folder)
         split_of = {file: file.path.rpartition("-")[0] for file in shards}
         if split:
             one_of("split", split, sorted(set(split_of.values())))
@@ -105,99 +99,18 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         return [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
 
     def _read(self, samples: Sequence[tuple[int, str]]) -> Iterator[Sample]:
-        layers = LAYERS if self.layers is None else self.layers
+        kinds = (*(LAYERS if self.layers is None else self.layers), *_RECORDS)
         with ExitStack() as stack:
             folder = Path(stack.enter_context(TemporaryDirectory(prefix="omniscv-")))
-            shards: dict[int, _Shard] = {}
+            shards: dict[int, Shard] = {}
             for number, key in samples:
                 if number not in shards:
-                    shard = _Shard(self._folder, self._shards[number][0], self._manifest)
+                    shard = Shard(self._folder, self._shards[number][0], self._manifest)
                     shards[number] = stack.enter_context(closing(shard))
-                sample = sample_of_frame(shards[number].extract(key, layers, folder), self.layers)
+                sample = sample_of_frame(shards[number].extract(key, kinds, folder), self.layers)
                 for path in folder.iterdir():  # pictures are decoded from files
                     path.unlink()
                 yield sample
-
-
-def _read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
-    """The cameras and names of ``shards.json``, and by shard the keys of its samples."""
-    path = folder / SHARDS
-    if not path.is_file():
-        advice = "write it by 'omniscv dataset pack DIR --as webdataset --out FOLDER'"
-        raise ArgumentError(f"{folder}: expected a folder of shards, it has no {SHARDS}; {advice}")
-    try:
-        content = json.loads(path.read_bytes())
-        shards = {
-            FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
-            for shard in content["shards"]
-        }
-        cameras = {name: from_dict(camera) for name, camera in content["cameras"].items()}
-        return Manifest(cameras, dict(content["names"]), versions={}), shards
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as cause:
-        raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
-
-
-class _Shard:
-    """An open shard.
-
-    Args:
-        folder: of the shard.
-        file: the shard, with its size.
-        manifest: cameras and names.
-
-    Raises:
-        DatasetError: it is missing, has another size, or is no tar file.
-    """
-
-    def __init__(self, folder: Path, file: FileEntry, manifest: Manifest) -> None:
-        self._path, self._manifest = folder / file.path, manifest
-        if fault := file.fault(folder, deep=False):
-            raise DatasetError(f"{self._path}: {fault}")
-        self._members: dict[str, dict[str, tarfile.TarInfo]] = defaultdict(dict)
-        try:
-            self._tar = tarfile.open(self._path, "r:")  # noqa: SIM115, closed by close()
-            for member in self._tar.getmembers():
-                key, _, rest = member.name.partition(".")
-                self._members[key][rest.partition(".")[0] if "." in rest else IMAGE] = member
-        except (OSError, tarfile.TarError) as cause:
-            raise DatasetError(f"{self._path}: expected a shard, got: {cause}") from cause
-
-    def close(self) -> None:
-        """Close its file."""
-        self._tar.close()
-
-    def extract(self, key: str, layers: Sequence[str], folder: Path) -> Frame:
-        """Write files of a sample into a folder, and return their frame.
-
-        Args:
-            key: of the sample.
-            layers: to extract, if the sample has them.
-            folder: of the files, as long as the frame is used.
-
-        Raises:
-            DatasetError: the shard lacks the sample, or a file is damaged.
-        """
-        members = self._members.get(key, {})
-        if IMAGE not in members:
-            raise DatasetError(
-                f"{self._path}: expected the sample {key}, it has none; pack the dataset again"
-            )
-        image = self._extract(members[IMAGE], folder)
-        frame = self._manifest.frame_of_file(image.name, image.read_bytes(), storage.folder(folder))
-        files = {}
-        for kind in members.keys() & frame.entries.keys() & {*layers, *_RECORDS}:
-            files[kind] = self._extract(members[kind], folder)
-            if fault := frame.entries[kind].fault(folder):
-                raise DatasetError(f"{self._path}: {files[kind].name}: {fault}")
-        return replace(frame, files=files)
-
-    def _extract(self, member: tarfile.TarInfo, folder: Path) -> Path:
-        content = self._tar.extractfile(member)
-        if content is None or member.name != Path(member.name).name:
-            raise DatasetError(f"{self._path}: expected files of samples, got {member.name!r}")
-        path = folder / member.name
-        path.write_bytes(content.read())
-        return path
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import flag, one_of, shown, text, whole_number, within
+from omniscv.arguments import flag, label, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, UnmatchedNamesError
 from omniscv.records import checked, listed, nested, read, record
 
@@ -244,7 +244,7 @@ def _rules(name: str, value: object) -> tuple[_RuleEntry, ...]:
 
 
 def _text_or_empty(name: str, value: object) -> object:
-    return value if value == "" else text(name, value)
+    return value if value == "" else label(name, value)
 
 
 def _known_taxonomy(name: str, value: object) -> Any:
@@ -255,7 +255,7 @@ def _known_taxonomy(name: str, value: object) -> Any:
 class _RuleEntry:
     """A rule, and what it says of its class."""
 
-    class_name: str = checked(text, key="class")
+    class_name: str = checked(label, key="class")
     match: str = checked(text, default="")
     regex: str = checked(_regex, default="")
     id: int | None = checked(whole_number, least=1, most=_MOST, default=None)

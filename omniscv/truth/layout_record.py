@@ -15,7 +15,7 @@ without depth.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from itertools import pairwise
@@ -294,6 +294,14 @@ def _captures(geometry: SceneGeometry, options: LayoutOptions) -> bool:
     return geometry.room is None or options.chosen_source == "fitted"
 
 
+def _check(_: object, geometry: SceneGeometry, modes: Collection[str], options: LayoutOptions) -> None:
+    if not _captures(geometry, options):
+        return
+    if missing := [mode for mode in _FIT_MODES if mode not in modes]:
+        why = "because the source does not know its room, which is fitted to images"
+        raise ArgumentError(f"expected modes with {', '.join(missing)}, {why}; add them to 'modes'")
+
+
 register(
     Truth(
         "layout",
@@ -303,5 +311,6 @@ register(
         keys=("layout", "tolerance"),
         captures=_captures,
         options=LayoutOptions,
+        check=_check,
     )
 )

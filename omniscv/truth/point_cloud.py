@@ -83,13 +83,16 @@ def points(
     return _join(row_blocks(of_rows, *depth.shape))
 
 
-def points_of(image: Pictured, rays: Rays, max_error_m: float | None = None) -> Points:
+def points_of(
+    image: Pictured, rays: Rays, max_error_m: float | None = None, max_relative: float | None = None
+) -> Points:
     """Return the points of an image with depth, with its normals, colours, labels and classes.
 
     Args:
         image: such as a frame of a dataset.
         rays: of its camera's pixel centres.
         max_error_m: points whose ``depth_error`` is larger are left out, metres.
+        max_relative: points are left out as :func:`inexact` says.
 
     Raises:
         ArgumentError: the image has no depth, or no ``depth_error`` where it is needed.
@@ -99,10 +102,25 @@ def points_of(image: Pictured, rays: Rays, max_error_m: float | None = None) -> 
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])
     unsure = image.layer("unsure") if "unsure" in image.files else None
+    left_out = [] if unsure is None else [unsure]
     if max_error_m is not None:
-        inexact = image.layer("depth_error") > max_error_m
-        unsure = inexact if unsure is None else unsure | inexact
+        left_out.append(image.layer("depth_error") > max_error_m)
+    if max_relative is not None:
+        left_out.append(inexact(image, max_relative))
+    unsure = np.any(left_out, axis=0) if left_out else None
     return points(image.layer("depth"), rays, image.pose, layers, unsure)
+
+
+def inexact(image: Pictured, max_relative: float) -> NDArray[np.bool_]:
+    """Return (H, W) whether the bound on the error of depth is a larger part of it than ``max_relative``.
+
+    Nowhere, where the image has no bounds.
+    """
+    depth = image.layer("depth")
+    if "depth_error" not in image.files:
+        return np.zeros(depth.shape, np.bool_)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(image.layer("depth_error") > max_relative * depth)
 
 
 def merged(clouds: Iterable[Points], voxel_m: float) -> Points:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Protocol
@@ -20,6 +20,7 @@ from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import NoOptions, checked, read, record
+from omniscv.sources.base import Source
 from omniscv.truth.classes import ClassTable
 
 SHARED_FILE = "truth.json"
@@ -116,6 +117,8 @@ class Truth:
         options: record of the options (:mod:`omniscv.records`) that ``derive`` gets; None: it gets the
             mapping as it is.
         format: of a truth between frames, the export that writes it.
+        check: raises ArgumentError for a source, its geometry, and modes with which no image can have the
+            truth, given its options; called before the first capture.
     """
 
     name: str
@@ -126,6 +129,7 @@ class Truth:
     captures: bool | Callable[[SceneGeometry, Any], bool] = False
     options: type[Any] | None = None
     format: str = ""
+    check: Callable[[Source, SceneGeometry, Collection[str], Any], None] | None = None
 
     @property
     def kind(self) -> str:
@@ -208,6 +212,12 @@ def names() -> tuple[str, ...]:
     """Return the names of all truths."""
     plugins.load()
     return tuple(dict.fromkeys((*_MODULES, *_TRUTHS)))
+
+
+def kinds() -> tuple[str, ...]:
+    """Return the kinds of the files that hold records."""
+    plugins.load()
+    return tuple(dict.fromkeys(("truth", "layout", *(truth.kind for truth in _TRUTHS.values()))))
 
 
 def get(name: str) -> Truth:

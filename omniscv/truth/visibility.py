@@ -20,6 +20,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import checked, record
+from omniscv.sources.base import Source
 from omniscv.truth import rle
 from omniscv.truth.object_boxes import Labels, boxes, visible_ids
 from omniscv.truth.registry import Observation, Truth, register
@@ -178,4 +179,8 @@ def _labels_alone(observation: Observation, renderer: Renderer, names: Iterable[
     return np.asarray(ids[alone["labels"]])
 
 
-register(Truth("amodal", _derive, needs=("object_mask",), captures=True, options=AmodalOptions))
+def _check(source: Source, *_: object) -> None:
+    source.without([]).close()
+
+
+register(Truth("amodal", _derive, needs=("object_mask",), captures=True, options=AmodalOptions, check=_check))

@@ -13,7 +13,7 @@ from omniscv.sources import Capabilities, Capture, ObjectTable, Request, Source,
 
 
 class Noise(Source):
-    """Faces of noise, made once for each size: they take no time."""
+    """Faces of noise at a depth of 3 m, made once for each size: they take no time."""
 
     capabilities = Capabilities()
 
@@ -28,7 +28,9 @@ class Noise(Source):
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         for request in requests:
-            yield Capture(request, request.view, self.face(request.view.width))
+            edge = request.view.width
+            depth = request.mode == "depth"
+            yield Capture(request, request.view, np.full((edge, edge), 3.0) if depth else self.face(edge))
 
     def objects(self) -> ObjectTable:
         return ObjectTable({})

@@ -9,8 +9,8 @@ import warnings
 from dataclasses import dataclass
 
 from omniscv.cli import run
+from omniscv.errors import LONGEST_LINE
 
-LONGEST_LINE = 300
 SECONDS = 1.0
 """Of the processor, for a refusal."""
 
@@ -71,11 +71,12 @@ def no_library_prints():
 
 
 def refused_in_one_line(outcome):
-    """One line of at most 300 characters; none where the command printed a report, as ``verify`` does.
+    """One line of bounded length; none where the command printed a report, as ``verify`` does.
 
-    A line about options that override a job's keys may come before.
+    Lines about options that override a job's keys, and about boxes that no server told, may come before.
     """
-    lines = [line for line in outcome.err.splitlines() if ": --" not in line or " overrides " not in line]
+    before = (" overrides ", "no boxes of objects are recorded: ")
+    lines = [line for line in outcome.err.splitlines() if not any(each in line for each in before)]
     if outcome.out and outcome.code == 1:
         return
     if not lines and outcome.out.lstrip().startswith("Usage:"):
@@ -96,9 +97,10 @@ def refused(arguments):
 def clear(error, where=""):
     """Hold a refusal from Python to the same rules."""
     text = str(error)
-    longest = getattr(error, "longest", LONGEST_LINE)
-    require("\n" not in text and len(text) <= longest, f"{where}: {len(text)} characters: {text[:400]!r}")
-    helps = "expected" in text or "known keys" in text
+    require(
+        "\n" not in text and len(text) <= LONGEST_LINE, f"{where}: {len(text)} characters: {text[:400]!r}"
+    )
+    helps = "expected" in text or "known keys" in text or "missing key" in text
     require(helps, f"{where}: expected what was expected, got {text!r}")
     wild = {each for each in text if not each.isprintable()}
     require(not wild, f"{where}: control characters in the message: {wild!r}")

@@ -1,6 +1,6 @@
 """One bit of a recording flipped: it is refused, or nothing that was recorded has changed."""
 
-from attack.commands import clear, nothing_left, require
+from attack.commands import clear, nothing_left, ran, require
 from attack.samples import contents, same, sample
 from omniscv.errors import OmniscvError
 
@@ -16,5 +16,6 @@ def case(rng, folder):
             found = contents(work / "room.sqlite")
         except OmniscvError as error:
             clear(error)
+            require(ran(["recording", "check", "room.sqlite"]).code, f"bit {bit} is refused, and not found")
         else:
             require(same(*found), f"other data than was recorded, with bit {bit} flipped")

@@ -8,58 +8,13 @@ import shutil
 from attack.commands import nothing_left, ran, require
 from attack.samples import contents, same, sample
 from attack.texts import scrambled
-
-VALUES = [
-    None,
-    True,
-    -1,
-    0,
-    1,
-    8.0,
-    1e9,
-    2**63,
-    "",
-    "x",
-    "../x",
-    "/etc/passwd",
-    [],
-    {},
-    [1],
-    {"a": 1},
-    "\x1b[31m[/b]",
-    "\u202e",
-    "a\0b",
-    float("nan"),
-    float("inf"),
-    "lit",
-    "depth",
-    "png",
-    "npy",
-    "png normal",
-    "9" * 10000,
-    [[]] * 100,
-]
-TEXTS = [
-    "",
-    "[",
-    "null",
-    "[]",
-    "{}",
-    "[1]",
-    "NaN",
-    "[" * 100_000,
-    "9" * 100_000,
-    '{"a": 1, "a": 2}',
-    '"\\ud800"',
-    "\ufeff[]",
-    "[1e999]",
-]
+from attack.words import JSON_TEXTS, JSON_VALUES
 
 
 def replaced(rng, value):
     """A JSON value with something in it replaced, removed or added."""
     if not isinstance(value, dict | list) or not value or rng.random() < 0.1:
-        return rng.choice(VALUES)
+        return rng.choice(JSON_VALUES)
     if isinstance(value, list):
         index = rng.randrange(len(value))
         return [
@@ -74,7 +29,7 @@ def replaced(rng, value):
             rest,
             {**rest, key: replaced(rng, value[key])},
             {**rest, key: replaced(rng, value[key])},
-            {**value, "also": rng.choice(VALUES)},
+            {**value, "also": rng.choice(JSON_VALUES)},
         ]
     )
 
@@ -99,7 +54,7 @@ def spoil(rng, folder):
     elif path.suffix == ".json":
         text = path.read_bytes().decode(errors="replace")
         if kind == 8:
-            text = rng.choice(TEXTS)
+            text = rng.choice(JSON_TEXTS)
         elif kind == 9:
             text = scrambled(rng, text)
         else:
@@ -123,11 +78,11 @@ def case(rng, folder):
         target = work / "room.sqlite"
         if resumed := rng.random() < 0.5:
             shutil.copy(true.recording, target)
-        outcome = ran(["captures", "import", "faces", target.name])
+        outcome = ran(["recording", "import", "faces", target.name])
         if outcome.code == 0:
-            verified = ran(["captures", "verify", target.name])
+            verified = ran(["recording", "check", target.name])
             require(verified.code == 0, f"imported, and does not verify: {verified.out}{verified.err}")
-            ran(["captures", "info", target.name])
+            ran(["recording", "info", target.name])
         elif resumed:
             captures, objects = contents(target)
             require(same(captures, objects), "a refused import changed the recording")

@@ -6,6 +6,7 @@ import sqlite3
 
 from attack.commands import clear, nothing_left, ran, require
 from attack.samples import contents, same, sample
+from attack.words import SQL
 from omniscv.errors import OmniscvError
 
 PAGE = 4096
@@ -57,34 +58,6 @@ def pages_changed(rng, data):
     return b"".join(pages)
 
 
-VALUES = [
-    "NULL",
-    "''",
-    "'x'",
-    "x'00'",
-    "0",
-    "-1",
-    "1",
-    "9e999",
-    "9223372036854775807",
-    "'[]'",
-    "'{}'",
-    "'null'",
-    "'{'",
-    "randomblob(100)",
-    "zeroblob(1000000)",
-    "'\x1b[31m[/b]'",
-    "'../x'",
-    "'png'",
-    "'npy'",
-    "'depth'",
-    "'lit'",
-    "CAST('é' AS BLOB)",
-    "printf('%.*c', 5000, '[')",
-    "printf('%.*c', 5000, '9')",
-]
-
-
 def sql_changed(rng, path):
     """What somebody with SQL can do to the file, without making its checksums right."""
     database = sqlite3.connect(path, isolation_level=None)
@@ -95,7 +68,7 @@ def sql_changed(rng, path):
         table = rng.choice(tables)
         columns = [row[1] for row in database.execute(f'PRAGMA table_info("{table}")')]
         column, other = rng.choice(columns), rng.choice(columns)
-        value, one = rng.choice(VALUES), f"rowid = {rng.randint(1, 6)}"
+        value, one = rng.choice(SQL), f"rowid = {rng.randint(1, 6)}"
         statements = [
             *[f'UPDATE "{table}" SET "{column}" = {value} WHERE {one}'] * 8,
             f'UPDATE "{table}" SET "{column}" = {value}',
@@ -150,7 +123,7 @@ def case(rng, folder):
             shutil.copy(sample().recording, path)
             sql_changed(rng, path) if kind < 9 else beside(rng, path)
         before = path.read_bytes()
-        verified = ran(["captures", "verify", path.name])
+        verified = ran(["recording", "check", path.name])
         try:
             captures, objects = contents(path)
         except OmniscvError as error:
@@ -159,5 +132,5 @@ def case(rng, folder):
             require(
                 same(captures, objects), f"other data than was recorded; verify: {verified.out}{verified.err}"
             )
-        ran(["captures", "info", path.name])
+        ran(["recording", "info", path.name])
         require(path.read_bytes() == before, "reading changed the file")

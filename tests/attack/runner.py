@@ -20,7 +20,10 @@ HANG_S, START_S = 90, 300
 MEMORY = 8 << 30
 """Bytes that the process may have: an attack that takes more is a fault."""
 
-ROUND = {"texts": 100, "flips": 100, "recordings": 20, "servers": 10, "folders": 3, "signals": 2}
+ROUND = {
+    **{"texts": 100, "flips": 100, "recordings": 20, "servers": 10, "folders": 3, "signals": 2},
+    **{"datasets": 5, "records": 5, "names": 5, "shards": 20, "stores": 5},
+}
 """By family: cases in a round. A hundred rounds are what a long run should reach."""
 
 
@@ -108,7 +111,8 @@ def _work(pipe):
 
 
 def _case(family, seed):
-    case = importlib.import_module(f"attack.{family}").case
+    module = "datasets" if family in ("records", "names", "shards") else family
+    case = getattr(importlib.import_module(f"attack.{module}"), "case" if family == module else family)
     try:
         with tempfile.TemporaryDirectory(prefix="attack-") as folder:
             case(random.Random(f"{family} {seed}"), Path(folder))

@@ -67,7 +67,7 @@ def sample():
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     captures, objects = contents(recording)
     require(
-        ran(["captures", "export", str(recording), str(home / "faces")]).code == 0, "no export of the sample"
+        ran(["recording", "export", str(recording), str(home / "faces")]).code == 0, "no export of the sample"
     )
     (home / "job.yaml").write_text(JOB.format(source=server().uri))
     require(ran(["render", str(home / "job.yaml")]).code == 0, "no images of the sample")

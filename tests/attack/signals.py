@@ -17,30 +17,11 @@ PROGRAM = (  # with signals as a terminal has them, also under nohup and in the 
     "from omniscv.cli import main; print('started', flush=True); main()"
 )
 POSITIONS = [f"--position={0.01 * step},0,1.5" for step in range(300)]
+PANORAMA = "--size 64x32 --camera noncentral-panorama --param radius=0.5 --strategy cube"
+FACES = "--face-size 32 --modes lit,object_mask,depth --out room.sqlite"
 COMMANDS = {
-    "record": [
-        "record",
-        "--face-size",
-        "32",
-        "--modes",
-        "lit,object_mask,depth",
-        "--out",
-        "room.sqlite",
-        *POSITIONS,
-    ],
-    "render": [
-        "render",
-        "--size",
-        "64x32",
-        "--camera",
-        "noncentral-panorama",
-        "--param",
-        "radius=0.5",
-        "--strategy",
-        "cube",
-        "--modes",
-        "lit,depth",
-    ],
+    "record": ["record", *FACES.split(), *POSITIONS],
+    "render": ["render", *PANORAMA.split(), "--modes", "lit,depth"],
     "serve": ["serve", "--port", "0"],
 }
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
@@ -82,8 +63,8 @@ def case(rng, folder):
             )
             require(len(err.splitlines()) <= 1, f"{name}, {number.name}: {err}")
         if (work / "room.sqlite").exists():
-            ran(["captures", "info", "room.sqlite"])
-            verified = ran(["captures", "verify", "room.sqlite"])
+            ran(["recording", "info", "room.sqlite"])
+            verified = ran(["recording", "check", "room.sqlite"])
             require(verified.code == 0, f"{name}, {number.name}: {verified.out}{verified.err}")
         half = [each.name for each in work.rglob("*") if "part" in each.name and number != signal.SIGKILL]
         require(not half, f"{name}, {number.name}: half files are left: {half}")

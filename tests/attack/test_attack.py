@@ -4,8 +4,12 @@ import pytest
 
 from attack.runner import ROUND, Tally, Worker, run
 
-SHORT = {"texts": 45, "flips": 30, "recordings": 20, "servers": 3, "folders": 10, "signals": 1}
-"""By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``."""
+SHORT = {
+    **{"texts": 60, "flips": 30, "recordings": 20, "servers": 3, "folders": 10},
+    **{"datasets": 10, "records": 10, "names": 10, "shards": 20, "stores": 5},
+}
+"""By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``, with signals,
+which ``tests/cli/test_signals.py`` tests in the suite."""
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +19,9 @@ def worker():
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("family", ROUND)
+@pytest.mark.parametrize(
+    "family", [pytest.param(name, marks=[pytest.mark.soak] * (name not in SHORT)) for name in ROUND]
+)
 def test_a_family_finds_nothing(family, worker, request):
     count = 10 * ROUND[family] if request.config.getoption("--soak") else SHORT[family]
     tally = Tally()

@@ -8,41 +8,19 @@ from attack.words import ARGUMENTS, SIGNS, YAML
 from omniscv import Rig, RigCamera, calibration, cameras, jobs
 from omniscv.errors import ArgumentError
 
+SMALL = {"width": 8, "height": 8}
+PINHOLE = {"model": "pinhole", **SMALL}
 JOB = {
     "source": "scene://four-wall",
     "record": "room.sqlite",
     "cameras": {
-        "fish": {"model": "fisheye-equidistant", "width": 16, "height": 16, "fov_deg": 185, "center": [8, 8]},
-        "ball": {
-            "model": "noncentral-spherical-mirror",
-            "width": 8,
-            "height": 8,
-            "mirror_radius": 0.3,
-            "distance": 0.3,
-        },
-        "lens": {"model": "kannala-brandt", "width": 8, "height": 8, "fx": 4, "fy": 4, "k": [0.1, 0, 0, 0]},
-        "poly": {
-            "model": "scaramuzza",
-            "width": 8,
-            "height": 8,
-            "coefficients": [-4, 0, 0.1],
-            "affine": [1, 0, 0],
-        },
-        "roll": {"model": "cylindrical", "width": 8, "height": 4, "fov_v_deg": 90, "profile": "angular"},
-        "bowl": {
-            "model": "catadioptric-hyperbolic",
-            "width": 8,
-            "height": 8,
-            "distance": 1,
-            "semi_latus_rectum": 0.4,
-        },
-        "cone": {
-            "model": "noncentral-conical-mirror",
-            "width": 8,
-            "height": 8,
-            "half_angle_deg": 55,
-            "distance": 0.3,
-        },
+        "fish": {"model": "fisheye-equidistant", **SMALL, "fov_deg": 185, "center": [8, 8]},
+        "ball": {"model": "noncentral-spherical-mirror", **SMALL, "mirror_radius": 0.3, "distance": 0.3},
+        "lens": {"model": "kannala-brandt", **SMALL, "fx": 4, "fy": 4, "k": [0.1, 0, 0, 0]},
+        "poly": {"model": "scaramuzza", **SMALL, "coefficients": [-4, 0, 0.1], "affine": [1, 0, 0]},
+        "roll": {"model": "cylindrical", **SMALL, "fov_v_deg": 90, "profile": "angular"},
+        "bowl": {"model": "catadioptric-hyperbolic", **SMALL, "distance": 1, "semi_latus_rectum": 0.4},
+        "cone": {"model": "noncentral-conical-mirror", **SMALL, "half_angle_deg": 55, "distance": 0.3},
     },
     "poses": [
         {"position": [0, 0, 1.5], "yaw_deg": 90},
@@ -58,12 +36,8 @@ JOB = {
     "image_format": "png",
     "rig": {
         "cameras": {
-            "left": {"camera": {"model": "pinhole", "width": 4, "height": 3}, "position": [0.1, 0, 0]},
-            "right": {
-                "camera": {"model": "pinhole", "width": 4, "height": 3},
-                "yaw_deg": 9,
-                "time_offset": 0,
-            },
+            "left": {"camera": PINHOLE, "position": [0.1, 0, 0]},
+            "right": {"camera": PINHOLE, "yaw_deg": 9, "time_offset": 0},
         }
     },
     "source_options": {"timeout_s": 5, "retries": 0},
@@ -225,46 +199,19 @@ def calibration_file(rng, folder):
     require(time.process_time() - started < SECONDS, f"{name}: {time.process_time() - started:.2f} s")
 
 
+VIEWED = "--source --camera --size --fov --param --position --modes --strategy --face-size"
 OPTIONS = {
-    "render": [
-        "--source",
-        "--camera",
-        "--size",
-        "--fov",
-        "--param",
-        "--position",
-        "--yaw",
-        "--pitch",
-        "--roll",
-        "--modes",
-        "--strategy",
-        "--viewpoints",
-        "--face-size",
-        "--filter",
-        "--max-error",
-        "--stem",
-        "--image-format",
-        "",
-    ],
-    "plan": [
-        "--source",
-        "--camera",
-        "--size",
-        "--fov",
-        "--param",
-        "--position",
-        "--modes",
-        "--strategy",
-        "--face-size",
-        "",
-    ],
-    "record": ["--source", "--position", "--face-size", "--modes", "--overscan", "--launch", ""],
-    "cameras": ["", "--x"],
-    "doctor": ["", "--position"],
-    "captures": ["", "--json"],
-    "serve": ["--size", "--fault", "--dialect", "--depth", "--latency-ms", "--seed", ""],
-    "chart": ["--width", ""],
+    "render": f"{VIEWED} --yaw --roll --viewpoints --filter --max-error --stem --image-format".split(),
+    "plan": VIEWED.split(),
+    "record": ["--source", "--position", "--face-size", "--modes", "--overscan", "--launch"],
+    "cameras": ["--x"],
+    "doctor": ["--position"],
+    "captures": ["--json"],
+    "serve": ["--size", "--fault", "--dialect", "--depth", "--latency-ms", "--seed"],
+    "chart": ["--width"],
 }
+"""By command; a value may also stand alone."""
+
 RUNS = {
     "render": ["--size", "8x4", "--source", "scene://direction", "--face-size", "16", "--strategy", "cube"],
     "plan": ["--size", "8x4"],
@@ -279,7 +226,7 @@ def command_line(rng, folder):
     command = rng.choice([*OPTIONS, "render", "render", "plan"])
     arguments = list(RUNS.get(command, []))
     for _ in range(rng.randint(1, 3)):
-        option, value = rng.choice(OPTIONS[command]), rng.choice(ARGUMENTS)
+        option, value = rng.choice([*OPTIONS[command], ""]), rng.choice(ARGUMENTS)
         arguments += (
             [f"{option}={value}"]
             if option and rng.random() < 0.5

@@ -1,4 +1,4 @@
-"""Values that attacks put in the place of right ones: YAML, command-line values, and single characters."""
+"""Values that attacks put in the place of right ones: in YAML, JSON, SQL and command lines."""
 
 DIGITS = "9" * 1_000_000
 LAUGHS = (
@@ -40,4 +40,17 @@ ARGUMENTS = [
     "0.5px", "px", "info", "verify", "--help", "-h", "--", "-", "\udcff", "[/b]", "[bold", "\x1b[31m",
     "\u202e", "unreal://127.0.0.1:1/x?y", "mock://four-wall?dialect=0.3.10", "scene://waves",
     "noncentral-panorama", "/dev/null", "/dev/zero", "/", ".",
+]
+SQL = [
+    "NULL", "''", "'x'", "x'00'", "0", "-1", "9e999", "9223372036854775807", "'[]'", "'{}'", "'{'", "'null'",
+    "'png'", "'depth'", "'../x'", "'\x1b[31m[/b]'", "CAST('é' AS BLOB)", "randomblob(100)",
+    "zeroblob(1000000)", "printf('%.*c', 5000, '[')", "printf('%.*c', 5000, '9')",
+]
+JSON_VALUES = [
+    None, True, -1, 0, 8.0, 2**63, float("nan"), float("inf"), "", "x", "../x", "/etc/passwd", "\x1b[31m[/b]",
+    "\u202e", "a\0b", "9" * 10000, "lit", "depth", "png", "npy", [], [1], [[]] * 100, {}, {"a": 1},
+]
+JSON_TEXTS = [
+    "", "[", "null", "[]", "{}", "NaN", "[" * 100_000, "9" * 100_000, '{"a": 1, "a": 2}', '"\\ud800"',
+    "\ufeff[]", "[1e999]",
 ]

@@ -1,6 +1,7 @@
 """Kalibr's camchain, judged by cv2.fisheye and by Mei's model written from its definition."""
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp, mpf
 from support.cases import cases
+from support.lens_formulas import FORMULAS
 from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.errors import ArgumentError
 
-Floats = np.ndarray
 SIZE = {"width": 61, "height": 48}
 MIRRORS = [
     cameras.create("catadioptric-planar", **SIZE, focal=40.0),
@@ -106,52 +107,32 @@ def test_a_file_with_positive_focal_lengths_is_no_mirror(xi: float) -> None:
     assert_mei_sees_our_pixels(intrinsics, camera, np.eye(3))
 
 
-def radtan(k1: float, k2: float, p1: float, p2: float, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Kalibr's RadialTangentialDistortion, from its manual."""
-    r2 = x * x + y * y
-    radial = 1 + k1 * r2 + k2 * r2 * r2
-    return (
-        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-    )
-
-
+RADTAN = [-0.05, 0.01, 1e-3, -2e-3]
 LENSES = {
-    "pinhole-radtan": [40.0, 41.0, 29.5, 23.25],
-    "omni-radtan": [0.9, 40.0, 41.0, 29.5, 23.25],
-    "eucm-none": [0.6, 1.1, 20.0, 21.0, 29.5, 23.25],
-    "ds-none": [-0.2, 0.6, 20.0, 21.0, 29.5, 23.25],
+    "pinhole-radtan": ("pinhole", {"distortion": np.array(RADTAN + [0.0] * 8)}),
+    "omni-radtan": ("unified", {"xi": 0.9, "distortion": np.array(RADTAN)}),
+    "eucm-none": ("extended-unified", {"alpha": 0.6, "beta": 1.1}),
+    "ds-none": ("double-sphere", {"xi": -0.2, "alpha": 0.6}),
 }
-
-
-def kalibr_sees(name: str, values: list[float], k: list[float], directions: Floats) -> Floats:
-    """Pixels (N, 2) of unit directions (N, 3), by the definitions of the models' papers."""
-    x, y, z = directions.T
-    *own, fu, fv, pu, pv = values
-    if name.startswith("ds"):
-        xi, alpha = own
-        shifted = z + xi
-        n = alpha * np.sqrt(x * x + y * y + shifted * shifted) + (1 - alpha) * shifted
-    elif name.startswith("eucm"):
-        alpha, beta = own
-        n = alpha * np.sqrt(beta * (x * x + y * y) + z * z) + (1 - alpha) * z
-    else:
-        n = z + (own[0] if own else 0.0)
-    x, y = x / n, y / n
-    if k:
-        x, y = radtan(*k, x, y)
-    return np.stack([pu + fu * x, pv + fv * y], axis=-1)
 
 
 @pytest.mark.parametrize("name", LENSES)
 def test_a_lens_is_kalibrs_with_half_a_pixel_more(name: str) -> None:
-    model, distortion = name.split("-")
-    k = [-0.05, 0.01, 1e-3, -2e-3] if distortion == "radtan" else []
-    camera = calibration.read_kalibr(chain(model, LENSES[name], distortion, k))["cam0"]
+    """By the definitions of the models' papers."""
+    (formula, own), (model, distortion) = LENSES[name], name.split("-")
+    focals = {"fx": 20.0, "fy": 21.0, "cx": 29.5, "cy": 23.25}
+    values = [*(value for value in own.values() if isinstance(value, float)), *focals.values()]
+    k = RADTAN if distortion == "radtan" else []
+    camera = calibration.read_kalibr(chain(model, values, distortion, k))["cam0"]
     rays = camera.unproject()
     assert np.count_nonzero(rays.valid) > 500
-    theirs = kalibr_sees(name, LENSES[name], k, rays.directions[rays.valid])
-    np.testing.assert_allclose(theirs, camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
+    theirs = SimpleNamespace(skew=0.0, **own, **focals)
+    with mp.workdps(30):
+        found = [
+            FORMULAS[formula](theirs, *map(mpf, ray)) for ray in rays.directions[rays.valid][::7].tolist()
+        ]
+    expected = camera.pixels()[rays.valid][::7] - 0.5
+    np.testing.assert_allclose(np.array(found, float), expected, rtol=0, atol=1e-9)
     text = calibration.write_kalibr({"cam0": camera})
     assert (entry(camera)["camera_model"], entry(camera)["distortion_model"]) == (model, distortion)
     assert_same_rays(camera, calibration.read_kalibr(text)["cam0"])
@@ -192,9 +173,7 @@ def test_a_chain_keeps_its_names() -> None:
     ("intrinsics", "message"),
     [
         ([0.9, -30.0, -30.0, 29.5, 23.25], "expected fu = -fv"),
-        ([0.9, 30.0, -30.001, 29.5, 23.25], "expected fu = -fv"),
         ([1.3, 30.0, -30.0, 29.5, 23.25], "0 <= xi <= 1"),
-        ([-0.1, 30.0, -30.0, 29.5, 23.25], "0 <= xi <= 1"),
         ([30.0, 30.0, 29.5, 23.25], "5 finite numbers"),
     ],
 )

@@ -106,10 +106,8 @@ def test_ncores_parameters_are_read_without_their_wrapping() -> None:
     [
         ({"reference_poly": "BOTH"}, "reference_poly: expected one of"),
         ({"resolution": [64.5, 48]}, "resolution: expected a whole number"),
-        ({"resolution": 64}, "resolution: expected 2 finite"),
         ({"principal_point": [1]}, "principal_point: expected 2 finite"),
         ({"pixeldist_to_angle_poly": [1, 2]}, "polynomial: expected \\(0, c1"),
-        ({"max_angle": 0}, "max_angle: expected a finite number > 0"),
         ({"max_angle": 4}, "max_angle_deg: expected a finite number"),
         ({"linear_cde": [0, 0]}, "linear_cde: expected 3 finite"),
     ],
@@ -125,7 +123,6 @@ def test_a_wrong_ncore_file_is_refused(changes: dict[str, Any], says: str) -> No
     ("old", "new", "says"),
     [
         ('"ftheta"', '"lut"', "model: expected one of ftheta"),
-        ("nominalWidth = 64", "nominalWidth = 64.5", "nominalWidth: expected a whole number"),
         ("nominalWidth = 64", "nominalWidth = wide", "nominalWidth: expected a finite number"),
         ("opticalCenter = (30.5, 24.5)", "opticalCenter = (30.5)", "opticalCenter: expected \\(x, y\\)"),
         ("ftheta:k1", "ftheta:c1", "missing key 'k1'"),

@@ -163,15 +163,11 @@ def test_a_polynomial_that_turns_back_is_written_up_to_there_or_refused() -> Non
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("5 -2.1", "6 -2.1", "center|inverse|polynomial"),
         ("5 -2.1", "five -2.1", "number of coefficients of the polynomial"),
         ("5 -2.1", "99999999 -2.1", "polynomial: expected 99999999 finite numbers"),
-        ("3 294.0 152.0 -12.0", "3 294.0 nan -12.0", "inverse polynomial: expected 3 finite"),
         ("5 -2.1", "5 2.1", "coefficients\\[0\\]: expected a finite number < 0"),
         ("1.010000 0.002", "-1.010000 0.002", "affine: expected c > 0"),
         ("1.010000 0.002000 -0.003000", "1.010000 0.002000", "image size"),
-        ("480 752\n", "480\n", "image size: expected height and width"),
-        ("480 752\n", "480 752 1\n", "image size: expected height and width"),
         ("480 752\n", "0 752\n", "height: expected a whole number"),
         ("241.250000 394.750000", "241.25 x", "center, row and column"),
     ],

@@ -116,8 +116,6 @@ def test_a_file_of_the_omnidirectional_sample_lacks_its_size() -> None:
         '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
         "<opencv_storage><camera_matrix>",
         "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_width></opencv_storage>",
-        "<" * 1000,
-        "<a/>",
     ],
 )
 @pytest.mark.parametrize("read", [calibration.read_opencv, calibration.read_opencv_omnidir])
@@ -171,13 +169,10 @@ def test_the_plain_model_is_told_from_the_fisheye(tmp_path: Path) -> None:
         ([[30, 0, 3], [0.1, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
         ([[0, 0, 3], [0, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
         ([[30, 0, 3], [0, 30, 2], [0, 0, 2]], [0, 0, 0, 0]),
-        ([[30, 0, 3], [0, 0, 2], [0, 0, 1]], [0, 0, 0, 0]),
         ([[30, 0, np.nan], [0, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
-        (np.eye(4), [0, 0, 0, 0]),
         ([[30, 0, 3], [0, 30], [0, 0, 1]], [0, 0, 0, 0]),
         (np.eye(3), [0, 0, 0, 0, 0]),
         (np.eye(3), "abcd"),
-        (np.eye(3), [[0, 0], [0, 0]]),
     ],
 )
 def test_arrays_that_are_no_fisheye_are_refused(K: object, D: object) -> None:

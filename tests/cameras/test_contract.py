@@ -7,15 +7,16 @@ import re
 
 import numpy as np
 import pytest
-from support.camera_contract import CHECKS, NUMERIC_CHECKS, check_docstring, check_points, check_round_trip
 
 from examples import changed, example_cameras, takes_center
 from omniscv import cameras
 from omniscv.cameras.radial import CircleCamera
 from omniscv.errors import ArgumentError
+from omniscv.testing.cameras import CHECKS, NUMERIC_CHECKS, check_docstring, check_points, check_round_trip
 
 EXAMPLES = example_cameras()
 every_example = pytest.mark.parametrize("camera", EXAMPLES.values(), ids=EXAMPLES)
+PIXELS = np.stack(np.meshgrid([0.5, 20.5, 30.5, 44.5], [0.5, 22.5, 31.5]), axis=-1)
 every_model = pytest.mark.parametrize("name", cameras.names())
 
 
@@ -174,6 +175,31 @@ def test_numbers_that_are_none_are_refused(name):
         for value in (np.nan, np.inf, "wide", [1.0, np.nan]):
             with pytest.raises(ArgumentError, match=rf"^{key}"):
                 cameras.from_dict({**good, key: value})
+
+
+def at_the_ends_of_floats(described):
+    """The description with each of its numbers, and with whole lists of numbers, huge and tiny."""
+    for key, value in described.items():
+        is_list = isinstance(value, list)
+        if key in ("width", "height") or not isinstance(value[0] if is_list else value, float):
+            continue
+        for end in (1e308, -1e308, 1e155, 5e-324):
+            if is_list:
+                yield from ({**described, key: [*value[:i], end, *value[i + 1 :]]} for i in range(len(value)))
+            yield {**described, key: [end] * len(value) if is_list else end}
+
+
+@every_example
+def test_numbers_at_the_ends_of_floats_are_computed_with_or_refused(camera):
+    """No error of NumPy or of Python, and no valid ray that is none."""
+    for described in at_the_ends_of_floats(camera.to_dict()):
+        try:
+            extreme = cameras.from_dict(described)
+        except ArgumentError:
+            continue
+        rays = extreme.unproject(PIXELS)
+        assert np.isfinite(rays.directions[rays.valid]).all()
+        extreme.project(rays.directions[rays.valid])
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones():

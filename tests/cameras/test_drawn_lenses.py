@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.calibrated import LENSES, drawn_lens, drawn_rays
-from support.camera_contract import PIXEL_TOLERANCE, never_wrong
 from support.cases import cases
+
+from omniscv.testing.cameras import PIXEL_TOLERANCE, never_wrong
 
 AZIMUTHS = np.linspace(-np.pi, np.pi, 25)[:-1] + 0.05
 seeds = st.integers(0, 2**32 - 1)

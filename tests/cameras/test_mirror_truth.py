@@ -6,14 +6,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.cases import cases
-from support.central_mirrors import DIGITS, bounce, hyperboloid, off_axis, paraboloid, plane
+from support.mirrors import DIGITS, bounce, hyperboloid, off_axis, paraboloid, plane
 
 from omniscv import cameras
 
 SIZE = 400
 EPS = mp.mpf(2.3e-16)
 place = st.tuples(st.floats(0, SIZE), st.floats(0, SIZE))
-metres = st.floats(-2, 2).map(lambda e: 10**e)  # 1 cm to 100 m
+# 1 cm to 100 m; and mirrors as long and as flat as float64 has them: xi rounds to 1 from q / d = 1e-8 on.
+metres = st.one_of(st.floats(-2, 2), st.floats(-7.5, 7.5)).map(lambda e: 10**e)
 
 
 def example(kind, q, d, spread):
@@ -24,28 +25,23 @@ def example(kind, q, d, spread):
         camera = cameras.create("catadioptric-parabolic", **size, semi_latus_rectum=q, focal=focal)
         return camera, paraboloid(q)
     if kind == "hyperbolic":
-        camera = cameras.create("catadioptric-hyperbolic", **size, distance=d, semi_latus_rectum=q)
+        focal = SIZE / 2 / (spread * edge_of_the_hyperboloid(d, q))
+        camera = cameras.create(
+            "catadioptric-hyperbolic", **size, distance=d, semi_latus_rectum=q, focal=focal
+        )
         return camera, hyperboloid(d, q)
     return cameras.create("catadioptric-planar", **size, focal=SIZE / 2 / spread), plane(d)
 
 
+@mp.workdps(DIGITS)
+def edge_of_the_hyperboloid(d, q):
+    """The radius, focal lengths, from which on camera rays miss it."""
+    d, q = mp.mpf(d), mp.mpf(q)
+    return float(mp.sqrt(2 * q * (mp.hypot(d, q) + q)) / d)
+
+
 kinds = pytest.mark.parametrize("kind", ["parabolic", "hyperbolic", "planar"])
 spreads = st.floats(-2, 2).map(lambda e: 10**e)
-
-
-@kinds
-@cases(15)
-@given(metres, metres, spreads, place)
-def test_the_real_mirror_has_one_viewpoint(kind, q, d, spread, pixel):
-    """A test of the test's geometry: every reflected ray, drawn back, meets the origin."""
-    camera, mirror = example(kind, q, d, spread)
-    with mp.workdps(DIGITS):
-        met = bounce(mirror, *off_axis(camera, pixel))
-        if met:
-            hit, direction = (mp.matrix(v) for v in met)
-            along = mp.fdot(hit, direction)
-            assert along > 0
-            assert mp.norm(hit - along * direction) <= mp.mpf(10) ** -40 * (mp.norm(hit) + q + d)
 
 
 @kinds
@@ -67,6 +63,11 @@ def test_rays(kind, q, d, spread, pixel):
             turn = mp.norm(mp.matrix(more[1]) - mp.matrix(less[1])) / 200
             off = mp.norm(mp.matrix([mp.mpf(v) for v in rays.directions.tolist()]) - mp.matrix(truth[1]))
             assert off <= 4 * turn + 4 * EPS
+            # One viewpoint: the reflected ray, drawn back, meets the origin.
+            hit, direction = (mp.matrix(v) for v in truth)
+            along = mp.fdot(hit, direction)
+            assert along > 0
+            assert mp.norm(hit - along * direction) <= mp.mpf(10) ** -40 * (mp.norm(hit) + q + d)
 
 
 @kinds
@@ -77,7 +78,7 @@ def test_pixels(kind, q, d, spread, part, azimuth, exponent):
     camera, mirror = example(kind, q, d, spread)
     reach = SIZE / 2
     if kind == "hyperbolic":
-        reach = min(reach, camera.focal * np.sqrt(2 * q * (np.hypot(d, q) + q)) / d)
+        reach = min(reach, camera.focal * edge_of_the_hyperboloid(d, q))
     pixel = camera.center + reach * part * (1 - 1e-12) * np.array([np.cos(azimuth), np.sin(azimuth)])
     with mp.workdps(DIGITS):
         _, direction = bounce(mirror, *off_axis(camera, pixel))
@@ -102,13 +103,3 @@ def test_the_hyperboloid_ends():
         with mp.workdps(DIGITS):
             assert (bounce(hyperboloid(1, 0.5), *off_axis(camera, pixel)) is not None) == on_mirror
         assert camera.valid(pixel) == on_mirror
-
-
-@pytest.mark.parametrize("name", ["catadioptric-parabolic", "catadioptric-hyperbolic", "catadioptric-planar"])
-def test_mirrors_show_what_mirrors_show(name):
-    """A pixel right of the centre sees the right, one below sees what is below; the centre the camera."""
-    camera = cameras.create(name, width=101, height=101)
-    directions = camera.unproject(np.array([[80.5, 50.5], [50.5, 80.5], [50.5, 50.5]])).directions
-    assert directions[0, 0] > 0
-    assert directions[1, 1] > 0
-    np.testing.assert_array_equal(directions[2], (0, 0, -1))

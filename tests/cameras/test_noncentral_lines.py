@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from support.cases import cases
 
 from omniscv import cameras
 from omniscv.cameras import Rays
@@ -109,25 +106,3 @@ def test_ball_in_the_papers_equation():
     ours = moved(rays, np.diag([1, -1, -1]), (0, 0, z_s))
     same_lines(ours.lines()[rays.valid], paper[rays.valid])
     assert ((paper[..., :3] * ours.directions).sum(axis=-1)[rays.valid] > 0).all()
-
-
-@pytest.mark.parametrize("key", ["cone", "cone, 45 degrees", "ball"])
-@cases(15)
-@given(pixel=st.tuples(st.floats(0, SIZE), st.floats(0, SIZE)))
-def test_mirror_rays_meet_the_axis(key, pixel):
-    """The reciprocal product of two lines that meet is 0; the axis is (0, 0, 1; 0, 0, 0)."""
-    rays = create(key).unproject(np.array(pixel))
-    if rays.valid:
-        assert abs(rays.lines()[5]) <= 1e-16
-        np.testing.assert_array_equal(rays.origins[:2], 0)
-
-
-@cases(15)
-@given(pixel=st.tuples(st.floats(0, SIZE), st.floats(0, SIZE)))
-def test_panorama_rays_start_on_the_circle_and_meet_the_axis(pixel):
-    camera = create("panorama")
-    rays = camera.unproject(np.array(pixel))
-    assert np.hypot(rays.origins[0], rays.origins[2]) == pytest.approx(camera.radius, rel=1e-15)
-    assert rays.origins[1] == 0
-    # Line against the axis of revolution, y: the product of directions and moments is its moment's y.
-    assert abs(rays.lines()[4]) <= 1e-15

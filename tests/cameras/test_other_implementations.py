@@ -199,7 +199,7 @@ def test_aria_sees_points_behind_the_camera():
 
 
 def test_the_published_domain_of_the_double_sphere_refuses_rays_that_pixels_have():
-    """xi = 0.5, alpha = 0.6: 147.4, not 153.7 degrees; ``test_double_sphere_domain.py`` has all of it."""
+    """xi = 0.5, alpha = 0.6: 147.4, not 153.7 degrees; ``test_domains.py`` has all of it."""
     camera = cameras.create("double-sphere", **SIZE, **FOCALS, xi=0.5, alpha=0.6)
     w1 = 0.4 / 0.6
     w2 = (w1 + 0.5) / np.sqrt(2 * w1 * 0.5 + 0.25 + 1)

@@ -65,17 +65,6 @@ def test_there_and_back(view, pixel):
         np.testing.assert_allclose(off, 0, rtol=0, atol=1e-12)
 
 
-@every_view
-def test_right_is_right_and_up_is_up(view):
-    name, parameters = VIEWS[view]
-    camera = cameras.create(name, width=WIDTH, height=HEIGHT, **parameters)
-    middle = np.array([WIDTH / 2, HEIGHT / 2])
-    ahead, right, above = camera.unproject(middle + np.array([[0, 0], [10, 0], [0, -10]])).directions
-    np.testing.assert_allclose(ahead, (0, 0, 1), rtol=0, atol=1e-16)
-    assert right[0] > 0
-    assert above[1] < 0
-
-
 def test_profiles_of_the_cylinder():
     """22.5 degrees up of 45: halfway by angles; tan(22.5 deg) = sqrt(2) - 1 up the cylinder's wall."""
     size = {"width": 100, "height": 100, "fov_v_deg": 90}

@@ -35,7 +35,7 @@ def test_an_outsiders_model_is_found_and_holds():
     script = (
         "import pickle, sys\n"
         "from support.thoby import Thoby\n"
-        "from support.camera_contract import CHECKS, check_docstring\n"
+        "from omniscv.testing.cameras import CHECKS, check_docstring\n"
         "from cameras.examples import example_cameras\n"
         "from omniscv import cameras\n"
         "from omniscv.chart.limits import approaches\n"

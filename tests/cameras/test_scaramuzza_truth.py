@@ -91,18 +91,6 @@ def test_pixels(given_camera, pixel, exponent):
     assert off <= 1e-11  # px; the pixel's last digit is 1e-13
 
 
-@every_camera
-def test_the_center_looks_ahead(given_camera):
-    camera = create(given_camera)
-    np.testing.assert_array_equal(camera.unproject(camera.center).directions, (0, 0, 1))
-
-
-def test_one_coefficient_is_a_pinhole():
-    """f(rho) = -focal: the same rays as the perspective camera, by other code."""
-    ours, theirs = create(CAMERAS["pinhole"]), cameras.create("pinhole", **SIZE, focal=320)
-    np.testing.assert_allclose(ours.unproject().directions, theirs.unproject().directions, rtol=0, atol=1e-15)
-
-
 @pytest.mark.parametrize("fov_deg", [1, 90, 179.9, 180, 185])
 def test_the_field_of_view_is_a_limit(fov_deg):
     """Valid pixels are those whose true ray is within half of it."""

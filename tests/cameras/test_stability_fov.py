@@ -8,10 +8,10 @@ last number before it), and the next number must be refused, by name, with the l
 
 import numpy as np
 import pytest
-from support.camera_contract import PIXEL_TOLERANCE, round_trip_error
 
 from omniscv import cameras
 from omniscv.errors import ArgumentError
+from omniscv.testing.cameras import PIXEL_TOLERANCE, round_trip_error
 
 SQUARE = {"width": 101, "height": 101}
 KB = {"fx": 12.0, "fy": 12.0}

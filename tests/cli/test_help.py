@@ -11,7 +11,7 @@ from omniscv.cli import COMMANDS, run
 
 GROUPS = {
     "cameras": ("show", "fit"),
-    "captures": ("info", "places", "verify", "export", "import"),
+    "recording": ("info", "places", "check", "export", "import"),
     "dataset": ("make", "export", "check", "info", "classes", "pack"),
 }
 LINES = [(name, *sub) for name in COMMANDS for sub in ([(each,) for each in GROUPS.get(name, ())] or [()])]

@@ -73,7 +73,7 @@ def test_a_field_of_a_job(key, value, says, tmp_path, capsys):
     line = failed(capsys, 2, ["render", path])
     assert says in line
     assert "job.yaml" in line
-    assert len(line) <= 300
+    assert len(line) <= 1000
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -107,7 +107,7 @@ def test_a_scene(scheme, text, says, tmp_path, capsys):
         capsys, 2, ["render", "--source", f"{scheme}://{path}", "--size", "8x4", "--out", tmp_path / "out"]
     )
     assert says in line
-    assert len(line) <= 300
+    assert len(line) <= 1000
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_scene(scheme, text, says, tmp_path, capsys):
         (["--viewpoints", "9" * 5000], "Invalid value for '--viewpoints'"),
         (["--position", "0,0,1e308"], "position: expected coordinates of at most 1e+09"),
         (["--source", "unreal://[::1"], "source: expected unreal://host:port"),
-        (["--camera", "\x1b[31m\u202e[/b]"], r"got '\x1b[31m\u202e[/b]'"),
+        (["--camera", "\x1b[31m\u202e[b]"], r"got '\x1b[31m\u202e[b]'"),
         (["--\x1b[31m"], r"\x1b[31m"),
     ],
     ids=str,
@@ -130,7 +130,7 @@ def test_a_scene(scheme, text, says, tmp_path, capsys):
 def test_a_value_on_the_command_line(options, says, tmp_path, capsys):
     line = failed(capsys, 2, ["render", "--size", "8x4", "--out", tmp_path / "out", *options])
     assert says in line
-    assert len(line) <= 300
+    assert len(line) <= 1000
     assert not (tmp_path / "out").exists()
 
 
@@ -171,6 +171,6 @@ def test_a_name_that_the_terminal_cannot_show(tmp_path):
 
 def test_a_long_error_keeps_its_beginning_and_its_end():
     message = str(OmniscvError(f"job.yaml: a: expected b, got {'x' * 10_000}, in the end"))
-    assert len(message) == 300
+    assert len(message) == 1000
     assert message.startswith("job.yaml: a: expected b, got xxx")
     assert message.endswith("xxx, in the end")

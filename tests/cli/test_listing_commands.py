@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -98,14 +99,14 @@ def test_scenes_models_and_plans_as_json(capsys):
 
 def test_places_of_a_recording(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    assert run(["captures", "places", str(RECORDING), "--json"]) == 0
+    assert run(["recording", "places", str(RECORDING), "--json"]) == 0
     found, held = json.loads(capsys.readouterr().out), info(RECORDING)
     positions = np.array([each["center"] for each in found])
     assert len(np.unique(positions.round(6), axis=0)) == len(found) == held.centers
     for mode, count in held.captures.items():
         assert sum(each["captures"].get(mode, 0) for each in found) == count
     assert max(each["last"] for each in found) == held.last
-    assert run(["captures", "places", str(RECORDING)]) == 0
+    assert run(["recording", "places", str(RECORDING)]) == 0
     _, *rows = capsys.readouterr().out.splitlines()
     assert len(rows) == len(centers(RECORDING))
     assert " ".join(rows[0].split()) == "0 0 1.5 6 depth 6 lit 6 normals 6 object_mask still"
@@ -135,3 +136,20 @@ def test_bash_completes_commands_and_models():
     assert function.endswith(" omniscv")
     assert commands.split() == list(COMMANDS)
     assert models.split() == ["fisheye-equidistant", "fisheye-equisolid"]
+
+
+def test_old_names_of_commands_work_and_are_not_listed(capsys):
+    for old, new in (
+        (["captures", "verify"], ["recording", "check"]),
+        (["captures", "info"], ["recording", "info"]),
+    ):
+        texts = []
+        for words in (old, new):
+            assert run([*words, str(RECORDING)]) == 0
+            texts.append(capsys.readouterr().out)
+        assert texts[0] == texts[1]
+    assert run(["ask", "--help"]) == 0
+    assert run(["--help"]) == 0
+    assert run(["recording", "--help"]) == 0
+    listed = capsys.readouterr().out
+    assert not re.search(r"│ (captures|ask|verify) ", listed)

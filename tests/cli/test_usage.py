@@ -1,11 +1,13 @@
 """Commands and their options: what they do, and one clear line when something is wrong."""
 
 import json
+import shutil
 import socket
 import sys
 
 import numpy as np
 import pytest
+from support.command_line import ROOT
 
 from omniscv.cli import run
 from omniscv.sources.recording.inspection import info
@@ -62,6 +64,69 @@ def test_wrong_usage_is_one_line_and_code_2(options, says, capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("render four-wall.sqlite", "got a source of captures; write --source four-wall.sqlite"),
+        ("render mock://four-wall", "write --source mock://four-wall"),
+        ("render --source four-wall", "a recording, got 'four-wall'; write mock://four-wall"),
+        ("render --source localhost:9000", "write unreal://localhost:9000"),
+        ("render --position 0 0 1.5", "--position: expected numbers with commas: --position 0,0,1.5"),
+        ("render --param width=5", "--param: expected width in --size WIDTHxHEIGHT, got 'width=5'"),
+        (
+            "render --camera equirectanguler --size 8x4",
+            "got 'equirectanguler'; did you mean equirectangular?",
+        ),
+        ("render --camera fisheye --size 8x8", "; did you mean fisheye-equidistant?"),
+        ("render --set face_sise=8 --size 8x4", "; did you mean face_size?"),
+        ("render --modes lt", "lit, object_mask, depth, normals; got 'lt'; did you mean lit?"),
+        ("render --colour", "(see omniscv render --help)"),
+        ("doctor localhost:9000", "got 'localhost:9000'; write unreal://localhost:9000"),
+        ("ask mock://four-wall vget /objects", "expected it in quotes, such as 'vget /objects'"),
+        ("cameras fit double-sphere pinhole --set width=5", "expected width and height in --size"),
+        ("record --source four-wall.sqlite --face-size 1024 --out x.sqlite", "face_size: expected 192 px"),
+    ],
+)
+def test_an_error_says_what_to_write(arguments, says, capsys, tmp_path, monkeypatch):
+    shutil.copy(ROOT / "captures" / "four-wall.sqlite", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert says in failed(capsys, 2, arguments.split())
+
+
+def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, monkeypatch):
+    """Also where a file has captures of several sizes."""
+    monkeypatch.chdir(tmp_path)
+    for mode, edge in (("lit", 64), ("depth", 32)):
+        run(["record", "--modes", mode, "--set", f"face_size={edge}", "--out", "two.sqlite"])
+    capsys.readouterr()
+    line = failed(capsys, 1, ["render", "--source", "two.sqlite", "--size", "8x4", "--modes", "lit,depth"])
+    assert " ... " not in line
+    assert "size: 40 x 40 recorded, 72 x 72 px requested; 'omniscv recording places two.sqlite' lists" in line
+
+
+def test_recording_again_says_how_many_captures_are_new(capsys, tmp_path):
+    path = tmp_path / "one.sqlite"
+    counts = ("6 captures", "6 captures, none new", "12 captures, 6 new")
+    for modes, count in zip(("lit", "lit", "lit,depth"), counts, strict=True):
+        assert run(["record", "--modes", modes, "--set", "face_size=16", "--out", str(path)]) == 0
+        assert capsys.readouterr().out == f"{path}: {count}\n"
+
+
+@pytest.mark.parametrize("command", ["render", "record"])
+def test_a_command_without_arguments_prints_its_help(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run([command]) == 2
+    assert f"Usage: omniscv {command}" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_shows_the_defaults_that_hold(capsys):
+    """With a job's file, the job has them."""
+    for command, shown in ((["render"], True), (["dataset", "make"], False)):
+        run([*command, "--help"])
+        assert ("[default: mock://four-wall]" in capsys.readouterr().out) is shown
+
+
 def test_nobody_listens(capsys, tmp_path, free_port):
     arguments = ["render", "--source", f"unreal://127.0.0.1:{free_port}", "--out", tmp_path / "out"]
     line = failed(capsys, 1, arguments)
@@ -73,7 +138,7 @@ def test_a_file_that_is_no_recording(capsys, tmp_path):
     path = tmp_path / "notes.sqlite"
     path.write_text("dear diary")
     assert "notes.sqlite" in failed(capsys, 1, ["render", "--source", path, "--out", tmp_path / "out"])
-    assert "notes.sqlite" in failed(capsys, 1, ["captures", "info", path])
+    assert "notes.sqlite" in failed(capsys, 1, ["recording", "info", path])
     assert path.read_text() == "dear diary"
     assert not (tmp_path / "out").exists()
 
@@ -170,6 +235,7 @@ source: mock://four-wall
 cameras: {pano: {model: equirectangular, width: 64, height: 32}}
 poses: [{position: [0, 0, 1.5]}]
 modes: [lit, mask]
+face_size: 32
 """
 
 
@@ -206,10 +272,11 @@ def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path
     assert info(tmp_path / "kept.sqlite").captures == info(tmp_path / "capture.sqlite").captures
 
 
-def test_mask_is_short_for_object_mask(tmp_path, capsys):
+def test_mask_and_rgb_are_other_words_for_modes(tmp_path, capsys):
     small = ["--size", "64x32", "--face-size", "64"]
-    assert run(["render", *small, "--modes", "mask, lit,mask", "--out", str(tmp_path)]) == 0
-    assert {"equirectangular.object_mask.png", "equirectangular.labels.png"} <= names_in(tmp_path)
+    assert run(["render", *small, "--modes", "mask, rgb,mask", "--out", str(tmp_path)]) == 0
+    layers = {f"equirectangular.{name}.png" for name in ("object_mask", "labels", "lit")}
+    assert layers <= names_in(tmp_path)
 
 
 @pytest.mark.parametrize("k", ["0.01,0,0,0", "[0.01, 0, 0, 0]"])
@@ -227,10 +294,10 @@ def test_plan_lists_every_strategy(job, capsys):
     for measured in ([], ["--measure"]):
         assert run(["plan", str(job), *measured]) == 0
         heading, *rows = capsys.readouterr().out.splitlines()
-        columns = "strategy views requests at most megapixels megabytes seconds shift m"
+        columns = "strategy views requests at most Mpx MB seconds shift m marked %"
         assert heading.split() == columns.split()
         assert [row.split()[0] for row in rows] == list(planning.names())
-        assert all(len(row.split()) == 8 for row in rows)
+        assert all(len(row.split()) == 9 for row in rows)
 
 
 def test_plan_takes_the_options_of_render(capsys):
@@ -243,12 +310,15 @@ def test_plan_takes_the_options_of_render(capsys):
 def test_plan_shows_how_far_fewer_viewpoints_shift_the_optical_centre(capsys):
     """Of a circle of 1 m in 4 parts: from the outermost column's centre to the mean of sixteen."""
     ring = ["--camera", "noncentral-panorama", "--param", "radius=1", "--size", "64x32"]
-    shift = {}
+    shift, marked = {}, {}
     for given in ([], ["--viewpoints", "4"]):
         assert run(["plan", *ring, *given]) == 0
         rows = [row.split() for row in capsys.readouterr().out.splitlines()[1:]]
-        shift[len(given)] = {row[0]: float(row[-1]) for row in rows}
+        shift[len(given)] = {row[0]: float(row[-2]) for row in rows}
+        marked[len(given)] = {row[0]: float(row[-1]) for row in rows}
     assert set(shift[0].values()) == {0.0}
+    assert set(marked[0].values()) == {3.0}
+    assert marked[2]["faces"] > 50 > marked[2]["adaptive"]
     exact = {"auto", "cube", "faces", "strips"}
     centers = np.exp(2j * np.pi * np.arange(16) / 64)
     farthest = np.abs(centers - centers.mean()).max()
@@ -277,7 +347,7 @@ def test_finer_truth_is_an_option_of_jobs_and_of_commands(tmp_path, capsys):
 
 def test_an_unknown_command_is_one_line(capsys):
     line = failed(capsys, 2, ["rendr"])
-    assert line == "omniscv: No such command 'rendr'. Did you mean 'render'? (see omniscv --help)"
+    assert line == "omniscv: No such command 'rendr'. Did you mean 'render', 'send'? (see omniscv --help)"
 
 
 def test_no_command_prints_the_help_alone(capsys):
@@ -291,18 +361,19 @@ def test_names_cannot_control_the_terminal(capsys, tmp_path):
     """They are printed as they are written in Python, and never read as markup."""
     folder = tmp_path / "faces"
     run(["record", "--face-size", "16", "--modes", "lit", "--out", str(tmp_path / "a.sqlite")])
-    run(["captures", "export", str(tmp_path / "a.sqlite"), str(folder)])
+    run(["recording", "export", str(tmp_path / "a.sqlite"), str(folder)])
     index = folder / "captures.json"
     entries = json.loads(index.read_text())
-    entries[0]["provenance"]["scene"] = "\x1b[31m[/b]"
+    for entry in entries:
+        entry["provenance"]["scene"] = "\x1b[31m[/b]"
     index.write_text(json.dumps(entries))
-    assert run(["captures", "import", str(folder), str(tmp_path / "b.sqlite")]) == 0
+    assert run(["recording", "import", str(folder), str(tmp_path / "b.sqlite")]) == 0
     capsys.readouterr()
-    assert run(["captures", "info", str(tmp_path / "b.sqlite")]) == 0
+    assert run(["recording", "info", str(tmp_path / "b.sqlite")]) == 0
     printed = capsys.readouterr().out
     assert "[/b]" in printed
     assert "\x1b" not in printed
-    assert "\\x1b" in failed(capsys, 1, ["captures", "info", tmp_path / "\x1b[31m"])
+    assert "\\x1b" in failed(capsys, 1, ["recording", "info", tmp_path / "\x1b[31m"])
 
 
 def names_in(folder):

@@ -17,7 +17,7 @@ from support.clusters import waited_for as said_in
 from support.datasets import tree
 from support.games import STAND_IN, waited_for
 from support.processes import OMNISCV, started
-from support.stores import BUCKET, names_at, s3_server, tree_at
+from support.stores import BUCKET, names_at, s3_application, s3_server, tree_at, twelve_percent
 
 from omniscv import dataset, jobs
 
@@ -74,6 +74,18 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
     made = jobs.make(jobs.load(job), resume=True)
     assert made.kept >= 2
     assert tree(out) == tree(tmp_path / "single")
+
+
+def test_a_worker_killed_while_it_starts_is_one_clear_sentence(tmp_path):
+    with started(*OMNISCV, "dataset", "make", job_of(tmp_path, "none"), "--cluster", "local:2") as process:
+        starting = waited_for(
+            lambda: [p for p, line in below(process).items() if re.match(LINES["worker"], line)]
+        )
+        starting[0].kill()
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert "--cluster: expected 2 workers to start, but one ended" in said
+    assert "Traceback" not in said
 
 
 def wait_for_frames(out, count):
@@ -151,7 +163,12 @@ def launched(folder):
     return f"launch:{game}"
 
 
-STORES = {"disk": nullcontext, "s3": s3_server, "failing s3": partial(s3_server, every=10)}
+STORES = {
+    "disk": nullcontext,
+    "s3": s3_server,
+    "failing s3": partial(s3_server, every=10),
+    "unsteady s3": partial(s3_application, twelve_percent),
+}
 
 
 @pytest.mark.soak

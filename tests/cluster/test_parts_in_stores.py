@@ -1,4 +1,4 @@
-"""Parts of a dataset that is a URL: S3, a store that fails one request in ten, full ones, a full disk."""
+"""Parts of a dataset that is a URL: S3, one that is far away and fails, full ones, a full disk."""
 
 import json
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from support.datasets import job_file, tree
 from support.full_disk import largest_file
-from support.stores import BUCKET, failing_store, s3_server, tree_at
+from support.stores import BUCKET, failing_store, s3_application, s3_server, tree_at, twelve_percent
 
 from omniscv import cli, jobs
 from omniscv.errors import OmniscvError
@@ -51,14 +51,16 @@ def test_parts_on_s3_are_the_bytes_of_one_process(single, job, tmp_path):
             jobs.make(there)
 
 
-def test_a_store_that_fails_one_request_in_ten(single, job, tmp_path):
-    with failing_store(every=10) as store:
-        for index in (1, 0, 2):
-            made = jobs.make(replace(job, out="failing://bucket/parted"), shard=(index, 3))
-        assert made.missing == 0
-        assert store.requests > 60
-        store.every = 0
-        assert tree_at("failing://bucket/parted") == tree(single / "dataset")
+def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_path):
+    """Requests wait beside each other, but not all at a time: a frame's files, frames that are looked for."""
+    with s3_application(twelve_percent, latency_s=0.05) as (store, _):
+        there = replace(job, out=f"s3://{BUCKET}/far")
+        assert jobs.make(there, shard=(0, 1)).written == 6
+        assert 8 <= store.most_waiting <= 64
+        store.requests, store.fault = 0, lambda number: ""
+        assert jobs.make(there, resume=True).kept == 6
+        assert store.requests < 60
+        assert tree_at(f"s3://{BUCKET}/far") == tree(single / "dataset")
 
 
 def test_a_full_store_is_one_line_and_goes_on_when_there_is_space(single, job, tmp_path):

@@ -77,13 +77,10 @@ CASES = [
     ),
     ("equirectangular", "open", {}),
     ("fisheye-equidistant", "fence", {}),
-    ("noncentral-panorama", "four-wall", WAYS[0]),
     ("noncentral-panorama", "fence", WAYS[2]),
     ("noncentral-spherical-mirror", "open", WAYS[1]),
-    ("ods", "fence", WAYS[0]),
     ("rolling-shutter", "fence", WAYS[0]),
     ("push-broom", "four-wall", WAYS[2]),
-    ("orthographic", "four-wall", WAYS[0]),
 ]
 ALL = [
     (name, room, way) for name in names() for room in ROOMS for way in (WAYS if name in SMALL else WAYS[:1])
@@ -105,6 +102,38 @@ def test_what_is_wrong_is_marked(name, room, way, rooms):
 def test_what_is_wrong_is_marked_everywhere(name, room, way, rooms):
     for seed in range(1, 4):
         hold(name, room, way, rooms, seed)
+
+
+@pytest.mark.parametrize("name", ["equirectangular", "noncentral-spherical-mirror"])
+def test_rounding_is_bounded_where_captures_are_floats(name, rooms):
+    """Nothing is as large as the rounding of depth and of pixels to float32."""
+    with omniscv.open_source("scene://four-wall") as source:
+        hold(name, "four-wall", {}, {"four-wall": (rooms["four-wall"][0], source)}, 0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_bars_as_narrow_as_what_is_interpolated(seed):
+    """Square bars of 5 cm at 3.3 m against the sky: three pixels of a capture, with a crease between them."""
+    rng = np.random.default_rng(seed)
+    bars = {
+        f"Bar_{i}": {
+            "solids": [
+                {
+                    "box": [0.05, 0.05, 3.0],
+                    "at": [3.3 * np.cos(angle), 3.3 * np.sin(angle), 1.5],
+                    "turn_deg": float(rng.uniform(0, 90)),
+                }
+            ]
+        }
+        for i, angle in enumerate(np.linspace(0, 2 * np.pi, 24, endpoint=False))
+    }
+    scene = mock_server.Scene("rails", {"sky": [0.5, 0.7, 1.0], "objects": bars})
+    camera = create("fisheye-equidistant", width=128, height=128, fov_deg=150)
+    with mock_server.serve(scene) as server, omniscv.open_source(server.uri) as source:
+        for pose in (drawn_pose(seed + turn) for turn in range(3)):
+            image = omniscv.render(camera, pose, source, MODES)
+            found = Errors(image, scene)
+            assert found.uncovered.sum() <= UNCOVERED * image.valid.sum()
 
 
 def hold(name, room, way, rooms, seed):
@@ -140,11 +169,11 @@ def test_no_point_hangs_in_the_open(name, rooms):
     """400 m of ground, a post of 0.1 m, a tower of 80 m (review, A6)."""
     scene, source = rooms["open"]
     camera = SMALL.get(name) or model(name).example(256)
-    for way in WAYS[:2] if name in SMALL else WAYS[:1]:
-        image = omniscv.render(camera, drawn_pose(3), source, ("depth",), face_size=256, **way)
-        depth = image.depth[image.valid & np.isfinite(image.depth)]
-        away = distance_to_surfaces(scene, image.points())
-        assert (away <= np.maximum(0.05, 0.01 * depth)).all()
+    way = WAYS[1] if name in SMALL else {}
+    image = omniscv.render(camera, drawn_pose(3), source, ("depth",), face_size=256, **way)
+    depth = image.depth[image.valid & np.isfinite(image.depth)]
+    away = distance_to_surfaces(scene, image.points())
+    assert (away <= np.maximum(0.05, 0.01 * depth)).all()
 
 
 def test_what_is_farther_than_the_wire_reaches_is_told_from_the_sky(rooms):

@@ -3,6 +3,7 @@
 PNG and JPEG by Pillow, EXR by the reference library, JPEG XL by imagecodecs, JSON by the standard library.
 """
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -165,6 +166,7 @@ def test_the_json_describes_the_image(image, folder):
         "max_error_px": None,
         "truth_scale": 1,
         "normals": "captured",
+        "seams": "keep",
         **OPTIONS,
     }
     assert found["source"]["scene"] == "four-wall"
@@ -283,3 +285,17 @@ def test_layers_can_be_written_without_an_image(tmp_path):
     assert [path.name for path in written] == ["a.depth.exr", "a.json"]
     assert equal_bits(with_openexr(tmp_path / "a.depth.exr")[0]["Z"], depth)
     assert json.loads(Path(written[1]).read_text(encoding="utf-8"))["note"] == "ä"
+
+
+def test_the_doubtful_share_counts_each_pixel_once():
+    """Pixels at label edges, unsure ones, and those whose depth may be off by more than 1 %; not the sky."""
+    camera = omniscv.cameras.create("equirectangular", 4, 2)
+    valid = np.array([[True, True, True, True], [True, True, True, False]])
+    edge, unsure = np.zeros((2, 2, 4), bool)
+    edge[0, 0] = unsure[0, 0] = unsure[0, 1] = edge[1, 3] = True
+    depth = np.array([[2, 2, np.inf, 2], [2, 2, np.inf, 0]], np.float32)
+    error = np.array([[0, 0, 0, 0.03], [0.01, np.inf, np.inf, 9]], np.float32)
+    layers = {"label_edge": edge, "unsure": unsure, "depth": depth, "depth_error": error}
+    image = omniscv.OmniImage(camera=camera, pose=POSE, valid=valid, layers=layers, centers_w=POSE.position)
+    assert image.doubtful == 5 / 7
+    assert dataclasses.replace(image, layers={}).doubtful == 0

@@ -9,7 +9,7 @@ import pytest
 import omniscv
 from omniscv import modalities
 from omniscv.cameras import create
-from omniscv.errors import BadReplyError, MissingCaptureError
+from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source, View
 from omniscv.sources.codecs import decode
@@ -133,3 +133,16 @@ def test_an_encoding_for_another_mode_is_refused(mode):
     wrong = "npy ray m" if mode != "depth" else "png"
     with pytest.raises(BadReplyError, match=f"encoding of {mode}"):
         decode(b"", wrong, mode, VIEW)
+
+
+def test_a_mode_that_a_source_does_not_have_is_refused_before_anything_is_captured():
+    def capture(_, request):
+        raise AssertionError(f"{request.mode} was captured")
+
+    source = Made(capture)
+    source.capabilities = Capabilities(modes=frozenset({"lit", "depth"}))
+    for modes, lacking in ((("lit", "normals"), "normals"), (("object_mask",), "object_mask")):
+        with pytest.raises(
+            ArgumentError, match=f"some of depth, lit, which the source delivers; got {lacking}"
+        ):
+            omniscv.render(CAMERA, POSE, source, modes=modes)

@@ -67,10 +67,10 @@ def test_few_centres_serve_as_well(name, room):
 
 
 def test_hardly_behind_capturing_every_centre():
-    camera = create("noncentral-panorama", width=96, height=48, radius=1.0)
+    camera = create("noncentral-panorama", width=64, height=32, radius=1.0)
     truth = traced(ROOM.scene, camera, POSE)
     few, all_centers = (
-        right(omniscv.render(camera, POSE, ROOM, MODES[1:3], strategy=strategy, face_size=336), truth).mean()
+        right(omniscv.render(camera, POSE, ROOM, MODES[1:3], strategy=strategy, face_size=168), truth).mean()
         for strategy in ("adaptive", "strips")
     )
     assert few >= all_centers - 0.01
@@ -171,7 +171,7 @@ RED = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
 def test_places_where_it_can_fail(what, solids, sure):
     """What it is sure of is right but for rims, and what it lost it says."""
     source = float_source(room_with({"Thing": {"texture": RED, "solids": solids}}))
-    camera = LOW
+    camera = create("noncentral-panorama", width=256, height=32, radius=1.0)
     image = omniscv.render(camera, POSE, source, ("object_mask", "depth"), strategy="adaptive", face_size=336)
     rightly = right(image, traced(source.scene, camera, POSE))
     assert rightly[~image.unsure].mean() >= sure, what

@@ -2,8 +2,11 @@
 
 import json
 import tarfile
+import threading
 import warnings
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from support.datasets import tree
 
 from omniscv import cli, dataset
 from omniscv.errors import ArgumentError
+from omniscv.frame import FileEntry
 
 
 def samples(folder):
@@ -117,14 +121,44 @@ def with_boxes(out):
     """Give every frame a record of a box."""
     lines = (out / "frames.jsonl").read_text(encoding="utf-8").splitlines()
     rows = [json.loads(line) for line in lines]
+    names = {
+        number: name for name, number in json.loads((out / "dataset.json").read_bytes())["names"].items()
+    }
     for row in rows:
         path = out / f"{row['key']}.truth.json"
-        box = {"instance_id": 4, "class": "chair", "bbox": [1, 2, 3, 4]}
+        box = {"instance_id": 4, "name": names[4], "class": "chair", "bbox": [1, 2, 3, 4]}
         path.write_text(json.dumps({"boxes": [box]}), encoding="utf-8")
-        row["files"]["truth"] = {"path": path.name, "bytes": 0, "sha256": ""}
+        row["files"]["truth"] = asdict(FileEntry.of(path))
     (out / "frames.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
 
 
 def test_pack_knows_its_containers(whole, capsys):
     assert cli.run(["dataset", "pack", str(whole / "dataset"), "--as", "zip"]) == 2
     assert "--as: expected one of webdataset, hf; got 'zip'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("out", [None, "beside"])
+def test_two_exports_into_one_place_spare_each_other(out, copied, tmp_path):
+    """Both are in the middle of writing at one time; each export that comes out is whole."""
+    both = threading.Barrier(2, timeout=60)
+
+    class Slow(dataset.Format):
+        name = "slow"
+
+        def write(self, frames, out, options):
+            files = [out / "first.txt", out / "second.txt"]
+            files[0].write_text("first")
+            both.wait()
+            files[1].write_text("second")
+            both.wait()
+            return files
+
+    dataset.register(Slow())
+    to = None if out is None else tmp_path / out
+    with ThreadPoolExecutor(2) as threads:
+        written = [
+            each.result() for each in [threads.submit(dataset.export, copied, "slow", to) for _ in range(2)]
+        ]
+    for path in chain(*written):
+        assert path.read_text() == path.stem
+    assert not [path for path in written[0][0].parent.parent.iterdir() if path.name.startswith(".")]

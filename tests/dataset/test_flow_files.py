@@ -136,9 +136,12 @@ def test_frames_of_two_scenes_have_no_flow_between_them(tmp_path):
 @pytest.mark.parametrize(
     ("poses", "says"),
     [
-        ({"Chair_1": {"position": [0, 0, 0]}}, r"cam-0: poses.Chair_1: missing key 'rotation'"),
-        ({"Chair_1": 3}, r"cam-0: poses.Chair_1: expected a mapping"),
-        ([1], "cam-0: poses: expected a mapping"),
+        (
+            {"Chair_1": {"position": [0, 0, 0]}},
+            r"cam-0.truth.json: expected truth records, got: poses.Chair_1: missing key 'rotation'",
+        ),
+        ({"Chair_1": 3}, r"got: poses.Chair_1: expected a mapping"),
+        ([1], "got: poses: expected a mapping"),
     ],
 )
 def test_damaged_poses_are_named(poses, says, tmp_path):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 from support.datasets import job_file, tree
-from support.killed import Processes, moments
+from support.killed import moments
 
 from omniscv import dataset
 from omniscv.dataset import manifest
@@ -13,13 +13,6 @@ from omniscv.frame import FileEntry
 KILLS, SOAK_KILLS = 3, 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 EXPORT = "export: [webdataset, hf]\n"
-
-
-@pytest.fixture(scope="module")
-def processes():
-    found = Processes()
-    yield found
-    found.close()
 
 
 def seen(out):

@@ -95,3 +95,17 @@ def test_points_of_rendered_frames_are_as_near_to_the_surfaces_as_asked(name, wi
         sizes.append(len(xyz))
         assert distance_to_surfaces(SCENE, xyz).max() < 0.001 or not limit
     assert 0.3 * sizes[0] < sizes[1] < sizes[0]
+
+
+def test_points_in_the_air_are_left_out(tmp_path):
+    """Few viewpoints put points beside surfaces, within their bounds: those of more than 1 % have none."""
+    camera = cameras.create("noncentral-panorama", width=96, height=48, radius=0.6)
+    way = {"strategy": "faces", "viewpoints": 6, "face_size": 128}
+    image = render(camera, POSES[0], float_source(SCENE), modes=("object_mask", "depth"), **way)
+    frame = frame_of(tmp_path, {name: image[name] for name in ("depth", "depth_error")}, camera, POSES[0])
+    farthest = {}
+    for limit in (0.01, None):
+        (path,) = get("ply").export([frame], tmp_path, {"cloud": False, "max_relative_error": limit})
+        xyz = columns(PlyData.read(path)["vertex"].data, "xyz").astype(float)
+        farthest[limit] = distance_to_surfaces(SCENE, xyz).max()
+    assert farthest[0.01] < 0.05 < 0.2 < farthest[None]

@@ -63,11 +63,7 @@ def test_the_help_lists_every_fault(capsys):
     [
         ("wrong", "expected one of delay, drip"),
         ("delay=soon", "fault delay: expected a number from 0 to 3600, got 'soon'"),
-        ("delay=-1", "expected a number from 0"),
-        ("delay=nan", "expected a number from 0"),
-        ("delay=inf", "expected a number from 0"),
         ("delay@2", "probability: expected a number from 0 to 1, got '2'"),
-        ("delay@", "probability: expected a number from 0 to 1, got ''"),
         ("cut=1.5", "expected a number from 0 to 1"),
         ("missing=1", "expected no value"),
         ("vignette@0.5", "expected no probability"),

@@ -13,6 +13,8 @@ from support.cases import cases
 from mock_server import faults
 from mock_server.dialects import BY_NAME
 from mock_server.protocol import MAGIC, MAX_PAYLOAD, FrameError, frame, read_frame
+from omniscv.errors import BadReplyError
+from omniscv.sources.unreal import client
 
 SIZES = st.sampled_from([0, 1, 2, 7, 8, 1 << 20, MAX_PAYLOAD, MAX_PAYLOAD + 1, (1 << 31) - 1, (1 << 32) - 1])
 HEADERS = st.builds(
@@ -36,35 +38,55 @@ class Wire:
         return block
 
 
+def by_the_client(wire):
+    """As the live source of omniscv reads a frame; None at the end of the stream."""
+    try:
+        return client.read_frame(wire.recv)
+    except ConnectionError:
+        return None
+
+
+both = pytest.mark.parametrize(
+    ("read", "largest", "at_once"),
+    [(read_frame, MAX_PAYLOAD, 1 << 16), (by_the_client, client.MAX_PAYLOAD, 1 << 20)],
+    ids=["server", "client"],
+)
+REFUSED = (FrameError, BadReplyError)
+
+
+@both
 @cases(50)
 @given(STREAMS, st.integers(1, 50))
-def test_any_stream_is_read_to_its_end_or_refused(data, piece):
+def test_any_stream_is_read_to_its_end_or_refused(read, largest, at_once, data, piece):
     wire = Wire(data, piece)
     payloads = []
-    with contextlib.suppress(FrameError):
-        while (payload := read_frame(wire)) is not None:
+    with contextlib.suppress(*REFUSED):
+        while (payload := read(wire)) is not None:
             payloads.append(payload)
     assert data.startswith(b"".join(map(frame, payloads)))
-    assert wire.most <= 1 << 16
+    assert wire.most <= at_once
 
 
+@both
 @cases(30)
 @given(st.lists(st.binary(min_size=1, max_size=200), max_size=8), st.integers(1, 50))
-def test_frames_come_out_as_they_went_in(payloads, piece):
+def test_frames_come_out_as_they_went_in(read, largest, at_once, payloads, piece):
     wire = Wire(b"".join(map(frame, payloads)), piece)
-    assert [read_frame(wire) for _ in payloads] == payloads
-    assert read_frame(wire) is None
+    assert [read(wire) for _ in payloads] == payloads
+    assert read(wire) is None
 
 
-@pytest.mark.parametrize("size", [0, MAX_PAYLOAD + 1, (1 << 32) - 1])
-def test_a_frame_that_claims_4_gb_or_nothing_is_refused(size):
-    with pytest.raises(FrameError):
-        read_frame(Wire(struct.pack("<II", MAGIC, size) + b"x" * 100))
+@both
+def test_a_frame_that_claims_4_gb_or_nothing_is_refused(read, largest, at_once):
+    for size in (0, largest + 1, (1 << 32) - 1):
+        with pytest.raises(REFUSED):
+            read(Wire(struct.pack("<II", MAGIC, size) + b"x" * 100))
 
 
-def test_memory_follows_what_comes_not_what_is_claimed():
+@both
+def test_memory_follows_what_comes_not_what_is_claimed(read, largest, at_once):
     tracemalloc.start()
-    assert read_frame(Wire(struct.pack("<II", MAGIC, MAX_PAYLOAD) + b"x" * 1000, 1000)) is None
+    assert read(Wire(struct.pack("<II", MAGIC, largest) + b"x" * 1000, 1000)) is None
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 1 << 20

@@ -1,11 +1,8 @@
 """``python -m mock_server`` as a program of its own, and the signals that stop it."""
 
-import contextlib
-import os
 import re
 import signal
 import socket
-import sys
 from pathlib import Path
 
 import pytest
@@ -43,7 +40,6 @@ class Address:
         self.port = int(port)
 
 
-OFTEN_STOPPED = Path(__file__).parents[1] / "support" / "often_stopped.py"
 SERVERS = {
     "mock_server": ("-m", "mock_server"),
     "omniscv serve": (*OMNISCV, "serve"),
@@ -96,26 +92,6 @@ def test_a_server_that_cannot_listen_any_more_ends_with_one_line():
     assert out == ""
     assert err.startswith(f"mock_server: expected to go on listening; {path}: ")
     assert err.count("\n") == 1
-
-
-BUSY = "while True: sum(range(10_000))"
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize("program", ["mock_server", "omniscv"])
-def test_under_load_a_hundred_of_a_hundred_first_signals_stop_it_within_two_seconds(program, monkeypatch):
-    """Load: a busy process for each processor and one more, and a client that asks for images."""
-    with contextlib.ExitStack() as load:
-        for _ in range(1 + os.cpu_count()):
-            load.enter_context(started("-c", BUSY))
-        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-        out, err = load.enter_context(started(OFTEN_STOPPED, 100, program)).communicate()
-    seconds, codes = zip(*map(str.split, out.splitlines()), strict=True)
-    print(f"\n{program}: {len(seconds)} stops, at most {max(seconds)} s")
-    assert (set(codes), err) == ({"0"}, "")
-    assert len(seconds) == 100
-    assert max(map(float, seconds)) < 2
 
 
 def test_a_signal_to_any_thread_is_noticed_every_time():

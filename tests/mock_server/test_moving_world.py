@@ -41,12 +41,7 @@ def next_time(server):
 def look(client, rotation=(0, 0, 0)):
     client.ask("vset /camera/{}/rotation {} {} {}".format(client.camera, *rotation))
     if client.camera == 0:
-        settle(client)
-
-
-def settle(client):
-    for _ in range(3):
-        client.ask("vget /unrealcv/version")
+        client.settle()
 
 
 def depth(client):
@@ -106,7 +101,7 @@ def test_faces_of_a_running_world_are_torn_and_those_of_a_paused_one_are_not(wor
         shows(client, image, SCENE.at(start), face) for face, image in zip(FACES, running, strict=False)
     )
     client.ask("vset /action/game/pause")
-    settle(client)
+    client.settle()
     now = server.world.time_s
     for face in FACES:
         look(client, face)
@@ -132,9 +127,9 @@ def test_slow_motion(world, dialect):
     server, client = world(dialect)
     for factor, slowed in (("0.1", 0.1), ("0", 1e-4), ("1.0", 1.0)):
         client.ask(f"vrun slomo {factor}")
-        settle(client)
+        client.settle()
         before = server.world.time_s
-        settle(client)
+        client.settle()
         assert round((server.world.time_s - before) / (slowed * STEP), 6) in (2, 3, 4)
 
 
@@ -163,9 +158,9 @@ def test_pause_of_the_others_stays_until_it_is_resumed(world, dialect):
 
 
 def stands(server, client):
-    settle(client)
+    client.settle()
     before = server.world.time_s
-    settle(client)
+    client.settle()
     return server.world.time_s == before
 
 
@@ -177,7 +172,7 @@ def test_the_camera_of_l_follows_its_pawn_while_paused_and_its_rotation_is_not_l
     floor = depth(client)[SIZE[1] // 2 - 1 : SIZE[1] // 2 + 1]
     assert np.ptp(floor, axis=0).max() < 1e-4
     client.ask("vset /action/game/pause")
-    settle(client)
+    client.settle()
     assert client.text("vget /camera/0/rotation") == "270.100 0.000 0.000"
 
 
@@ -188,7 +183,7 @@ def test_the_camera_of_l_follows_its_pawn_while_paused_and_its_rotation_is_not_l
 def test_where_moving_objects_are(world, dialect):
     server, client = world(dialect)
     client.ask("vset /action/game/pause")
-    settle(client)
+    client.settle()
     there = SCENE.at(server.world.time_s)
     assert place_of(client) == pytest.approx(crate(there), abs=6e-3)
     yaw = -45 * server.world.time_s  # of the turntable, by its description; Unreal's yaw is to the right
@@ -209,7 +204,7 @@ def test_a_moving_object_stays_where_it_is_put_until_the_clock_goes_on(world, di
     assert shows(client, depth(client), placed)
     assert place_of(client) == [150, -20, 130]
     client.ask("vset /action/game/pause" if dialect == "L" else "vset /action/game/resume")
-    settle(client)
+    client.settle()
     before = server.world.time_s
     x = place_of(client)[0]
     assert crate(SCENE.at(before + STEP))[0] - 0.01 <= x <= crate(SCENE.at(before - STEP))[0] + 0.01

@@ -2,11 +2,10 @@
 
 import contextlib
 import logging
-import warnings
 from collections import Counter
 
 import pytest
-from support.wire import leave
+from support.wire import leave, official_api
 
 MODERN = ("M", "N1", "N2")
 
@@ -40,16 +39,12 @@ CALLS = [
 @pytest.fixture
 def official(start, monkeypatch):
     """Starts a server and connects the API to it: both."""
-    from unrealcv.api import UnrealCv_API
-
     monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
     with contextlib.ExitStack() as opened:
 
         def open_one(dialect):
             server = start("workshop", dialect=dialect, size=(8, 8), frames_per_s=1e-3)
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
-                api = UnrealCv_API(server.port, server.host, (8, 8))
+            api = official_api(server, (8, 8))
             opened.callback(leave, api.client)
             return server, api
 

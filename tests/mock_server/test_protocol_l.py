@@ -4,11 +4,11 @@ import io
 import itertools
 import logging
 import threading
-import warnings
 
 import numpy as np
 import pytest
 from support.expected_views import npy, png, seen_by_hand
+from support.wire import official_api
 
 import mock_server
 from mock_server.pixels import through_vertex_colors
@@ -42,12 +42,6 @@ def server(start, tmp_path):
 @pytest.fixture
 def raw(server, open_raw):
     return open_raw(server)
-
-
-def settle(raw):
-    """Three synchronous round trips: enough for pose and picture."""
-    for _ in range(3):
-        raw.ask("vget /unrealcv/version")
 
 
 DISPLAYED = through_vertex_colors(np.arange(256, dtype=np.uint8))
@@ -144,10 +138,10 @@ def test_the_controller_limits_pitch_and_roll_a_tick_later(raw):
     raw.send(b"1:vset /camera/0/rotation -90 -30 95", b"2:vget /camera/0/rotation")
     assert raw.frame() == b"1:ok"
     assert raw.frame() in (b"2:-90.000 -30.000 95.000", b"2:270.100 330.000 89.900")
-    settle(raw)
+    raw.settle()
     assert raw.text("vget /camera/0/rotation") == "270.100 330.000 89.900"
     assert raw.text("vset /camera/0/rotation 90 0 0") == "ok"
-    settle(raw)
+    raw.settle()
     assert raw.text("vget /camera/0/rotation") == "89.900 0.000 0.000"
 
 
@@ -179,7 +173,7 @@ def test_pictures_lag_behind_the_pose_and_the_rotation_lags_more(start, open_raw
 
 def test_three_round_trips_or_a_file_command_settle_the_pose(raw):
     raw.ask("vset /camera/0/pose 50 0 150 0 90 0")
-    settle(raw)
+    raw.settle()
     assert same_depth(npy(raw.ask("vget /camera/0/depth npy")), (50, 0, 150), yaw_deg=90)
     raw.ask("vset /camera/0/pose 0 0 150 0 180 0")
     raw.ask("vget /camera/0/lit x.png")
@@ -190,13 +184,13 @@ def test_a_file_shows_the_pose_set_just_before(start, open_raw, tmp_path):
     raw = open_raw(start(dialect="L", size=SIZE, folder=tmp_path, frames_per_s=10))
     raw.send(b"1:vset /camera/0/pose 50 0 150 0 90 0", b"2:vget /camera/0/lit x.png")
     assert [raw.frame()[:2], raw.frame()[:2]] == [b"1:", b"2:"]
-    settle(raw)
+    raw.settle()
     assert (tmp_path / "x.png").read_bytes() == raw.ask("vget /camera/0/lit png")
 
 
 def test_straight_down_is_a_tenth_of_a_degree_off(raw):
     raw.ask("vset /camera/0/rotation -90 0 0")
-    settle(raw)
+    raw.settle()
     depth = npy(raw.ask("vget /camera/0/depth npy"))
     truth = seen(SIZE, pitch_deg=-89.9).distance
     assert (np.abs(depth - truth) <= 2.0**-11 * truth).mean() > 0.99
@@ -357,11 +351,7 @@ def test_the_official_client(server, connect):
 
 def test_the_official_api_does_not_construct(server, monkeypatch):
     """It takes the ten words of the error for ten cameras, and then a word for a location."""
-    from unrealcv.api import UnrealCv_API
-
     monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
-        with pytest.raises(ValueError, match="could not convert string to float"):
-            UnrealCv_API(server.port, server.host, SIZE)
+    with pytest.raises(ValueError, match="could not convert string to float"):
+        official_api(server, SIZE)
     assert server.statistics.counts["vget /camera/1/location"] == 1

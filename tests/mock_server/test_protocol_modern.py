@@ -3,12 +3,11 @@
 import logging
 import socket
 import time
-import warnings
 
 import numpy as np
 import pytest
 from support.expected_views import npy, png
-from support.wire import leave
+from support.wire import leave, official_api
 
 MODERN = ("M", "N1", "N2")
 
@@ -16,11 +15,6 @@ MODERN = ("M", "N1", "N2")
 @pytest.fixture
 def raw(start, open_raw):
     return lambda dialect, **options: open_raw(start(dialect=dialect, size=(40, 30), **options))
-
-
-def settle(client):
-    for _ in range(3):
-        client.ask("vget /unrealcv/version")
 
 
 # The player's camera, number 0
@@ -32,7 +26,7 @@ def test_the_players_camera_is_late(raw, dialect):
     old = client.ask("vget /camera/0/depth npy")
     assert client.text("vset /camera/0/location 50 0 150") == "ok"
     assert client.text("vget /camera/0/location") == "0.000 0.000 150.000"
-    settle(client)
+    client.settle()
     assert client.text("vget /camera/0/location") == "50.000 0.000 150.000"
     assert client.ask("vget /camera/0/depth npy") != old
 
@@ -46,7 +40,7 @@ def test_the_controller_limits_the_players_camera(raw, dialect):
         ("-30 0 0", "330.000 0.000 0.000"),
     ):
         client.ask(f"vset /camera/0/rotation {rotation}")
-        settle(client)
+        client.settle()
         assert client.text("vget /camera/0/rotation") == read
 
 
@@ -58,7 +52,7 @@ def test_straight_down_is_exact_only_for_spawned_cameras(raw, dialect):
     for camera in (0, 1):
         client.ask(f"vset /camera/{camera}/location 0 0 150")
         client.ask(f"vset /camera/{camera}/rotation -90 0 0")
-    settle(client)
+    client.settle()
     player, own = (npy(client.ask(f"vget /camera/{i}/depth npy")) for i in (0, 1))
     floor = np.isclose(own, 150, atol=1e-4)
     assert floor.mean() > 0.3
@@ -72,11 +66,11 @@ def test_the_players_camera_stays_while_the_game_is_paused(raw, dialect):
     client.ask("vset /action/game/pause")
     client.ask("vset /camera/0/location 50 0 150")
     client.ask("vset /camera/1/location 50 0 150")
-    settle(client)
+    client.settle()
     assert client.text("vget /camera/0/location") == "0.000 0.000 150.000"
     assert client.text("vget /camera/1/location") == "50.000 0.000 150.000"
     client.ask("vset /action/game/resume")
-    settle(client)
+    client.settle()
     assert client.text("vget /camera/0/location") == "50.000 0.000 150.000"
 
 
@@ -84,7 +78,7 @@ def test_the_players_camera_stays_while_the_game_is_paused(raw, dialect):
 def test_moveto_and_screenshot_are_the_players(raw, dialect):
     client = raw(dialect)
     assert client.text("vset /camera/0/moveto 50 0 150") == "ok"
-    settle(client)
+    client.settle()
     assert client.text("vget /camera/0/location") == "50.000 0.000 150.000"
     client.ask("vset /viewmode object_mask")
     assert client.ask("vget /screenshot png") == client.ask("vget /camera/0/object_mask png")
@@ -213,13 +207,9 @@ def test_the_official_client(start, connect, dialect):
 
 @pytest.mark.parametrize("dialect", ["M", "N2"])
 def test_the_official_api(start, monkeypatch, dialect):
-    from unrealcv.api import UnrealCv_API
-
     monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
     server = start(dialect=dialect, size=(40, 30))
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
-        api = UnrealCv_API(server.port, server.host, (40, 30))
+    api = official_api(server, (40, 30))
     try:
         assert api.get_objects() == list(server.scene.objects)
         assert api.get_image(0, "lit", "png").shape == (30, 40, 3)

@@ -66,9 +66,13 @@ def test_only_ground_truth_is_finer(camera):
     assert not np.array_equal(ones.labels, twos.labels)
 
 
-@pytest.mark.parametrize("modes", [("lit", "object_mask"), TRUTH], ids=["all", "truth"])
 @pytest.mark.parametrize(
-    ("strategy", "camera", "size"), [("auto", SMALL, 64), ("faces", WIDE, "auto"), ("adaptive", SMALL, 64)]
+    ("strategy", "camera", "size", "modes"),
+    [
+        ("auto", SMALL, 64, ("lit", "object_mask")),
+        ("faces", WIDE, "auto", TRUTH),
+        ("adaptive", SMALL, 64, TRUTH),
+    ],
 )
 def test_a_recording_replays_with_it(strategy, camera, size, modes, tmp_path):
     """Faces also at the automatic size."""

@@ -123,13 +123,13 @@ def test_a_column_of_a_panorama_takes_two_to_four_faces():
 
 
 def test_strips_of_the_papers_panorama():
-    """1024 x 512, one centre a column: 6144 faces of the paper become 2048 strips of a few pixels."""
-    camera = create("noncentral-panorama", width=1024, height=512, radius=1.0)
+    """One centre a column, as in the paper: six faces each become two strips of a few pixels."""
+    camera = create("noncentral-panorama", width=256, height=128, radius=1.0)
     cube, strips = (views_of(task(camera, strategy=s, pose=LEVEL)) for s in ("cube", "strips"))
     pixels = [sum(view.width * view.height for view in views) for views in (cube, strips)]
-    assert len(cube) == 6144
+    assert len(cube) == 6 * 256
     assert 2 * len(strips) <= len(cube)
-    assert 200 * pixels[1] <= pixels[0]
+    assert 50 * pixels[1] <= pixels[0]
 
 
 @pytest.mark.parametrize("name", by_rays(NONCENTRAL, dear=NONCENTRAL[:2]))

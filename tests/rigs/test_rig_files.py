@@ -94,16 +94,6 @@ def test_pycolmap_reads_a_rig_and_its_frames(tmp_path: Path) -> None:
         np.testing.assert_allclose(again.cameras[name].pose.position, camera.pose.position, atol=1e-12)
 
 
-@pytest.mark.parametrize("format", ["json", "kalibr"])
-def test_a_file_is_told_by_its_content(format: str, tmp_path: Path) -> None:
-    rig = rig_of([(Pose.from_angles((0, 0, 0)), 0.0), (Pose.from_angles((0.1, 0, 0), 20), 0.01)])
-    calibration.save_rig(tmp_path / "rig", rig, format)  # type: ignore[arg-type]
-    again = calibration.load_rig(tmp_path / "rig")
-    for name, mounted in rig.cameras.items():
-        np.testing.assert_allclose(again.cameras[name].pose.rotation, mounted.pose.rotation, atol=1e-12)
-        assert again.cameras[name].time_offset == mounted.time_offset
-
-
 ONE = "1 PINHOLE 8 6 5 5 4 3\n2 PINHOLE 8 6 5 5 4 3\n"
 
 
@@ -114,11 +104,9 @@ ONE = "1 PINHOLE 8 6 5 5 4 3\n2 PINHOLE 8 6 5 5 4 3\n"
         ("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0 0\n2 1 CAMERA 1\n", "expected one line"),
         ("1 2 CAMERA 1 CAMERA 2 0\n", "expected HAS_POSE 1"),
         ("1 2 CAMERA 1 IMU 2 1 1 0 0 0 0 0 0\n", "expected each sensor a CAMERA"),
-        ("1 2 CAMERA 1 CAMERA 3 1 1 0 0 0 0 0 0\n", "expected each sensor a CAMERA"),
         ("1 2 CAMERA 1 CAMERA 2 1 0 0 0 0 0 0 0\n", "quaternion: expected one of length 1"),
         ("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0\n", "expected 7 finite"),
         ("1 3 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0 0\n", "NUM_SENSORS: expected 2"),
-        ("1 1 CAMERA\n", "expected one line|CAMERA"),
     ],
 )
 def test_a_wrong_rigs_txt_is_refused(rigs: str, says: str) -> None:
@@ -141,7 +129,6 @@ def test_what_a_format_has_no_place_for_is_refused() -> None:
     [
         ("T_cn_cnm1", "T_cm_cnm1", "cam1: missing key 'T_cn_cnm1'"),
         ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "cam1.T_cn_cnm1: expected a last row"),
-        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]", "cam1.T_cn_cnm1: expected"),
         ("timeshift_cam_imu: 0.01", "timeshift_cam_imu: no", "cam1.timeshift_cam_imu: expected a finite"),
         ("cam1:", "cam2:", "expected a chain cam0, cam1, got"),
     ],

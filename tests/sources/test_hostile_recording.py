@@ -34,32 +34,15 @@ HUGE = (
     '{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fov_deg": 90, "width": 1e9, "height": 1e9}'
 )
 ESCAPES, LONGEST = "\x1b[31m\n" * 10_000, 300
+TEXTS = [ESCAPES, "", "{", "[]", None]
 VALUES = {
     "payload": [b"", pickle.dumps(Bomb()), pickled(), b"\x89PNG\r\n\x1a\n" + b"\0" * 40, "text", None, 3],
-    "encoding": [ESCAPES, "pickle", "", "../../etc/passwd", None, 7],
-    "captured": [
-        ESCAPES,
-        '{"position": "' + "x" * 5000 + '"}',
-        "",
-        "{",
-        "[]",
-        "null",
-        HUGE,
-        '{"position": "__import__(\'os\')"}',
-        None,
-    ],
-    "asked": [ESCAPES, "", "{", "[]", "null", '{"position": [1e400, 0, 0]}', None],
-    "provenance": [
-        ESCAPES,
-        "",
-        "{",
-        "!!python/object/apply:os.system [true]",
-        None,
-        "[" * 2000,
-        '{"time": 1e300}',
-    ],
-    "mode": [ESCAPES, "", "lit; DROP TABLE capture", None],
-    "key": [ESCAPES, "", "x", None],
+    "encoding": [ESCAPES, "pickle", "../../etc/passwd", None, 7],
+    "captured": [*TEXTS, HUGE, '{"position": "__import__(\'os\')"}'],
+    "asked": [*TEXTS, '{"position": [1e400, 0, 0]}'],
+    "provenance": [*TEXTS, "!!python/object/apply:os.system [true]", "[" * 2000, '{"time": 1e300}'],
+    "mode": [ESCAPES, "lit; DROP TABLE capture", None],
+    "key": [ESCAPES, "x", None],
 }
 CASES = [(column, value) for column, values in VALUES.items() for value in values]
 

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from support import recorder
-from support.killed import Processes, moments
+from support.killed import moments
 from support.recordings import CountingSource, contents
 
 import mock_server
@@ -23,13 +23,6 @@ NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.
 def server():
     with mock_server.serve("four-wall") as running:
         yield running
-
-
-@pytest.fixture(scope="module")
-def processes():
-    found = Processes()
-    yield found
-    found.close()
 
 
 @pytest.fixture(scope="module")

@@ -58,22 +58,11 @@ def other(tmp_path_factory):
     return path
 
 
-def test_its_own_log_is_taken_in(left):
-    path, wanted = left
-    assert contents(path) == wanted
-    assert verify(path).ok
-
-
 def test_its_own_log_is_taken_in_by_a_recorder(left):
     path, wanted = left
     Store(path, write=True).close()
     assert contents(path) == wanted
     assert [file.name for file in path.parent.iterdir()] == [path.name]
-
-
-def renamed(path, other):
-    shutil.copy(other, path.parent / "new.sqlite")
-    (path.parent / "new.sqlite").rename(path)
 
 
 def restored(path, other):
@@ -87,13 +76,7 @@ def imported(path, other):
     shutil.rmtree(path.parent / "faces")
 
 
-def recorded_anew(path, other):
-    path.unlink()
-    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, path) as source:
-        list(source.capture(face_requests(modes=("lit", "object_mask"))))
-
-
-@pytest.mark.parametrize("replace", [renamed, restored, imported, recorded_anew])
+@pytest.mark.parametrize("replace", [restored, imported])
 def test_a_file_of_its_name_does_not_take_it_in(replace, left, other, caplog):
     path, _ = left
     log = path.with_name("room.sqlite-journal")

@@ -18,7 +18,6 @@ from support.recordings import contents, provenances
 import omniscv
 from omniscv.errors import (
     ArgumentError,
-    DamagedRecordingError,
     OmniscvError,
     RecordingError,
     RecordingNotWritableError,
@@ -196,17 +195,6 @@ def test_a_merge_that_is_killed_leaves_what_was_there(whole, tmp_path):
 
 def _killed_merge(out, files):
     merge(out, files, progress=lambda done, total: os.kill(os.getpid(), signal.SIGKILL))
-
-
-def test_lost_captures_are_refused(whole, tmp_path):
-    import sqlite3
-
-    lost = tmp_path / "lost.sqlite"
-    shutil.copyfile(whole, lost)
-    with closing(sqlite3.connect(lost)) as database, database:
-        database.execute("DELETE FROM capture WHERE number = 3")
-    with pytest.raises(DamagedRecordingError, match=r"lost\.sqlite: expected 30 captures as recorded"):
-        merge(tmp_path / "out.sqlite", [lost])
 
 
 def test_wrong_arguments(whole, tmp_path):

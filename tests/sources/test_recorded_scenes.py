@@ -10,8 +10,9 @@ from support.recordings import CountingSource, contents
 
 import mock_server
 import omniscv
-from omniscv.errors import RecordingNotWritableError
+from omniscv.errors import ArgumentError, RecordingNotWritableError
 from omniscv.sources import Capture, ObjectTable, SceneIdentity, Source, SourceWrapper
+from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 from omniscv.sources.scene import SceneSource
@@ -103,6 +104,18 @@ def test_a_game_that_leaves_the_level_is_noticed(tmp_path):
         game.identity = SceneIdentity("House", "Garden")
         with pytest.raises(RecordingNotWritableError, match="Garden"):
             list(source.capture(LIT[1:]))
+
+
+def test_captures_of_two_scenes_are_found_and_not_imported(room, tmp_path):
+    with omniscv.open_source("mock://six-wall") as source, closing(Store(room, write=True)) as store:
+        store.add(next(source.capture(ELSEWHERE)))
+    says = "expected captures of one scene, got some of 'four-wall' and 'six-wall'"
+    assert verify(room).faults == [f"{room}: {says}"]
+    export(room, tmp_path / "faces")
+    (tmp_path / "faces" / "scene.json").unlink()
+    with pytest.raises(ArgumentError, match=says):
+        import_folder(tmp_path / "faces", tmp_path / "again.sqlite")
+    assert not (tmp_path / "again.sqlite").exists()
 
 
 class Plain(Source):

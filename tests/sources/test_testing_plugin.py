@@ -65,6 +65,95 @@ def times(path):
     return found
 
 
+@pytest.mark.parametrize(
+    ("marker", "says"),
+    [
+        ("unreal(sice=(8, 8))", "@pytest.mark.unreal: unknown 'sice'; .*; did you mean size?"),
+        ("unreal('six-wall', 'N1')", "@pytest.mark.unreal: expected one scene, got 2"),
+        ("unreal('six-wall', scene='four-wall')", "@pytest.mark.unreal: expected one scene, got 2"),
+        ("unreal(3)", "@pytest.mark.unreal: scene: expected str or Path or Mapping, got 3"),
+        ("recorded('a', 'b')", "@pytest.mark.recorded: expected one file, got 2"),
+        ("recorded(path='a')", "@pytest.mark.recorded: unknown 'path'; expected some of file"),
+    ],
+)  # fmt: skip
+def test_an_argument_that_a_marker_does_not_take_is_one_line(marker, says, recorded, pytester):
+    pytester.makepyfile(test_room=f"import pytest\n@pytest.mark.{marker}\ndef test(): pass\n")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.re_match_lines([f"ERROR: test_room.py::test: {says}".replace("(", r"\(")])
+    assert len(result.stderr.lines) <= 2
+
+
+def test_markers_take_their_arguments_by_position_and_by_name(suite):
+    suite(
+        """
+        @pytest.mark.unreal("six-wall", size=(16, 16))
+        def test_name(unreal_server):
+            assert unreal_server.uri
+
+        @pytest.mark.unreal({"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [2, 0, 1]}]}}})
+        def test_description(unreal_server):
+            from omniscv import open_source
+            with open_source(unreal_server.uri) as source:
+                assert source.objects().names() == ["Ball"]
+
+        @pytest.mark.recorded
+        def test_room(recorded_source):
+            list(recorded_source.capture([Request(VIEWS[0], "lit")]))
+
+        @pytest.mark.recorded(file="other.sqlite")
+        def test_other(recorded_source):
+            list(recorded_source.capture([Request(VIEWS[0], "lit")]))
+
+        def test_files(recorded_dir):
+            assert {path.name for path in recorded_dir.iterdir()} == {"test_room.sqlite", "other.sqlite"}
+        """,
+        "--record-mode=once",
+        passed=5,
+    )
+    suite(
+        """
+        @pytest.mark.unreal("moon")
+        def test_scene(unreal_server):
+            pass
+        """,
+        errors=1,
+    ).stdout.fnmatch_lines(["@pytest.mark.unreal: scene: expected *four-wall*"])
+
+
+def test_contracts_for_a_package(suite):
+    suite(
+        """
+        from omniscv import cameras, open_source
+        from omniscv.testing import check_camera, check_source
+
+        def test_camera():
+            check_camera(cameras.model("double-sphere").example(32))
+
+        def test_wrong_camera():
+            class Shifted(cameras.model("equirectangular")):
+                def _project(self, points):
+                    pixels, valid = super()._project(points)
+                    return pixels + 1e-4, valid
+            with pytest.raises(AssertionError):
+                check_camera(Shifted(32, 16))
+
+        def test_source():
+            with open_source("scene://four-wall") as source:
+                check_source(source)
+
+        def test_wrong_source():
+            from omniscv.sources import SourceWrapper
+            class Disordered(SourceWrapper):
+                def capture(self, requests):
+                    yield from super().capture(reversed(list(requests)))
+            with Disordered(open_source("scene://four-wall")) as source, pytest.raises(AssertionError):
+                check_source(source)
+        """,
+        passed=4,
+    )
+
+
 def test_a_server_for_any_client(suite):
     suite(
         """

@@ -90,6 +90,20 @@ def test_faults_are_those_of_the_folder(folder, tmp_path):
         next(frame for frame in dataset.open(str(there)) if frame.key == "pano-1").layer("lit")
 
 
+def test_a_checksum_is_no_path(held, tmp_path, cache):
+    """The cache names folders by checksums: one with slashes would write a file of the store's anywhere."""
+    victim = tmp_path / "private"
+    victim.mkdir()
+    there = storage.folder(held)
+    lines = [json.loads(line) for line in there.read("frames.jsonl").splitlines()]
+    for sha256 in (str(victim), "../../private", "0" * 63, "A" * 64, None):
+        lines[0]["files"]["lit"]["sha256"] = sha256
+        there.put("frames.jsonl", "".join(f"{json.dumps(line)}\n" for line in lines).encode())
+        with pytest.raises(DatasetError, match="sha256: expected 64 hexadecimal digits"):
+            dataset.open(held)[0].layer("lit")
+    assert [*victim.iterdir()] == []
+
+
 def test_exports_in_a_store_are_those_of_the_folder(held, folder, tmp_path):
     """Also below the dataset, where COCO names the pictures as seen from its file."""
     copied = tmp_path / "dataset"
@@ -117,16 +131,6 @@ def test_packs_are_written_anywhere(held, folder, tmp_path, s3):
     dataset.export(held, "coco", out)
     listed = json.loads(storage.folder(out).read("annotations.json"))["images"]
     assert [each["file_name"] for each in listed[:1]] == [f"{held}/lens-0.lit.png"]
-
-
-def test_a_store_that_fails_one_request_in_ten(folder, tmp_path):
-    with failing_store(every=10) as store:
-        there = storage.folder("failing://datasets")
-        for name, content in in_folder(folder).items():
-            there.put(name, content)
-        assert dataset.check("failing://datasets", deep=True) == []
-        dataset.export("failing://datasets", "coco", tmp_path / "coco")
-        assert store.requests > 100
 
 
 def test_a_full_store_is_one_line_and_holds_no_half_file(folder, tmp_path):

@@ -52,7 +52,7 @@ def test_a_recording_on_s3_replays_as_its_file_does(url, room, cache, s3):
 def test_commands_read_urls(url, room, capsys):
     assert info(url).captures == info(room).captures
     assert verify(url).ok
-    assert cli.run(["captures", "verify", url]) == 0
+    assert cli.run(["recording", "check", url]) == 0
     assert capsys.readouterr().out == f"{url}: {len(REQUESTS)} captures, all as recorded\n"
 
 

@@ -74,7 +74,8 @@ def fake(folder, version="5.0.1", content="BLENDER", **faults):
     ``faults`` are those of :mod:`support.fake_blender`.
     """
     program = folder / "blender"
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I "{HERE / "fake_blender.py"}" {version} "$@"\n')
+    script = HERE / "fake_blender.py"
+    program.write_text(f'#!/bin/sh\nFAKE_BLENDER="$0" exec "{sys.executable}" -I "{script}" {version} "$@"\n')
     program.chmod(0o755)
     (folder / "room.blend").write_text(content)
     (folder / "room.blend.json").write_text(json.dumps(faults))

@@ -7,9 +7,9 @@ from omniscv import cameras
 SIZE = {"width": 640, "height": 480}
 
 
-def drawn_intrinsics(rng, least=180.0, most=300.0):
+def drawn_intrinsics(rng):
     """fx, fy, cx, cy of an image of ``SIZE``."""
-    fx = rng.uniform(least, most)
+    fx = rng.uniform(100, 300)
     return {
         "fx": fx,
         "fy": fx * rng.uniform(0.97, 1.03),

@@ -16,8 +16,8 @@ PARSED_ONLY = ("demo", "chart", "evaluate")
 """Commands that take long, and have tests of their own."""
 
 READING = (
-    *("ask", "cameras", "doctor", "job", "plan", "scenes", "serve", "dataset check", "dataset info"),
-    *("captures info", "captures places", "captures verify"),
+    *("cameras", "doctor", "job", "plan", "scenes", "send", "serve", "dataset check", "dataset info"),
+    *("recording info", "recording places", "recording check"),
 )
 """Commands that leave nothing behind: one document runs them for all, the others' are parsed."""
 
@@ -27,7 +27,7 @@ _EXIT_CODES = {"doctor": (0, 1)}  # 1: it found something bad
 def name_of(words):
     """The command of a command line: its first word or, of a group, two."""
     pair = " ".join(words[1:3])
-    return pair if words[1] in ("captures", "dataset") else words[1]
+    return pair if words[1] in ("recording", "dataset") else words[1]
 
 
 def shape_of(words):
@@ -103,4 +103,4 @@ def example_inputs(folder):
     (folder / "classes.yaml").write_text(CLASSES, encoding="utf-8")
     (folder / "dataset.yaml").write_text(job, encoding="utf-8")
     run(["omniscv", "dataset", "make", "dataset.yaml"], {})
-    run(["omniscv", "captures", "export", str(recording), "faces/"], {})
+    run(["omniscv", "recording", "export", str(recording), "faces/"], {})

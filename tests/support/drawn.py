@@ -5,7 +5,7 @@ import numpy as np
 from omniscv import cameras
 from omniscv.geometry import Pose
 
-_LEAST_PX, _MOST_PX = 200, 256
+_LEAST = 0.8  # of the largest side
 _MOST_DEG = {
     "fisheye-equidistant": 360.0,
     "fisheye-stereographic": 340.0,
@@ -14,9 +14,10 @@ _MOST_DEG = {
 }
 
 
-def drawn_camera(name, rng):
-    """A camera of a model, 200 px or more on every side, its parameters drawn over what is built and sold."""
-    width, height = (int(size) for size in rng.integers(_LEAST_PX, _MOST_PX, 2, endpoint=True))
+def drawn_camera(name, rng, most_px=256):
+    """A camera of a model, its parameters drawn over what is built and sold."""
+    sizes = rng.integers(int(_LEAST * most_px), most_px, 2, endpoint=True)
+    width, height = map(int, sizes)
     return cameras.create(name, width=width, height=height, **_parameters(name, rng, width))
 
 
@@ -24,6 +25,16 @@ def drawn_pose(rng):
     """A pose in the middle of a room, in which the scenes have nothing, turned any way."""
     position = (*rng.uniform(-0.3, 0.3, 2), rng.uniform(1.2, 1.7))
     return Pose.from_angles(position, rng.uniform(-180, 180), rng.uniform(-70, 70), rng.uniform(-90, 90))
+
+
+def drawn_pose_at_a_wall(scene, rng):
+    """A pose 0.1 to 0.5 m from a wall of a room, turned any way."""
+    corners = scene.room.corners
+    wall = int(rng.integers(len(corners)))
+    start, along = corners[wall], np.roll(corners, -1, axis=0)[wall] - corners[wall]
+    inward = np.array([-along[1], along[0]]) / np.linalg.norm(along)  # corners run counterclockwise
+    x, y = start + rng.uniform(0.1, 0.9) * along + rng.uniform(0.1, 0.5) * inward
+    return Pose.from_angles((x, y, rng.uniform(0.3, 2.5)), *rng.uniform(-180, 180, 3))
 
 
 def _focals(between, width, least, most):

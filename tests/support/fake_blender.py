@@ -3,7 +3,9 @@
 The first argument is its version, the others are Blender's. A file NAME.blend.json has ``world``: whether
 there is one; ``missing``: files; ``refuse_scene``: why it does not open the scene; and numbers of renders,
 over all processes: ``kill``: in which it kills itself; ``hang``, ``garbage``, ``refuse``, ``small``,
-``no_picture``: which fail so. Every render is a line in a log beside the file.
+``no_picture``, ``fifo``, ``link``, ``unknown``: which fail so. ``noise``: bytes that it prints first, -1 for
+no end; ``hello``: its first reply; ``opened``, ``boxes``: what is other in these replies. Every render is a
+line in a log beside the file.
 """
 
 import json
@@ -20,18 +22,19 @@ OBJECTS = {"Floor": 1, "Roof": 2}
 def main():
     assert sys.argv[2] == "--background", sys.argv
     assert sys.argv[-1].endswith("main.py"), sys.argv
-    path, faults = "", {}
-    say(b"Blender 5.0.1 (fake)\nRead prefs\n" + MARK)
-    reply({"version": [int(part) for part in sys.argv[1].split(".")]})
+    path = os.path.join(os.path.dirname(os.path.abspath(os.environ["FAKE_BLENDER"])), "room.blend")
+    with open(f"{path}.json") as file:
+        faults = json.load(file)
+    say(b"Blender 5.0.1 (fake)\nRead prefs\n" + b"\0" * faults.get("noise", 0))
+    while faults.get("noise") == -1:
+        say(b"\0" * 65536)
+    say(MARK)
+    reply(faults.get("hello", {"version": [int(part) for part in sys.argv[1].split(".")]}))
     while True:
         head = sys.stdin.buffer.read(4)
         if len(head) < 4:
             return
         asked = json.loads(sys.stdin.buffer.read(struct.unpack(">I", head)[0]))
-        if asked["do"] == "open":
-            path = asked["path"]
-            with open(f"{path}.json") as file:
-                faults = json.load(file)
         reply(answer(asked, path, faults))
 
 
@@ -45,8 +48,11 @@ def answer(asked, path, faults):
             "world": faults.get("world", True),
             "libraries": [],
             "missing": faults.get("missing", []),
+            **faults.get("opened", {}),
         }
     if asked["do"] == "boxes":
+        if "boxes" in faults:
+            return {"boxes": faults["boxes"]}
         return {"boxes": {"Floor": [[0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 10, 0]]}}
     number = logged(path, asked["kind"])
     if number in faults.get("kill", ()):
@@ -57,7 +63,14 @@ def answer(asked, path, faults):
         say(struct.pack(">I", 7) + b"garbage")
     if number in faults.get("refuse", ()):
         return {"error": "Error: Out of memory in CPU device buffers"}
-    if number not in faults.get("no_picture", ()):
+    if number in faults.get("unknown", ()):
+        return {"metres": "a few"}
+    file = os.path.join(asked["folder"], asked["file"])
+    if number in faults.get("fifo", ()):
+        os.mkfifo(file)
+    elif number in faults.get("link", ()):
+        os.symlink("/dev/zero", file)
+    elif number not in faults.get("no_picture", ()):
         render(asked, 8 if number in faults.get("small", ()) else 0)
     return {"metres": 1.0}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from omniscv.chart.truth import traced
 from omniscv.compose.image import OmniImage
-from omniscv.storage.local import whole_file
 
 if TYPE_CHECKING:
     from mock_server import Scene
@@ -20,13 +18,6 @@ if TYPE_CHECKING:
 Mask = NDArray[np.bool_]
 
 _RIM_PX = 1
-_SHOWN_M = (1e-4, 1.0)
-_TITLES = (
-    "image",
-    "error of depth",
-    "what the image says that it is at most",
-    "marks: light, but right; dark, and wrong;\norange, unsure; red, wrong and unmarked",
-)
 
 
 @dataclass(frozen=True)
@@ -133,50 +124,3 @@ def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:
             other = np.roll(normals_w, (down, across), axis=(0, 1))
             near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= np.cos(np.radians(20))
     return image.valid & ~near & np.isfinite(image.depth if image.depth is not None else 0.0)
-
-
-def draw(found: Sequence[Errors], path: Path) -> None:
-    """Write a picture, a row an image: what it shows, the error of its depth, its bound, and its marks."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
-
-    scale = LogNorm(*_SHOWN_M, clip=True)
-    heights = [each.image.valid.shape[0] / each.image.valid.shape[1] for each in found]
-    figure = Figure(figsize=(16, 3.7 * sum(heights) + 0.7), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(len(found), 4, squeeze=False, height_ratios=heights)
-    for axes, each in zip(grid, found, strict=True):
-        image = each.image
-        assert image.lit is not None
-        assert image.depth_error is not None
-        axes[0].imshow(image.lit)
-        for ax, metres in ((axes[1], each.depth_m), (axes[2], image.depth_error)):
-            shown = np.where(image.valid, np.maximum(metres, _SHOWN_M[0]), np.nan)
-            drawn = ax.imshow(shown, cmap="magma", norm=scale)
-        axes[3].imshow(_marks(each))
-    figure.colorbar(drawn, ax=grid[:, 1:3], shrink=0.8, pad=0.01, label="metres")
-    for ax, title in zip(grid[0], _TITLES, strict=True):
-        ax.set_title(title, loc="left", fontsize=11)
-    for ax in grid.flat:
-        ax.set_axis_off()
-    with whole_file(path) as part:
-        figure.savefig(part, dpi=100)
-
-
-def _marks(found: Errors) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB: what is right and unmarked is white."""
-    image = found.image
-    assert image.depth_error is not None
-    with np.errstate(invalid="ignore"):
-        wrong = found.label | (found.depth_m > 0.01 * found.hits.distance)
-        loose = image.depth_error > 0.01 * found.hits.distance
-    marked = loose | (image.label_edge if image.label_edge is not None else False)
-    shown = np.full((*image.valid.shape, 3), 255, np.uint8)
-    shown[marked] = 190, 205, 230
-    shown[marked & wrong] = 40, 90, 170
-    if image.unsure is not None:
-        shown[image.unsure] = 240, 170, 40
-    shown[found.uncovered] = 210, 30, 30
-    shown[~image.valid] = 225, 225, 225
-    return shown

@@ -3,8 +3,9 @@
 import errno
 import hashlib
 import os
+import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
@@ -15,25 +16,108 @@ from fsspec.implementations.memory import MemoryFileSystem
 BUCKET = "rooms"
 
 
-class Failing:
-    """A web application, each ``every``-th request of which fails before or after it is served."""
+Fault = Callable[[int], str]
+"""Returns the fault of a request by its number: a method of :class:`Failing`, or an empty text for none."""
 
-    def __init__(self, served: Any, every: int) -> None:
-        self.served, self.every = served, every
-        self.requests, self.counting = 0, threading.Lock()
+
+class Failing:
+    """A web application, some requests of which fail.
+
+    Attributes:
+        fault: of each request; may be replaced.
+        latency_s: of each answer.
+        most_waiting: requests that waited for one at a time.
+        ended: set when requests need no longer wait.
+    """
+
+    def __init__(self, served: Any, fault: Fault, latency_s: float = 0.0) -> None:
+        self.served, self.fault, self.latency_s = served, fault, latency_s
+        self.requests, self.counting, self.ended = 0, threading.Lock(), threading.Event()
+        self.waiting = self.most_waiting = 0
 
     def __call__(self, environ: Any, start_response: Any) -> Any:
         with self.counting:
             self.requests += 1
-            number = self.requests
-        if not self.every or number % self.every:
-            return self.served(environ, start_response)
-        if number // self.every % 2:
-            environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
-        else:
-            b"".join(self.served(environ, lambda *_: None))
+            self.waiting += 1
+            number, self.most_waiting = self.requests, max(self.waiting, self.most_waiting)
+        self.ended.wait(self.latency_s)
+        with self.counting:
+            self.waiting -= 1
+        fault = self.fault(number)
+        return (getattr(self, fault) if fault else self.served)(environ, start_response)
+
+    def refused(self, environ: Any, start_response: Any, status: str = "503 Service Unavailable") -> Any:
+        """Refuse it, unread."""
+        environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
+        start_response(status, [("Content-Length", "0")])
+        return []
+
+    def broken(self, environ: Any, start_response: Any) -> Any:
+        """Answer with an internal error."""
+        return self.refused(environ, start_response, "500 Internal Server Error")
+
+    def done(self, environ: Any, start_response: Any) -> Any:
+        """Do it, and say that it failed."""
+        b"".join(self.served(environ, lambda *_: None))
         start_response("503 Service Unavailable", [("Content-Length", "0")])
         return []
+
+    def late(self, environ: Any, start_response: Any) -> Any:
+        """Answer after 2 s."""
+        self.ended.wait(2.0)
+        return self.served(environ, start_response)
+
+    def silent(self, environ: Any, start_response: Any) -> Any:
+        """Never answer."""
+        self.ended.wait()
+        return self.refused(environ, start_response)
+
+    def cut(self, environ: Any, start_response: Any) -> Any:
+        """Break off in the middle of the body."""
+        body, status, headers = self._answer(environ)
+        start_response(status, headers)
+        return [body[: len(body) // 2]]
+
+    def short(self, environ: Any, start_response: Any) -> Any:
+        """Send half of an object as if it were all."""
+        body, status, headers = self._answer(environ)
+        if environ["REQUEST_METHOD"] == "GET" and not environ.get("QUERY_STRING"):
+            body = body[: len(body) // 2]
+            headers = [
+                each for each in headers if not re.match("content-length|x-amz-checksum", each[0], re.I)
+            ]
+            headers.append(("Content-Length", str(len(body))))
+        start_response(status, headers)
+        return [body]
+
+    def endless(self, environ: Any, start_response: Any) -> Any:
+        """Send an object without an end."""
+        if environ["REQUEST_METHOD"] != "GET" or environ.get("QUERY_STRING"):
+            return self.served(environ, start_response)
+        start_response("200 OK", [])
+        return iter(lambda: bytes(1 << 16), None)
+
+    def expired(self, environ: Any, start_response: Any) -> Any:
+        """Answer as Amazon does to a token of yesterday."""
+        said = b"" if environ["REQUEST_METHOD"] == "HEAD" else b"<Error><Code>ExpiredToken</Code></Error>"
+        start_response("400 Bad Request", [("Content-Length", str(len(said)))])
+        return [said]
+
+    def _answer(self, environ: Any) -> tuple[bytes, str, list[tuple[str, str]]]:
+        answer: list[Any] = []
+        body = b"".join(self.served(environ, lambda status, headers, *_: answer.extend((status, headers))))
+        return body, answer[0], list(answer[1])
+
+
+def every_nth(every: int) -> Fault:
+    """One request in ``every`` fails before it is served, or after it, in turn; none if it is 0."""
+    return lambda number: "" if not every or number % every else ("refused", "done")[number // every % 2]
+
+
+def twelve_percent(number: int) -> str:
+    """A fault of 12 requests in 100, the same ones each time: 5 errors, 3 after the work, 2 stalls, 2 cut."""
+    return {7: "broken", 23: "broken", 41: "broken", 62: "broken", 88: "broken", 15: "done", 50: "done",
+            77: "done", 33: "late", 96: "late", 28: "cut", 70: "cut"}.get(number % 100, "")  # fmt: skip
 
 
 @contextmanager
@@ -42,11 +126,18 @@ def s3_server(every: int = 0) -> Iterator[Any]:
 
     One request in ``every`` fails.
     """
+    with s3_application(every_nth(every)) as (_, client):
+        yield client
+
+
+@contextmanager
+def s3_application(fault: Fault, latency_s: float = 0.0) -> Iterator[tuple[Failing, Any]]:
+    """As :func:`s3_server`, with any faults; yield the application, too."""
     import boto3  # here: each worker of pytest imports all test files
     from moto.server import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
     from werkzeug.serving import make_server
 
-    application = Failing(DomainDispatcherApplication(create_backend_app), every)
+    application = Failing(DomainDispatcherApplication(create_backend_app), lambda number: "")
     server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=MotoRequestHandler)
     serving = threading.Thread(target=server.serve_forever, daemon=True)
     serving.start()
@@ -62,7 +153,9 @@ def s3_server(every: int = 0) -> Iterator[Any]:
         client = boto3.client("s3")
         client.create_bucket(Bucket=BUCKET)
         fsspec.get_filesystem_class("s3").clear_instance_cache()
-        yield client
+        application.fault, application.latency_s = fault, latency_s
+        yield application, client
+        application.ended.set()
         client.close()
         fsspec.get_filesystem_class("s3").clear_instance_cache()
     server.shutdown()

@@ -2,6 +2,7 @@
 
 import socket
 import struct
+import warnings
 
 
 class RawClient:
@@ -39,9 +40,23 @@ class RawClient:
     def text(self, command):
         return self.ask(command).decode()
 
+    def settle(self):
+        """Three synchronous round trips: enough for pose and picture."""
+        for _ in range(3):
+            self.ask("vget /unrealcv/version")
+
 
 def leave(client):
     """Ends a client at once: its own ``disconnect`` waits for the thread that reads."""
     if client.sock is not None:
         client.sock.shutdown(socket.SHUT_RDWR)
     client.disconnect()
+
+
+def official_api(server, size):
+    """The official high-level API, connected to a server; every public one is too old for its questions."""
+    from unrealcv.api import UnrealCv_API
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)
+        return UnrealCv_API(server.port, server.host, size)

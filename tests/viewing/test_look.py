@@ -15,7 +15,7 @@ from PIL import Image
 from support import datasets, looked
 from support.command_line import ROOT
 
-from omniscv import cameras, cli
+from omniscv import cameras, cli, dataset
 from omniscv.errors import ArgumentError, RecordingError
 from omniscv.viewing.look import look
 from omniscv.viewing.look.directions import describe
@@ -102,16 +102,12 @@ def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):
 def test_frames_beside_a_page_are_replaced_together(truth, tmp_path):
     _, *others = look(truth.folder, tmp_path / "page.html", most_pixels=1000)
     before = [path.read_bytes() for path in others]
-    lit = truth.folder / "panorama.lit.png"
-    kept = lit.read_bytes()
-    lit.write_bytes(b"")
     (truth.folder / "panorama.depth.exr").rename(tmp_path / "depth.exr")
     try:
         shutil.copy(truth.folder / "panorama.json", truth.folder / "panorama.depth.exr")
         with pytest.raises(ArgumentError, match=r"panorama\.depth\.exr: expected a picture of depth"):
             look(truth.folder, tmp_path / "page.html", most_pixels=1000)
     finally:
-        lit.write_bytes(kept)
         (tmp_path / "depth.exr").rename(truth.folder / "panorama.depth.exr")
     assert [path.read_bytes() for path in others] == before
     look(truth.folder / "panorama.json", tmp_path / "page.html", most_pixels=1000)
@@ -227,6 +223,7 @@ def looked_up(sphere, tables, directions):
     [
         (lambda folder: None, "expected a folder, an image or a recording"),
         (lambda folder: folder.mkdir(), "expected images of 'render' or a dataset"),
+        (lambda folder: dataset.Writer(folder).finish(), "expected a dataset with frames"),
         (lambda folder: folder.write_text("text"), "expected a folder of images, a STEM.json"),
         (lambda folder: Image.new("RGB", (4, 4)).save(folder, "GIF"), "expected a picture .png, .jpg, .jpeg"),
     ],

@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, one_of
+from omniscv.arguments import number, one_of, optional_number
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.dataset.pictures import copy_lit, faces, without_limit, write_mask
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.registry import RELATIVE_ERROR_HELP, Format, register
 from omniscv.dataset.sequences import RigFrames, rigs
+from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
 from omniscv.records import checked, record
@@ -40,6 +41,9 @@ class ColmapOptions:
         above=0,
         default=None,
         help="metres: write points from depth, in each cube of that edge the nearest; default: no points",
+    )
+    max_relative_error: float | None = checked(
+        optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
     )
     equirectangular: str = checked(
         one_of,
@@ -67,10 +71,14 @@ class Colmap(Format):
         texts["frames"] = _lines(model.frame_lines())
         paths = [view.files["lit"] for view in model.images]
         names = [path.relative_to(images).as_posix() for path in paths]
+        if spaced := [name for name in names if " " in name]:
+            wanted = "expected names of images without spaces, for COLMAP"
+            raise ArgumentError(f"{wanted}, got {spaced[0]!r}")
         masks = [write_mask(camera, out / "masks" / f"{name}.png") for name, camera in model.cameras.items()]
         points = None
         if options.points is not None:
-            clouds = (_observed(frame, views[frame.key], model.image_ids) for frame in frames)
+            ids, limit = model.image_ids, options.max_relative_error
+            clouds = (_observed(frame, views[frame.key], ids, limit) for frame in frames)
             points = _Observations(merged(clouds, options.points))
         texts["images"] = _lines(model.image_lines(names, points))
         texts["points3D"] = _lines(points.lines() if points else ())
@@ -121,9 +129,11 @@ class _Observations:
             yield f"{point_id} {x} {y} {z} {r} {g} {b} 0 {image_id} {index}"
 
 
-def _observed(frame: Frame, views: Sequence[Frame], image_ids: dict[str, int]) -> Points:
+def _observed(
+    frame: Frame, views: Sequence[Frame], image_ids: dict[str, int], max_relative: float | None
+) -> Points:
     """The points of a frame; ``image`` is the id of a view that observes a point, ``pixel`` where."""
-    cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()))
+    cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()), max_relative=max_relative)
     image, pixel = np.zeros(len(cloud), np.int64), np.zeros((len(cloud), 2))
     for view in views:
         points_c = view.pose.to_camera(cloud.positions_w)

@@ -34,7 +34,6 @@ from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 from omniscv.planning.densities import unproject
-from omniscv.records import named, nested
 from omniscv.storage.local import whole_file
 from omniscv.truth.optical_flow import INVALID, Flow, FlowOptions, flow, motion
 
@@ -129,9 +128,7 @@ def _reads_lines(camera: Camera) -> bool:
 
 
 def _object_poses(frame: Frame) -> dict[str, Pose]:
-    with within(frame.key):
-        poses: dict[str, Pose] = named(nested(Pose))("poses", frame.truth.get("poses", {}))
-    return poses
+    return {name: Pose.from_dict(pose) for name, pose in frame.truth.get("poses", {}).items()}
 
 
 def _write_one(folder: Path, stem: str, flow: Flow, options: FlowOptions) -> Iterator[Path]:

@@ -9,16 +9,18 @@ those of ``val`` in ``validation``.
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omniscv.arguments import text
-from omniscv.dataset.manifest import IMAGE
+import yaml
+
+from omniscv.arguments import label
 from omniscv.dataset.registry import Format, register
 from omniscv.errors import ArgumentError
-from omniscv.frame import Frame
+from omniscv.frame import IMAGE, Frame
 from omniscv.records import checked, record
 from omniscv.storage.local import write_text
 from omniscv.truth.classes import BACKGROUND
@@ -27,12 +29,14 @@ _PICTURES = (".png", ".jpg")
 _SPLITS = {"": "train", "val": "validation"}
 """Splits that have other names at Hugging Face."""
 
+_SPLIT = re.compile(r"\w+")
+
 
 @record
 class HfOptions:
     """Options of the format."""
 
-    license: str = checked(text, default="", help="for the card")
+    license: str = checked(label, default="", help="for the card")
 
 
 class Hf(Format):
@@ -47,7 +51,10 @@ class Hf(Format):
         rows: dict[str, list[dict[str, Any]]] = {}
         written = []
         for frame in sorted(frames, key=lambda frame: frame.key):
-            folder = out / _SPLITS.get(frame.split, frame.split)
+            if not _SPLIT.fullmatch(split := _SPLITS.get(frame.split, frame.split)):
+                wanted = "expected a split of letters, digits and underscores, as Hugging Face reads it"
+                raise ArgumentError(f"{frame.key}: {wanted}, got {split!r}")
+            folder = out / split
             folder.mkdir(parents=True, exist_ok=True)
             rows.setdefault(folder.name, []).append(_row(frame))
             for path in frame.files.values():
@@ -109,15 +116,22 @@ def _objects(frame: Frame) -> dict[str, Any]:
 
 def _card(frames: Sequence[Frame], rows: Mapping[str, Sequence[Any]], license: str) -> str:
     """The dataset card: its YAML head, and the meaning of the columns."""
-    data_files = "".join(f'      - {{split: {split}, path: "{split}/**"}}\n' for split in rows)
+    data_files = "".join(f'      - {{split: {_word(split)}, path: "{split}/**"}}\n' for split in rows)
     head = f"configs:\n  - config_name: default\n    data_files:\n{data_files}"
     if license:
-        head = f"license: {license}\n{head}"
+        head = f"license: {_word(license)}\n{head}"
     cameras = {frame.camera_name: frame.camera for frame in frames}
     table = frames[0].classes if frames else None
     classes = "".join(f"- {row.id}: {row.name}\n" for row in table.classes.values()) if table else ""
     listed = "".join(f"- {name}: `{camera!r}`\n" for name, camera in sorted(cameras.items()))
     return f"---\n{head}---\n{_TEXT}\n## Cameras\n\n{listed}" + (classes and f"\n## Classes\n\n{classes}")
+
+
+def _word(text: str) -> str:
+    """Return a text as YAML reads it back: as it is where it can be, else in quotes."""
+    # Words alone: PyYAML fails in several ways on texts that look like numbers or times.
+    plain = re.fullmatch(r"[A-Za-z][\w.-]*", text, re.ASCII) and yaml.safe_load(text) == text
+    return text if plain else json.dumps(text)
 
 
 _TEXT = """

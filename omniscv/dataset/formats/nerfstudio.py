@@ -6,9 +6,9 @@ z back. nerfstudio rotates, centres and scales them unless it runs with ``--cent
 --auto-scale-poses False``; ``orientation_override`` is already none. Frames are in the order of their file
 names, as nerfstudio sorts them; splits become ``train_filenames``, ``val_filenames``, ``test_filenames``.
 
-Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none: planar for ``pinhole`` cameras, else
-along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The mask, if pixels lie outside
-the field of view, is black there.
+Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none and where it is inexact: planar for
+``pinhole`` cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The
+mask, if pixels lie outside the field of view, is black there.
 
 Cameras: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` and ``fisheye-equidistant`` as
 OPENCV_FISHEYE; ``equirectangular``.
@@ -20,18 +20,20 @@ from typing import Any
 
 import numpy as np
 
+from omniscv.arguments import optional_number
 from omniscv.calibration.intrinsics import FormatModel, fit_format
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.depth_codes import PRESETS, encode
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.registry import RELATIVE_ERROR_HELP, Format, register
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
-from omniscv.records import NoOptions
+from omniscv.records import checked, record
+from omniscv.truth.point_cloud import inexact
 
 _FOCAL = ("fx", "fy", "cx", "cy")
 _MODELS = (
@@ -45,11 +47,21 @@ _SPLITS = ("train", "val", "test")
 _DEPTH = Modality("depth", ("uint16",))
 
 
+@record
+class NerfstudioOptions:
+    """Options of the format."""
+
+    max_relative_error: float | None = checked(
+        optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
+    )
+
+
 class Nerfstudio(Format):
     """See the module."""
 
     name = "nerfstudio"
     needs = ("lit",)
+    options = NerfstudioOptions
 
     def refuses(self, camera: Camera) -> str | None:
         try:
@@ -58,12 +70,13 @@ class Nerfstudio(Format):
             return str(cause)
         return None
 
-    def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
+    def write(self, frames: Sequence[Frame], out: Path, options: NerfstudioOptions) -> list[Path]:
         cameras = by_camera(frames)
         written = []
         for camera_name, mine in cameras.items():
             folder = out if len(cameras) == 1 else out / camera_name
-            written += _write_camera(sorted(mine, key=lambda frame: frame.key), folder, camera_name)
+            mine = sorted(mine, key=lambda frame: frame.key)
+            written += _write_camera(mine, folder, camera_name, options.max_relative_error)
         return written
 
 
@@ -96,7 +109,9 @@ def opengl(pose: Pose) -> list[list[float]]:
     return [[value + 0.0 for value in row] for row in matrix.tolist()]
 
 
-def _write_camera(frames: Sequence[Frame], folder: Path, camera_name: str) -> list[Path]:
+def _write_camera(
+    frames: Sequence[Frame], folder: Path, camera_name: str, max_relative: float | None
+) -> list[Path]:
     camera = frames[0].camera
     with_depth = all("depth" in frame.files for frame in frames)
     mask = write_mask(camera, folder / "masks" / f"{camera_name}.png")
@@ -106,7 +121,10 @@ def _write_camera(frames: Sequence[Frame], folder: Path, camera_name: str) -> li
         paths = {"file_path": copy_lit(frame, folder / "images")}
         if with_depth:
             (folder / "depth").mkdir(exist_ok=True)
-            depth, _ = encode(frame.layer("depth"), camera, PRESETS["mm"])
+            metres = frame.layer("depth")
+            if max_relative is not None:
+                metres = np.where(inexact(frame, max_relative), np.float32(0), metres)
+            depth, _ = encode(metres, camera, PRESETS["mm"])
             paths["depth_file_path"] = write_picture(folder / "depth" / f"{frame.key}.png", depth, _DEPTH)
         written += paths.values()
         if mask is not None:

@@ -3,7 +3,7 @@
 Binary, little-endian; one element ``vertex`` with ``float x y z`` (metres, world frame: Z up) and, if the
 frames have them, ``float nx ny nz``, ``uchar red green blue``, ``ushort label`` (the instance id) and
 ``ushort class``. Comments name the numbers: ``comment label 3 Chair``. Pixels without a surface, outside the
-field of view, or unsure have no point. A point lies on its pixel's own ray.
+field of view, unsure or inexact have no point. A point lies on its pixel's own ray.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import flag, number
+from omniscv.arguments import flag, number, optional_number
 from omniscv.cameras import Camera, Rays
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.registry import RELATIVE_ERROR_HELP, Format, register
 from omniscv.errors import printable
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
@@ -47,6 +47,9 @@ class PlyOptions:
     max_error: float | None = checked(
         _positive, default=None, help="metres; leave out points whose depth_error is larger"
     )
+    max_relative_error: float | None = checked(
+        optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
+    )
     frames: bool = checked(flag, default=True, help="write a file for each frame")
     cloud: bool = checked(flag, default=True, help="write cloud.ply")
 
@@ -68,7 +71,7 @@ class Ply(Format):
             for frame in frames:
                 if frame.camera not in rays:  # rays are large: only those of one camera are in memory
                     rays = {frame.camera: unproject(frame.camera, frame.camera.pixels())}
-                cloud = points_of(frame, rays[frame.camera], options.max_error)
+                cloud = points_of(frame, rays[frame.camera], options.max_error, options.max_relative_error)
                 if options.frames:
                     written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
                 yield cloud

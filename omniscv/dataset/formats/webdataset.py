@@ -7,21 +7,28 @@ frames make equal shards: USTAR, sorted members, no times, no owners. Frames wit
 
 from __future__ import annotations
 
-import json
 import tarfile
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from omniscv.arguments import whole_number
+from omniscv import storage
+from omniscv.arguments import shown, stem, whole_number
+from omniscv.cameras import from_dict
 from omniscv.compose.files import write_json
+from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.registry import Format, register
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.frame import FileEntry, Frame
 from omniscv.records import checked, record
+from omniscv.storage.base import MOST_BYTES
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import whole_file
 
 SHARDS = "shards.json"
+_LONGEST_NAME = 100
 
 
 @record
@@ -65,12 +72,11 @@ class WebDataset(Format):
     def check(self, frames: Sequence[Frame], out: Path) -> list[str]:
         """Return a line for each shard that is missing or damaged, and each frame in none."""
         try:
-            shards = json.loads((out / SHARDS).read_bytes())["shards"]
-            entries = [FileEntry(shard["path"], shard["bytes"], shard["sha256"]) for shard in shards]
-            keys = {key for shard in shards for key in shard["keys"]}
-        except (OSError, ValueError, TypeError, KeyError) as cause:
-            return [f"{SHARDS}: expected a list of shards, got: {cause}"]
-        faults = [f"{entry.path}: {fault}" for entry in entries if (fault := entry.fault(out))]
+            _, shards = read_list(out)
+        except OmniscvError as damaged:
+            return [damaged.message.removeprefix(f"{out}/")]
+        faults = [f"{entry.path}: {fault}" for entry in shards if (fault := entry.fault(out))]
+        keys = set(chain.from_iterable(shards.values()))
         missing = [frame.key for frame in frames if frame.key not in keys]
         return faults + [f"{SHARDS}: expected a shard with {key}, got none" for key in missing]
 
@@ -93,6 +99,9 @@ def _write_tar(path: Path, frames: Sequence[Frame]) -> None:
     with whole_file(path) as part, tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
         for frame in frames:
             for file in sorted(frame.files.values(), key=lambda file: file.name):
+                if len(file.name.encode()) > _LONGEST_NAME:
+                    wanted = f"expected names of files of at most {_LONGEST_NAME} bytes, as USTAR has"
+                    raise ArgumentError(f"{wanted}, got {shown(file.name)}; shorten the camera's name")
                 member = tarfile.TarInfo(file.name)  # no time, no owner, mode 644
                 with file.open("rb") as content:
                     member.size = file.stat().st_size
@@ -109,6 +118,101 @@ def _common(frames: Sequence[Frame]) -> dict[str, Any]:
         "names": dict(frames[0].instances),
         "classes": {} if classes is None else {row.name: row.id for row in classes.classes.values()},
     }
+
+
+def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
+    """Return the cameras and names of ``shards.json``, and by shard the keys of its samples.
+
+    Raises:
+        ArgumentError: the folder has no shards.
+        DatasetError: the list is damaged.
+    """
+    path = folder / SHARDS
+    if not path.is_file():
+        advice = "write it by 'omniscv dataset pack DIR --as webdataset --out FOLDER'"
+        raise ArgumentError(f"{folder}: expected a folder of shards, it has no {SHARDS}; {advice}")
+    try:
+        content = parse_json(read_bytes(path, MOST_BYTES), MOST_BYTES)
+        shards = {
+            FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
+            for shard in content["shards"]
+        }
+        cameras = {stem("camera", name): from_dict(camera) for name, camera in content["cameras"].items()}
+        names = {name: whole_number(name, each, most=MOST_IDS) for name, each in content["names"].items()}
+        return Manifest(cameras, names, versions={}), shards
+    except (ValueError, TypeError, KeyError, AttributeError) as cause:
+        raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
+
+
+class Shard:
+    """An open shard.
+
+    Args:
+        folder: of the shard.
+        file: the shard, with its size.
+        manifest: cameras and names.
+
+    Raises:
+        DatasetError: it is missing, has another size, is no tar file, or holds anything but files.
+    """
+
+    def __init__(self, folder: Path, file: FileEntry, manifest: Manifest) -> None:
+        self._path, self._manifest = folder / file.path, manifest
+        if fault := file.fault(folder, deep=False):
+            raise DatasetError(f"{self._path}: {fault}")
+        try:
+            with ExitStack() as opened:
+                self._tar = opened.enter_context(tarfile.open(self._path, "r:"))
+                self._members = {member.name: member for member in self._files()}
+                opened.pop_all()  # close() closes it
+        except (OSError, tarfile.TarError, ValueError, RecursionError) as cause:
+            raise DatasetError(f"{self._path}: expected a shard, got: {cause}") from cause
+
+    def _files(self) -> Iterator[tarfile.TarInfo]:
+        """Yield the members; DatasetError for a link, a device, a sparse file, or a size that leads back."""
+        for member in self._tar:
+            if not member.isreg() or member.issparse() or member.size < 0:
+                raise DatasetError(f"{self._path}: expected files of samples, got {shown(member.name)}")
+            yield member
+
+    def close(self) -> None:
+        """Close its file."""
+        self._tar.close()
+
+    def extract(self, key: str, kinds: Sequence[str], folder: Path) -> Frame:
+        """Write files of a sample into a folder, and return their frame.
+
+        Args:
+            key: of the sample.
+            kinds: of files to extract, if the sample has them.
+            folder: of the files, as long as the frame is used.
+
+        Raises:
+            DatasetError: the shard lacks the sample, or a file is damaged.
+        """
+        name = f"{key}.json"
+        if name not in self._members:
+            wanted = f"expected the sample {shown(key)}, it has none"
+            raise DatasetError(f"{self._path}: {wanted}; pack the dataset again")
+        try:
+            content = self._read(name, MOST_JSON_BYTES)
+            frame = self._manifest.frame_of_file(name, content, storage.folder(folder))
+            listed = {kind: frame.entries[kind] for kind in kinds if kind in frame.entries}
+            entries = {kind: entry for kind, entry in listed.items() if entry.path in self._members}
+            for entry in entries.values():
+                (folder / entry.path).write_bytes(self._read(entry.path, entry.bytes))
+            frame = frame.with_files(storage.folder(folder), entries)
+            for kind in frame.files:
+                frame.files[kind]  # checks it
+        except DatasetError as fault:
+            raise DatasetError(f"{self._path}: {fault.message.removeprefix(f'{folder}/')}") from fault
+        return frame
+
+    def _read(self, name: str, most: int) -> bytes:
+        content = self._tar.extractfile(self._members[name])
+        if content is None or self._members[name].size > most:
+            raise DatasetError(f"{name}: expected at most {most} bytes, got {self._members[name].size}")
+        return content.read(most)
 
 
 register(WebDataset())

@@ -1,25 +1,21 @@
-"""The evaluation ``odometry``: visual odometry on images of a flight, scored by the true poses.
+"""The evaluation ``odometry``: COLMAP's poses of the images of a flight, scored by the true poses.
 
-COLMAP reconstructs panoramas and fisheyes. The odometry of :mod:`omniscv.evaluate.odometry.visual_odometry`
-uses the bearings of these, and of a camera with a mirror, which COLMAP does not have. Non-central cameras are
-left out: both methods assume that all rays of an image start at one point. The paper's evaluation with
-OpenVSLAM.
+A panorama, a fisheye and a camera below a mirror fly. Non-central cameras are left out: COLMAP assumes that
+all rays of an image start at one point. The paper's evaluation with OpenVSLAM.
 
 Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop in the mock's room.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
-from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.odometry import sequence, visual_odometry
+from omniscv.evaluate.odometry import sequence
 from omniscv.evaluate.odometry.pose_estimation import load_pycolmap, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import (
     TrajectoryErrors,
@@ -31,7 +27,6 @@ from omniscv.evaluate.registry import Settings
 from omniscv.evaluate.report import Figure, Report, Row, chart
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
-from omniscv.planning import densities
 from omniscv.sources.registry import open_source
 from omniscv.storage.local import whole_file
 
@@ -45,35 +40,13 @@ SOURCE = "scene://four-wall"
 PAPER_DEG = 8.0
 """Bound of both errors of the paper, over the whole flight."""
 
-_FEATURES = 2000
-_LIMIT_PX = 1.5
 _COLORS = {"panorama": "#00798c", "fisheye": "#edae49", "mirror": "#6a4c93"}
 _LEAST_DEG = 1e-3  # of the logarithmic axes
 _NO_ERRORS = TrajectoryErrors((), (), *[np.zeros(0)] * 5)
 
-Run = tuple[str, str]
-"""Camera and name of the method."""
-
-
-def odometry(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
-    """Return the poses of images of a central camera by index, until tracking is lost."""
-    step_rad = float(np.nanmedian(densities.steps(camera.unproject().directions)))
-    greys = (np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) for path in images)
-    features = [visual_odometry.detect(grey, camera, _FEATURES) for grey in greys]
-    return visual_odometry.estimate(features, _LIMIT_PX * step_rad)
-
-
-RUNS: Mapping[Run, Callable[[Sequence[Path], Camera], dict[int, Pose]]] = {
-    ("panorama", "COLMAP"): reconstruct,
-    ("panorama", "bearings"): odometry,
-    ("fisheye", "COLMAP"): reconstruct,
-    ("fisheye", "bearings"): odometry,
-    ("mirror", "bearings"): odometry,
-}
-
 
 def evaluate(settings: Settings) -> Report:
-    """Render the flight, estimate it by each method, and score it.
+    """Render the flight, estimate it from the images of each camera, and score it.
 
     Images and trajectories stay in ``settings.out / "odometry"``, for use with other programs.
 
@@ -86,18 +59,17 @@ def evaluate(settings: Settings) -> Report:
     truth = _flight(settings, count)
     times = truth.times or tuple(map(float, range(len(truth))))
     rig, folder = sequence.rig_of(width, edge), settings.out / "odometry"
-    steps = len(truth) * (1 + len(RUNS))
+    steps = len(truth) * (1 + len(rig.cameras))
     with open_source(settings.source or SOURCE) as source:
         images = sequence.render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
     written = [_write(folder / "truth.tum", truth)]
-    runs: dict[Run, TrajectoryErrors] = {}
-    for i, ((name, method), estimate) in enumerate(RUNS.items(), start=1):
-        camera, T_cam_rig = rig.cameras[name].camera, rig.cameras[name].pose.inverse()
-        found = {frame: pose @ T_cam_rig for frame, pose in estimate(images[name], camera).items()}
-        errors = runs[name, method] = _score(truth, found)
+    runs = dict[str, TrajectoryErrors]()
+    for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
+        T_cam_rig, estimates = mounted.pose.inverse(), reconstruct(images[name], mounted.camera)
+        errors = runs[name] = _score(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
         if errors.frames:
             aligned = Trajectory(tuple(errors.aligned), tuple(times[frame] for frame in errors.frames))
-            written.append(_write(folder / f"{name}-{method.lower()}.tum", aligned))
+            written.append(_write(folder / f"{name}.tum", aligned))
         settings.progress((1 + i) * len(truth), steps)
     about = {
         "source": settings.source or SOURCE,
@@ -108,8 +80,8 @@ def evaluate(settings: Settings) -> Report:
         "pycolmap": pycolmap.__version__,
         "seed": 0,
     }
-    figures = [figure for run, errors in runs.items() for figure in _figures(run, truth, errors)]
-    rows = [row for run, errors in runs.items() for row in _rows(run, times, errors)]
+    figures = [figure for name, errors in runs.items() for figure in _figures(name, truth, errors)]
+    rows = [row for name, errors in runs.items() for row in _rows(name, times, errors)]
     return Report(figures, rows, about, [draw(runs, truth, times, settings.out / "odometry.png"), *written])
 
 
@@ -136,11 +108,10 @@ def _write(path: Path, trajectory: Trajectory) -> Path:
     return path
 
 
-def _figures(run: Run, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
+def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
     count, off = len(errors.frames), rms(errors.position_m)
     unknown = np.array([np.nan])
     eps_t, eps_theta = (errors.eps_t_deg, errors.eps_theta_deg) if count else (unknown, unknown)
-    name = ", ".join(run)
     return [
         Figure(f"{name}: registered", 100 * count / len(truth), "%", n=len(truth)),
         Figure(f"{name}: ATE, rms", 1000 * off, "mm", n=count),
@@ -153,11 +124,11 @@ def _figures(run: Run, truth: Trajectory, errors: TrajectoryErrors) -> list[Figu
     ]
 
 
-def _rows(run: Run, times: Sequence[float], errors: TrajectoryErrors) -> Iterator[Row]:
+def _rows(name: str, times: Sequence[float], errors: TrajectoryErrors) -> Iterator[Row]:
     """A row for every frame, with errors if it was registered."""
     index = {frame: i for i, frame in enumerate(errors.frames)}
     for frame, time in enumerate(times):
-        row: dict[str, Any] = {"camera": run[0], "method": run[1], "frame": frame, "time_s": time}
+        row: dict[str, Any] = {"camera": name, "frame": frame, "time_s": time}
         row |= dict.fromkeys(("x_m", "y_m", "z_m", "position_m", "eps_t_deg", "eps_theta_deg"))
         if frame in index:
             i = index[frame]
@@ -168,12 +139,12 @@ def _rows(run: Run, times: Sequence[float], errors: TrajectoryErrors) -> Iterato
 
 
 def draw(
-    runs: Mapping[Run, TrajectoryErrors], truth: Sequence[Pose], times: Sequence[float], path: Path
+    runs: Mapping[str, TrajectoryErrors], truth: Sequence[Pose], times: Sequence[float], path: Path
 ) -> Path:
     """Draw both errors of each frame, and the trajectories from above; return the path.
 
     Args:
-        runs: errors by camera and method; the second method of a camera is dashed.
+        runs: errors by camera.
         truth: the true poses.
         times: of these, seconds.
         path: of the picture.
@@ -181,15 +152,12 @@ def draw(
     with chart(path, 1200, 460) as drawing:
         position, orientation, above = drawing.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
         above.plot(*_from_above(truth), "-", color="#d1495b", lw=4, alpha=0.5, label="truth")
-        cameras = [camera for camera, _ in runs]
-        for i, ((camera, method), errors) in enumerate(runs.items()):
+        for name, errors in runs.items():
             if errors.frames:
-                style: dict[str, Any] = {"ls": "--" if camera in cameras[:i] else "-"}
-                style["color"] = _COLORS[camera]
-                at = [times[frame] for frame in errors.frames]
-                position.plot(at, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, **style)
-                orientation.plot(at, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, **style)
-                above.plot(*_from_above(errors.aligned), lw=1.2, label=f"{camera}, {method}", **style)
+                color, at = _COLORS[name], [times[frame] for frame in errors.frames]
+                position.plot(at, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, color=color)
+                orientation.plot(at, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, color=color)
+                above.plot(*_from_above(errors.aligned), lw=1.2, label=name, color=color)
         _label(position, "position error $\\varepsilon_t$ (degrees)")
         _label(orientation, "orientation error $\\varepsilon_\\theta$ (degrees)")
         above.set(xlabel="x (m)", ylabel="y (m)", title="trajectory from above", aspect="equal")

@@ -1,8 +1,8 @@
-"""Poses of cameras by COLMAP: structure from motion, relative and absolute pose from bearings.
+"""Poses of the images of any central camera by COLMAP: SIFT, exhaustive matching, incremental mapping.
 
-By pycolmap (BSD; the extra ``evaluate``). COLMAP has the same camera frame and pixel rule as omniscv.
-Everything runs in one thread from one seed: with more threads, points come in another order, and poses differ
-in the fifth digit. COLMAP takes bearings as they are, or as pixels of a panorama: from any central camera.
+By pycolmap (BSD; the extra ``evaluate``). COLMAP has no mirrors, but it has panoramas: the features of each
+image move to the pixels of a panorama that has the same rays and is as fine. Everything runs in one thread
+from one seed: with more threads, points come in another order, and poses differ in the fifth digit.
 
 Source: J. L. Schoenberger, J.-M. Frahm, "Structure-from-motion revisited", CVPR 2016.
 """
@@ -19,20 +19,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.calibration.colmap import camera_line
 from omniscv.cameras import Camera, create
 from omniscv.compose.files import write_picture
 from omniscv.errors import OmniscvError
-from omniscv.geometry import Array, Pose
+from omniscv.geometry import Pose
 from omniscv.modalities import Modality
+from omniscv.planning import densities
 
 _FATAL_ONLY = 3  # of glog's levels: a missing model is a result, and no error
 _MASK = Modality("mask", ("uint8",))
 _RIM_PX = 6  # SIFT finds the rim of the image circle; features this near to it are left out
-_PANORAMA = create("equirectangular", 16384, 8192)
-
-Motion = tuple[Pose, NDArray[np.bool_]]
-"""A pose, and the (N,) pairs that agree with it."""
 
 
 def load_pycolmap() -> Any:
@@ -63,19 +59,15 @@ def inner_mask(camera: Camera) -> NDArray[np.uint8]:
 def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[int, Pose]:
     """Return the poses of the images that COLMAP registers in its largest model, by index; none if it fails.
 
-    SIFT, exhaustive matching, incremental mapping.
-
     Args:
         images: files in one folder.
-        camera: of all images; it is not refined.
+        camera: of all images, central; it is not refined.
         seed: of COLMAP's random numbers.
 
     Raises:
-        ArgumentError: a camera that COLMAP does not have.
         OmniscvError: no pycolmap, or too old a one.
     """
     pycolmap = load_pycolmap()
-    _, model, _, _, *parameters = camera_line(1, camera).split()
     folder, names = images[0].parent, [path.name for path in images]
     with TemporaryDirectory() as scratch:
         pycolmap.set_random_seed(seed)
@@ -86,12 +78,11 @@ def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[i
             image_names=names,
             camera_mode=pycolmap.CameraMode.SINGLE,
             reader_options=pycolmap.ImageReaderOptions(
-                camera_model=model,
-                camera_params=",".join(parameters),
                 camera_mask_path=write_picture(Path(scratch) / "mask.png", inner_mask(camera), _MASK),
             ),
             extraction_options=pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1),
         )
+        _move_to_panorama(database, camera)
         verification = pycolmap.TwoViewGeometryOptions()
         verification.ransac.random_seed = seed
         pycolmap.match_exhaustive(
@@ -112,43 +103,20 @@ def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[i
     return {names.index(image.name): _pose(image.cam_from_world()) for image in largest}
 
 
-def relative_pose(first: Array, second: Array, limit_rad: float) -> Motion | None:
-    """Return the pose of a second camera in the first, at any distance, and the (N,) pairs that agree.
-
-    RANSAC with five-point essential matrices, then a refinement; None where it fails.
-
-    Args:
-        first, second: (N, 3) unit bearings; some pairs may be wrong.
-        limit_rad: tolerance of bearings.
-    """
+def _move_to_panorama(database: Path, camera: Camera) -> None:
+    """Replace the camera of a database by a panorama, and its keypoints by those of the same rays."""
     pycolmap = load_pycolmap()
-    options = pycolmap.RANSACOptions(max_error=limit_rad, random_seed=0)
-    found = pycolmap.estimate_relative_pose(first, second, options)
-    if found is None:
-        return None
-    agree = found["inlier_mask"]
-    refined = pycolmap.refine_relative_pose(found["cam2_from_cam1"], first, second, agree)
-    return _pose((refined or found)["cam2_from_cam1"]), agree
-
-
-def absolute_pose(points_w: Array, bearings: Array, limit_rad: float) -> Motion | None:
-    """Return the pose from which points are seen along bearings, and the (N,) pairs that agree.
-
-    RANSAC, then a refinement; None where it fails.
-
-    Args:
-        points_w: (N, 3).
-        bearings: (N, 3) unit; some may be wrong.
-        limit_rad: tolerance of bearings.
-    """
-    pycolmap = load_pycolmap()
-    width, height = _PANORAMA.width, _PANORAMA.height
-    camera = pycolmap.Camera(model="EQUIRECTANGULAR", width=width, height=height, params=[width, height])
-    options = pycolmap.AbsolutePoseEstimationOptions()
-    options.ransac.max_error, options.ransac.random_seed = limit_rad * width / (2 * np.pi), 0
-    pixels = _PANORAMA.project(bearings)[0]
-    found = pycolmap.estimate_and_refine_absolute_pose(pixels, points_w, camera, options)
-    return None if found is None else (_pose(found["cam_from_world"]), found["inlier_mask"])
+    height = round(np.pi / float(np.nanmedian(densities.steps(camera.unproject().directions))))
+    panorama = create("equirectangular", 2 * height, height)
+    with pycolmap.Database.open(database) as opened:
+        for image in opened.read_all_images():
+            keypoints = opened.read_keypoints(image.image_id)
+            directions = camera.unproject(keypoints[:, :2].astype(np.float64)).directions
+            keypoints[:, :2] = panorama.project(directions)[0]
+            opened.update_keypoints(image.image_id, keypoints)
+        size = {"width": panorama.width, "height": panorama.height}
+        model = {"model": "EQUIRECTANGULAR", "params": list(size.values()), "camera_id": image.camera_id}
+        opened.update_camera(pycolmap.Camera(**model, **size))
 
 
 def _pose(cam_from_world: Any) -> Pose:

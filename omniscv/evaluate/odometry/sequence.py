@@ -18,9 +18,6 @@ from omniscv.sources.base import Source
 SECONDS = 28.0
 """Of the flight, as in the paper."""
 
-FISHEYE_FOV_DEG = 170.0
-"""Below 180, the bound of COLMAP's lenses."""
-
 
 def flight(count: int) -> Trajectory:
     """Return a closed loop of 6.7 m through the free middle of the mock's rooms.
@@ -50,7 +47,7 @@ def rig_of(width: int, edge: int) -> Rig:
     return Rig(
         {
             "panorama": RigCamera(create("equirectangular", width, width // 2)),
-            "fisheye": RigCamera(create("fisheye-equidistant", edge, edge, fov_deg=FISHEYE_FOV_DEG)),
+            "fisheye": RigCamera(create("fisheye-equidistant", edge, edge, fov_deg=170.0)),
             "mirror": RigCamera.turned(create("catadioptric-hyperbolic", edge, edge), pitch_deg=90),
         }
     )

@@ -8,9 +8,15 @@ from numpy.typing import NDArray
 
 from omniscv.errors import BadReplyError
 from omniscv.sources.base import View
+from omniscv.sources.codecs import check_depth, decode_png
+from omniscv.storage.bounded import read_bytes
 
 _SKY = 0.99e10
 """Blender's depth where there is no surface is 1e10, in units of the scene."""
+
+_MOST_ID = 0xFFFF
+_MOST_HEADER = 1 << 16  # bytes of a PNG besides its pixels
+_MOST_PARTS, _MOST_CHANNELS = 16, 16  # of an EXR file
 
 Pixels = dict[str, NDArray[Any]]
 """Pixels by modality."""
@@ -22,12 +28,11 @@ def read_colors(path: Path, view: View) -> Pixels:
     Raises:
         BadReplyError: the file is no such picture, or not of the view's size.
     """
-    import cv2
-
+    _check_regular(path)
     if path.suffix == ".exr":
-        return {"lit": _checked(_passes(path).get("Combined.RGB"), view, path)}
-    bgr = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    return {"lit": _checked(None if bgr is None else np.ascontiguousarray(bgr[..., ::-1]), view, path)}
+        return {"lit": _pass(_passes(path, view), "Combined.RGB", path)}
+    most = 8 * view.width * view.height + _MOST_HEADER
+    return {"lit": decode_png(read_bytes(path, most), view)}
 
 
 def read_data(path: Path, view: View, metres: float) -> Pixels:
@@ -44,10 +49,12 @@ def read_data(path: Path, view: View, metres: float) -> Pixels:
     Raises:
         BadReplyError: the file has no such passes, or not of the view's size.
     """
-    passes = _passes(path)
-    ids = _checked(passes.get("Object Index.X"), view, path)
-    z = _checked(passes.get("Depth.Z"), view, path)
-    normals = _checked(passes.get("Normal.XYZ"), view, path)
+    _check_regular(path)
+    passes = _passes(path, view)
+    ids, z, normals = (_pass(passes, name, path) for name in ("Object Index.X", "Depth.Z", "Normal.XYZ"))
+    check_depth(z)
+    if not ((ids >= 0) & (ids <= _MOST_ID)).all() or not np.isfinite(normals).all():
+        raise BadReplyError(f"{path.name}: expected ids up to {_MOST_ID} and finite normals, got others")
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         unit = np.where((length > 0) & (z < _SKY)[..., None], normals / length, 0)
@@ -58,7 +65,13 @@ def read_data(path: Path, view: View, metres: float) -> Pixels:
     }
 
 
-def _passes(path: Path) -> Pixels:
+def _check_regular(path: Path) -> None:
+    """Raise BadReplyError for no picture, and for a link, a FIFO or a device, which may have no end."""
+    if path.is_symlink() or not path.is_file():
+        raise BadReplyError(f"{path.name}: expected a picture, got none, or no regular file")
+
+
+def _passes(path: Path, view: View) -> Pixels:
     """Return passes by name and channels: ``Depth.Z`` (H, W), ``Normal.XYZ``, ``Combined.RGB`` (H, W, 3)."""
     import OpenImageIO
 
@@ -68,8 +81,11 @@ def _passes(path: Path) -> Pixels:
         raise BadReplyError(f"expected an EXR file of Blender, got: {OpenImageIO.geterror()}")
     try:
         part = 0
-        while file.seek_subimage(part, 0):
+        while part < _MOST_PARTS and file.seek_subimage(part, 0):
             spec = file.spec()
+            if (spec.width, spec.height) != (view.width, view.height) or spec.nchannels > _MOST_CHANNELS:
+                expected = f"{path.name}: expected a picture of {view.width} x {view.height} px"
+                raise BadReplyError(f"{expected}, got {spec.width} x {spec.height} px")
             pixels = file.read_image(part, 0, 0, spec.nchannels, "float")
             channels = [channel.rsplit(".", 1) for channel in spec.channelnames]  # ViewLayer.Normal.X
             for start, (name, _) in enumerate(channels):
@@ -84,8 +100,7 @@ def _passes(path: Path) -> Pixels:
     return passes
 
 
-def _checked(pixels: NDArray[Any] | None, view: View, path: Path) -> NDArray[Any]:
-    if pixels is None or pixels.shape[:2] != (view.height, view.width):
-        got = "none" if pixels is None else f"{pixels.shape[1]} x {pixels.shape[0]} px"
-        raise BadReplyError(f"{path.name}: expected a picture of {view.width} x {view.height} px, got {got}")
-    return pixels
+def _pass(passes: Pixels, name: str, path: Path) -> NDArray[Any]:
+    if name not in passes:
+        raise BadReplyError(f"{path.name}: expected the pass {name}, got none")
+    return passes[name]

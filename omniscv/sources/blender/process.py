@@ -13,10 +13,13 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from omniscv.arguments import shown
+import numpy as np
+
+from omniscv.arguments import flag, number, numbers, shown, text, whole_number
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -25,9 +28,12 @@ from omniscv.errors import (
     ServerRefusedError,
     SourceError,
 )
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.records import checked, listed, named, optional, read, record
 from omniscv.sources.blender.settings import Settings
 from omniscv.storage.local import last_line
 
+R = TypeVar("R")
 T = TypeVar("T")
 
 TIMEOUT_S, RETRIES = 600.0, 3
@@ -37,7 +43,72 @@ MARK = b"\n--omniscv-blender-1--\n"
 """Comes before the first reply; as in ``inside/main.py``, which cannot import this."""
 _MOST_NOISE = 1 << 20  # bytes before the mark
 _MOST_REPLY = 1 << 27  # bytes: the boxes of as many objects as there can be take a tenth
+_DRIFT = 1e-4  # of entries of rotations, which Blender has in single precision
+_LONGEST = 1000  # characters of an error of Blender
 _RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
+
+
+@record
+class Hello:
+    """The first reply: the version of Blender."""
+
+    version: tuple[int, ...] = checked(listed(partial(whole_number, least=0)))
+
+
+@record
+class Opened:
+    """The reply to ``open``: what is known of the scene before anything is rendered.
+
+    Attributes:
+        scene, frame: its name, and the frame of its animation.
+        objects: by name, the id that pictures show.
+        world: whether it has one.
+        lights: number of lamps.
+        metres: of a unit of the scene.
+        camera: where the scene's own camera is, metres; None without one.
+        libraries, missing: the files that it links, and those of them and of its textures that are not there.
+    """
+
+    scene: str = checked(text)
+    frame: int = checked(whole_number, least=-(1 << 31))
+    objects: Mapping[str, int] = checked(named(partial(whole_number, most=0xFFFF)))
+    world: bool = checked(flag)
+    lights: int = checked(whole_number, least=0)
+    metres: float = checked(number, above=0)
+    camera: tuple[float, ...] | None = checked(optional(listed(number)))
+    libraries: tuple[str, ...] = checked(listed(text))
+    missing: tuple[str, ...] = checked(listed(text))
+
+    def __post_init__(self) -> None:
+        if len(set(self.objects.values())) < len(self.objects):
+            raise ArgumentError("objects: expected an id of its own for each, got two of one id")
+        if self.camera is not None and len(self.camera) != 3:
+            raise ArgumentError(f"camera: expected three numbers, got {len(self.camera)}")
+
+
+@record
+class Rendered:
+    """The reply to ``render``: metres of a unit of the scene."""
+
+    metres: float = checked(number, above=0)
+
+
+def _box(name: str, value: object) -> ObjectBox:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ArgumentError(f"{name}: expected centre, axes and size, got {shown(value)}")
+    center, axes, size = value
+    axes_w = numbers(f"{name}.axes", axes, (3, 3))
+    if np.abs(axes_w).max() > 1 + _DRIFT or not np.allclose(axes_w @ axes_w.T, np.eye(3), atol=_DRIFT):
+        raise ArgumentError(f"{name}: expected axes at right angles, got {shown(axes)}")
+    center_w = numbers(f"{name}.center", center, (3,))
+    return ObjectBox.of(center_w, axes_w, numbers(f"{name}.size", size, (3,)), "vertices")
+
+
+@record
+class Measured:
+    """The reply to ``boxes``: by name, those of objects with a shape."""
+
+    boxes: Mapping[str, ObjectBox] = checked(named(_box))
 
 
 class Process:
@@ -45,7 +116,7 @@ class Process:
 
     Attributes:
         folder: for the files of its pictures; removed with the process.
-        hello: its first reply.
+        version: of Blender.
     """
 
     def __init__(self, command: Sequence[str], name: str, timeout_s: float) -> None:
@@ -65,10 +136,10 @@ class Process:
             raise ServerConnectionError(f"{expected}, got: {cause.strerror}: {shown(command[0])}") from cause
         with self._exchange("start"):
             self._skip_noise()
-            self.hello = self._reply()
+            self.version = self._read_record(Hello, self._reply(), "start").version
 
-    def ask(self, what: str, message: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request of plain JSON values, to do ``what``, and return its reply.
+    def ask(self, what: str, message: Mapping[str, Any], reply: type[R]) -> R:
+        """Send a request of plain JSON values, to do ``what``, and return its reply as a record.
 
         Raises:
             ServerRefusedError: Blender reports an error.
@@ -80,10 +151,10 @@ class Process:
             with contextlib.suppress(BrokenPipeError):  # the end of its replies says so too
                 self._process.stdin.write(len(data).to_bytes(4, "big") + data)
                 self._process.stdin.flush()
-            reply = self._reply()
-        if "error" in reply:
-            raise ServerRefusedError(f"{self._name}: expected Blender to {what}, got: {reply['error']}")
-        return reply
+            values = self._reply()
+        if isinstance(error := values.get("error"), str):
+            raise ServerRefusedError(f"{self._name}: expected Blender to {what}, got: {error[:_LONGEST]}")
+        return self._read_record(reply, values, what)
 
     def stop(self) -> None:
         """End the process, even while it renders, and remove its folder."""
@@ -135,23 +206,31 @@ class Process:
                 self._process.kill()
 
     def _skip_noise(self) -> None:
-        noise = b""
+        noise = bytearray()
         while not noise.endswith(MARK):
             noise += self._read(1)
             if len(noise) > _MOST_NOISE:
-                raise BadReplyError(f"{self._name}: expected Blender to start, got {shown(noise[:80])}")
+                start = shown(bytes(noise[:80]))
+                raise BadReplyError(f"{self._name}: expected Blender to start, got {start}")
 
     def _reply(self) -> dict[str, Any]:
         length = int.from_bytes(self._read(4), "big")
         data = self._read(length) if length <= _MOST_REPLY else b""
         try:
             reply = json.loads(data)
-        except ValueError:
+        except (ValueError, RecursionError):
             reply = None
         if not isinstance(reply, dict):
             expected = f"{self._name}: expected a reply in JSON"
             raise BadReplyError(f"{expected}, got {shown(data[:80])} of {length} bytes")
         return reply
+
+    def _read_record(self, reply: type[R], values: dict[str, Any], what: str) -> R:
+        try:
+            return read(reply, values)
+        except ArgumentError as cause:
+            expected = f"{self._name}: expected Blender to {what}"
+            raise BadReplyError(f"{expected}, got another reply: {cause}") from cause
 
     def _read(self, count: int) -> bytes:
         assert self._process.stdout is not None
@@ -179,7 +258,7 @@ class Blender:
     Attributes:
         name: of the scene's file, for messages.
         version: of Blender, such as ``5.0.1``.
-        scene: what ``inside/main.py`` describes.
+        scene: what is known of it.
         digest: of the scene's file and of the files that it links.
 
     Raises:
@@ -194,16 +273,20 @@ class Blender:
         self.name = Path(settings.path).name
         self._process: Process | None = None
         self.version = ""
-        self.scene: dict[str, Any] = {}
         self._start()
-        self.digest = self._digest()
+        try:
+            self.digest = self._digest()
+        except BaseException:
+            self.close()
+            raise
 
-    def ask(self, what: str, message: Mapping[str, Any], reader: Callable[[dict[str, Any], Path], T]) -> T:
+    def ask(self, what: str, message: Mapping[str, Any], reply: type[R], reader: Callable[[R, Path], T]) -> T:
         """Send a request, and return ``reader(reply, folder)``; after a fault, start Blender and send again.
 
         Args:
             what: Blender is to do, for messages.
             message: plain JSON values; ``file`` is relative to the folder.
+            reply: the record that Blender is to reply.
             reader: of the reply and of the files in the folder.
 
         Raises:
@@ -212,8 +295,8 @@ class Blender:
         for _ in range(self._retries + 1):
             try:
                 process = self._process or self._start_again()
-                reply = process.ask(what, {**message, "folder": str(process.folder)})
-                return reader(reply, process.folder)
+                answer = process.ask(what, {**message, "folder": str(process.folder)}, reply)
+                return reader(answer, process.folder)
             except _RETRIED as cause:
                 fault = cause
                 self.close()
@@ -228,13 +311,12 @@ class Blender:
         with contextlib.ExitStack() as resources:
             process = Process(self._command, self.name, self._timeout_s)
             resources.callback(process.stop)
-            version = tuple(process.hello["version"])
-            self.version = ".".join(map(str, version))
-            if version < OLDEST:
+            self.version = ".".join(map(str, process.version))
+            if process.version < OLDEST:
                 expected = f"{self.name}: expected Blender {'.'.join(map(str, OLDEST))} or later"
                 raise SourceError(f"{expected}, got {self.version} of {self._command[0]}")
             request = {**self._settings.message(), "folder": str(process.folder)}
-            self.scene = process.ask("open the scene", request)
+            self.scene = process.ask("open the scene", request, Opened)
             resources.pop_all()
         self._process = process
         return process
@@ -252,7 +334,9 @@ class Blender:
     def _digest(self) -> str:
         """Return a digest of the scene's file, of the files that it links, and of Blender's version."""
         digest = hashlib.sha256(self.version.encode())
-        for path in (self._settings.path, *self.scene["libraries"]):
+        for path in (self._settings.path, *self.scene.libraries):
+            if not os.path.isfile(path):  # a FIFO or a device may have no end
+                raise ArgumentError(f"{path}: expected a readable file, got none, or no regular file")
             try:
                 with open(path, "rb") as file:
                     digest.update(hashlib.file_digest(file, "sha256").digest())

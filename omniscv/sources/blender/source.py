@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +16,7 @@ import numpy as np
 
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError
-from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -29,7 +30,7 @@ from omniscv.sources.base import (
     known_objects,
 )
 from omniscv.sources.blender.pictures import Pixels, read_colors, read_data
-from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender
+from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender, Measured, Rendered
 from omniscv.sources.blender.settings import Settings, blender_command, read_address
 from omniscv.sources.pool import SourcePool
 
@@ -58,13 +59,14 @@ class BlenderSource(Source):
     def __init__(self, blender: Blender, settings: Settings) -> None:
         self._blender, self._settings = blender, settings
         self._lock, self._closed = threading.RLock(), False
-        self._objects = ObjectTable({}, ids=blender.scene["objects"])
-        level = f"{blender.scene['scene']}, frame {blender.scene['frame']}"
+        self._objects = ObjectTable({}, ids=dict(blender.scene.objects))
+        level = f"{blender.scene.scene}, frame {blender.scene.frame}"
         self._identity = SceneIdentity(Path(settings.path).stem, level, blender.digest)
 
     @property
     def capabilities(self) -> Capabilities:
-        return CAPABILITIES
+        """Those of Blender; floating-point colours are light, those of 8 bits passed a view transform."""
+        return replace(CAPABILITIES, transfer="linear") if self._settings.lit == "float32" else CAPABILITIES
 
     @property
     def scene_identity(self) -> SceneIdentity:
@@ -104,12 +106,10 @@ class BlenderSource(Source):
         """The boxes of all objects that have a shape, around their vertices and in their own axes."""
         with self._lock:
             self._check_open()
-            rows = self._blender.ask("measure its objects", {"do": "boxes"}, lambda reply, _: reply["boxes"])
-        boxes = {
-            name: ObjectBox.of(np.array(center), np.array(axes), np.array(size), "vertices")
-            for name, (center, axes, size) in sorted(rows.items())
-        }
-        return SceneGeometry(MappingProxyType(boxes))
+            boxes = self._blender.ask(
+                "measure its objects", {"do": "boxes"}, Measured, lambda reply, _: reply.boxes
+            )
+        return SceneGeometry(MappingProxyType(dict(sorted(boxes.items()))))
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; both may be used at the same time."""
@@ -129,9 +129,9 @@ class BlenderSource(Source):
         is_png = is_lit and self._settings.lit == "uint8"
         file = f"picture.{'png' if is_png else 'exr'}"
 
-        def read(reply: dict[str, Any], folder: Path) -> Pixels:
+        def read(reply: Rendered, folder: Path) -> Pixels:
             path = folder / file
-            pixels = read_colors(path, view) if is_lit else read_data(path, view, reply["metres"])
+            pixels = read_colors(path, view) if is_lit else read_data(path, view, reply.metres)
             path.unlink()
             return pixels
 
@@ -147,7 +147,8 @@ class BlenderSource(Source):
         }
         with self._lock:
             self._check_open()
-            pixels = self._blender.ask(f"render {view.width} x {view.height} px", message, read)
+            what = f"render {view.width} x {view.height} px"
+            pixels = self._blender.ask(what, message, Rendered, read)
         for array in pixels.values():
             array.flags.writeable = False
         return pixels
@@ -209,7 +210,7 @@ def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
         source = sources[0] if processes == 1 else SourcePool(sources)
         opened.pop_all()
     blender = sources[0].blender
-    if not blender.scene["world"]:
+    if not blender.scene.world:
         _log.warning("%s: the scene has no world: pixels without an object are black", blender.name)
     return ProcessBound(source, blender.name)
 

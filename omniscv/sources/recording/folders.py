@@ -2,11 +2,12 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from omniscv import modalities, storage
@@ -31,8 +32,10 @@ from omniscv.sources.recording.rows import (
     Row,
     WorldState,
     labelled_modes,
+    listed_scenes,
     object_from_json,
     scene_from_json,
+    scene_of,
 )
 from omniscv.sources.recording.store import Store
 from omniscv.storage.bounded import read_bytes
@@ -87,30 +90,62 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     """
     folder = Path(folder)
     entries = _entries(folder)
-    objects, geometry, states = _objects(folder), _geometry(folder), _states(folder)
-    modes, scenes = set(), set()
-    for entry in entries:
-        capture = _capture(folder, entry)  # checks it; it is read again below, as all may not fit in memory
+    with within(folder):
+        return add_captures(
+            path,
+            lambda: (_capture(folder, entry) for entry in entries),
+            _objects(folder),
+            _geometry(folder),
+            _states(folder),
+            _scene(folder),
+        )
+
+
+def add_captures(
+    path: Path | str,
+    captures: Callable[[], Iterable[Capture]],
+    objects: ObjectTable | None = None,
+    geometry: SceneGeometry | None = None,
+    states: Mapping[str, WorldState] = MappingProxyType({}),
+    scene: SceneIdentity | None = None,
+) -> int:
+    """Add captures of one scene to a recording, all or none; return how many.
+
+    Args:
+        path: of the recording, new or one to add to.
+        captures: called twice, to check all and to write all: they may not fit in memory together.
+        objects, geometry, states: of the scene, as far as they are known.
+        scene: None: as the captures say.
+
+    Raises:
+        ArgumentError: captures of several scenes.
+        RecordingError: as :func:`import_folder`.
+    """
+    modes, scenes = set(), set[str]()
+    for capture in captures():
         modes.add(capture.mode)
-        scenes.add(_scene_of(capture))
+        scenes |= scene_of(capture)
+    if len(scenes) > 1:
+        raise ArgumentError(f"expected captures of one scene, got some of {listed_scenes(scenes)}")
+    count = 0
     with opened_whole(path) as store:
-        only = next(iter(scenes)) if len(scenes) == 1 else SceneIdentity()
-        store.set_scene(_scene(folder) or only)
+        store.set_scene(scene or SceneIdentity(*scenes))
         have_masks = not modes.isdisjoint(labelled_modes())
-        have_names, known = bool(objects.colors), bool(store.objects().colors)
+        have_names, known = bool(objects and objects.colors), bool(store.objects().colors)
         if (have_masks and known and not have_names) or (store.has_masks() and have_names and not known):
-            expected = f"expected object masks with an object table both in {folder} and in it"
+            expected = "expected object masks with an object table both in the import and in it"
             reason = f"{expected}, got one without; import into another file"
             raise RecordingNotWritableError(reason, path)
-        if have_names:
+        if objects and have_names:
             store.set_objects(objects)
         if geometry:
             store.set_geometry(geometry)
         for name, state in states.items():
             store.set_state(name, state)
-        for entry in entries:
-            store.add(_capture(folder, entry))
-    return len(entries)
+        for capture in captures():
+            store.add(capture)
+            count += 1
+    return count
 
 
 def _write_folder(store: Store, folder: Path) -> int:
@@ -262,11 +297,6 @@ def _scene(folder: Path) -> SceneIdentity | None:
         return scene_from_json(json.dumps(_read_json(folder / SCENE, dict)))
     except DamagedRecordingError as cause:
         raise ArgumentError(f"{folder / SCENE}: {cause.reason}") from cause
-
-
-def _scene_of(capture: Capture) -> SceneIdentity:
-    name = capture.provenance.get("scene", "")
-    return SceneIdentity(name if isinstance(name, str) else "")
 
 
 def _geometry(folder: Path) -> SceneGeometry:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,14 @@ from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
 from omniscv.sources.base import View
-from omniscv.sources.recording.rows import Row, WorldState, object_from_json, view_from_json
+from omniscv.sources.recording.rows import (
+    Row,
+    WorldState,
+    listed_scenes,
+    object_from_json,
+    scene_of,
+    view_from_json,
+)
 from omniscv.sources.recording.schema import SCHEMA_VERSION
 from omniscv.sources.recording.store import Store
 
@@ -51,7 +59,8 @@ def info(path: Path | str) -> Info:
     """Return what a recording holds, without its pixels; RecordingError if it cannot be read."""
     with closing(Store(storage.fetch_file(path))) as store:
         rows = store.listing()
-        views = [view_from_json(row.captured) for row in rows]
+        distinct = {text: view_from_json(text) for text in {row.captured for row in rows}}  # of several modes
+        views = [distinct[row.captured] for row in rows]
         provenances = [object_from_json(row.provenance) for row in rows]
         first, last = _period(provenances)
 
@@ -129,7 +138,7 @@ class Verification:
 
 
 def verify(path: Path | str) -> Verification:
-    """Check the structure, the object table, that no capture is lost, and each capture.
+    """Check structure and object table, that no capture is lost, each capture, and that all show one scene.
 
     Raises:
         RecordingError: the file cannot be read, or has other tables than a recording.
@@ -143,15 +152,22 @@ def verify(path: Path | str) -> Verification:
         except RecordingError as cause:
             faults.append(str(cause.at(name)))
 
-    captures = 0
+    captures, scenes = 0, set[str]()
     with closing(Store(storage.fetch_file(path))) as store:
         faults += [f"{name}: {fault}" for fault in store.structural_faults()]
         for read in (store.objects, store.geometry, store.states, store.listing):
             check(read)
         for row in store.rows():
             captures += 1
-            check(row.capture)
+            check(partial(_decode, row, scenes))
+    if len(scenes) > 1:
+        faults.append(f"{name}: expected captures of one scene, got some of {listed_scenes(scenes)}")
     return Verification(name, captures, faults)
+
+
+def _decode(row: Row, scenes: set[str]) -> None:
+    """Check a capture, and add the scene that it names."""
+    scenes |= scene_of(row.capture())
 
 
 def _by_mode(rows: Sequence[Row]) -> dict[str, int]:

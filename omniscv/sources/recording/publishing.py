@@ -31,7 +31,7 @@ def followed(path: Path | str) -> Path:
     """Return a path with links followed; ArgumentError for a text that is no path on this machine."""
     if storage.is_url(path) or storage.was_url(path):
         expected = "expected a path on this machine"
-        advice = "record there, and put it into the store by 'omniscv captures merge'"
+        advice = "record there, and put it into the store by 'omniscv recording merge'"
         raise ArgumentError(f"recording: {expected}, got {storage.without_secrets(path)}; {advice}")
     try:
         return Path(os.path.realpath(path))

@@ -4,6 +4,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
@@ -12,10 +13,10 @@ from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, not_picklable
-from omniscv.sources.ordered import Held, in_order
 from omniscv.sources.recording.replay import sharing
 from omniscv.sources.recording.rows import WorldState, labelled_modes
 from omniscv.sources.recording.store import Store
+from omniscv.sources.requests import Held, in_order
 
 _log = logging.getLogger("omniscv")
 
@@ -40,7 +41,8 @@ class Recording(SourceWrapper):
         super().__init__(source)
         self._store = Store(path, write=True)
         try:
-            self._store.set_scene(source.scene_identity)
+            self._scene = source.scene_identity
+            self._store.set_scene(self._scene)
         except BaseException:
             self._store.close()
             raise
@@ -130,14 +132,19 @@ class Recording(SourceWrapper):
         raise MissingCaptureError("a capture was removed while recording", self._store.path)
 
     def _capture_and_write(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        self._store.set_scene(self._source.scene_identity)  # a game may have left the level
+        transfer = self._source.capabilities.transfer
         for capture in self._source.capture(requests):
+            if capture.mode == "lit" and transfer != "unknown":
+                capture = replace(capture, provenance={**capture.provenance, "transfer": transfer})
             if not capture.request.again:
                 self._write(capture)
             yield capture
 
     def _write(self, capture: Capture) -> None:
-        """Write a new capture, and before it what it depends on."""
+        """Write a new capture, and before it what it depends on; RecordingError if it is of another scene."""
+        if self._scene != (scene := self._source.scene_identity):  # a game may have left the level
+            self._store.set_scene(scene)
+            self._scene = scene
         if capture.mode in labelled_modes():
             self.objects()  # a mask without them would take the names of others
         if capture.request.state:

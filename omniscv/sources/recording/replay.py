@@ -1,6 +1,8 @@
 """Replay of a recording."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,14 +13,16 @@ from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.modalities import TRANSFERS
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
-from omniscv.sources.recording.rows import WorldState
+from omniscv.sources.recording.rows import WorldState, sizes_of
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state
 
 S = TypeVar("S", bound=Source)
 
+_TRANSFER = re.compile(f'"transfer": ?"({"|".join(TRANSFERS)})"')
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
 
 
@@ -40,21 +44,26 @@ class RecordedSource(Source):
         self._name = storage.without_secrets(path)
         self._store, self._owns_store = Store(storage.fetch_file(path)), True
         try:
-            self._views = views_by_state(self._store.listing())
-            self._actual_states = self._states_by_request()
+            rows = self._store.listing()
+            self._views = views_by_state(rows)
             missing_still = state == "" and "" not in self._views
             self._state = self._actual_states.get("", "") if missing_still else state
             self._check_holds(self._state)
+            # Planned as on the server that was recorded: it may have made no view higher than wide.
+            tall = any(height > width for width, height in sizes_of(rows))
         except BaseException:
             self._store.close()
             raise
-        # Planned as on the server that was recorded: it may have made no view higher than wide.
-        tall = any(view.height > view.width for held in self._views.values() for view in held.views)
         modes = frozenset[str]().union(*(held.modes for held in self._views.values()))
-        self._capabilities = Capabilities(modes=modes, can_set_tall=tall, dialect="recording")
+        found = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit"}
+        transfers = {match[1] if match else "unknown" for match in found}
+        transfer: Any = transfers.pop() if len(transfers) == 1 else "unknown"
+        self._capabilities = Capabilities(
+            modes=modes, can_set_tall=tall, dialect="recording", transfer=transfer
+        )
 
     def __repr__(self) -> str:
-        count = sum(len(held.views) for held in self._views.values())
+        count = sum(map(len, self._views.values()))
         name = str(self._name).rpartition("/")[2]
         return f"<RecordedSource {name}: {count} views, {' '.join(sorted(self._capabilities.modes))}>"
 
@@ -129,8 +138,9 @@ class RecordedSource(Source):
         """What is known of the state that is replayed; nothing of the still one."""
         return self._store.state(self._state) or WorldState()
 
-    def _states_by_request(self) -> dict[str, str]:
-        """Return, by the state that was to be set, the last one in which the world was found."""
+    @cached_property
+    def _actual_states(self) -> dict[str, str]:
+        """By the state that was to be set, the last one in which the world was found."""
         known = self._store.states()
         pairs = ((known[state].asked, state) for state in self._views if state)
         return {requested: state for requested, state in pairs if requested is not None}
@@ -144,7 +154,10 @@ class RecordedSource(Source):
     def _replay(self, request: Request) -> Capture:
         if capture := self._store.get(request):
             return capture
-        raise MissingCaptureError(self._explain(request), self._name)
+        advice = (
+            f"'omniscv recording places {self._name}' lists what is there, 'omniscv record' adds captures"
+        )
+        raise MissingCaptureError(self._explain(request), self._name, advice)
 
     def _explain(self, request: Request) -> str:
         """Return what is missing, and what is there."""

@@ -27,18 +27,21 @@ T = TypeVar("T")
 DEFAULT_TOLERANCE = 3  # of a new recording's object table: that of UnrealCV servers
 MOST_OBJECTS = 0xFFFF
 
-_LONGEST_TEXT, _LONGEST_WORD = 1 << 20, 100  # characters of a text column; of a mode, encoding or state
+_LONGEST_TEXT = 1 << 20  # characters of a text column
+_LONGEST = {
+    **dict.fromkeys(("key", "asked", "captured", "provenance"), _LONGEST_TEXT),
+    **dict.fromkeys(("mode", "encoding", "state"), 100),
+}
 _LONGEST_JSON = 1 << 25  # characters of boxes and poses: enough for MOST_OBJECTS
 _LONGEST_CAUSE = 150  # characters of an error about a part of a capture
 
 
 def checksum(values: Iterable[str | int | bytes]) -> int:
     """Return the CRC-32 of values, each as ``LENGTH:BYTES``: texts in UTF-8, numbers in decimals."""
-    crc = 0
-    for value in values:
-        data = value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
-        crc = zlib_ng.crc32(data, zlib_ng.crc32(b"%d:" % len(data), crc))
-    return crc
+    texts = (
+        value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass") for value in values
+    )
+    return zlib_ng.crc32(b"".join([b"%d:%b" % (len(text), text) for text in texts]))
 
 
 class Row(NamedTuple):
@@ -120,9 +123,8 @@ class Row(NamedTuple):
         return Capture(request, view, pixels, provenance, self.payload, self.encoding)
 
     def _check_texts(self) -> None:
-        for name in ("key", "mode", "asked", "captured", "encoding", "provenance", "state"):
+        for name, most in _LONGEST.items():
             value = getattr(self, name)
-            most = _LONGEST_WORD if name in ("mode", "encoding", "state") else _LONGEST_TEXT
             if not isinstance(value, str) or len(value) > most:
                 reason = f"expected a {name} of at most {most} characters, got {shown(value)}"
                 raise DamagedRecordingError(f"capture {shown(self.key)}: {reason}")
@@ -317,6 +319,15 @@ def json_of_row(name: str, read: Callable[[Any], T], content: Any, crc: Any, *pr
         raise DamagedRecordingError(f"{name}: {cause.message}") from cause
 
 
+def sizes_of(rows: Iterable[Row]) -> set[tuple[int, int]]:
+    """Return widths and heights of requested views, by the keys; DamagedRecordingError for other keys."""
+    texts = {tuple(row.key.split(",", 3)[1:3]) for row in rows}
+    try:
+        return {(int(width), int(height)) for width, height in texts}
+    except ValueError as cause:
+        raise DamagedRecordingError(f"expected keys of captures, got others: {cause}") from cause
+
+
 def key_of(request: Request) -> str:
     """Return the key of a request: equal requests have equal keys."""
     width, height, position, rotation, fov_deg = request.view.key()
@@ -361,6 +372,17 @@ def scene_in_words(identity: SceneIdentity) -> str:
     """Return a scene's identity in a few words."""
     parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
     return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
+
+
+def scene_of(capture: Capture) -> set[str]:
+    """Return the name of the scene in a capture's provenance; an empty set where it names none."""
+    name = capture.provenance.get("scene")
+    return {name} if isinstance(name, str) and name else set()
+
+
+def listed_scenes(names: Iterable[str]) -> str:
+    """Return the names of several scenes in a few words."""
+    return " and ".join(map(shown, sorted(names)[:3]))
 
 
 def object_from_json(text: Any) -> dict[str, Any]:

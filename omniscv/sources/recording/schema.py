@@ -83,7 +83,9 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
         torn: accept a file that a change has not yet made as long as its header says.
     """
     uri = f"{path.absolute().as_uri()}?mode={mode}"
-    database = sqlite3.connect(uri, _BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False, uri=True)
+    database = sqlite3.connect(
+        uri, timeout=_BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False, uri=True
+    )
     database.text_factory = bytes.decode
     try:
         # A row is no longer than the file; one that is read while it grows may be.

@@ -49,7 +49,7 @@ from omniscv.sources.recording.rows import (
     table_union,
 )
 
-_ADVICE = "run 'omniscv captures verify'"
+_ADVICE = "run 'omniscv recording check'"
 _COLUMNS = ", ".join(Row._fields)
 _WITHOUT_PAYLOAD = _COLUMNS.replace(", payload,", ", x'',")
 _MOST_STATES = 1_000_000
@@ -142,7 +142,8 @@ class Store:
             DamagedRecordingError: one is damaged or lost.
         """
         with self._reading():
-            head, rows, states = self.head(), self._rows(), self.states()
+            head, rows = self.head(), self._rows()
+            states = {name for (name,) in self._query(f"SELECT name FROM state LIMIT {_MOST_STATES}")}
         with schema.errors_of(self.path, advice=_ADVICE):
             for row in rows:
                 row.check(head.id)

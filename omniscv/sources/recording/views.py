@@ -1,7 +1,8 @@
 """The views that a recording holds of each state of the world: which are near each other, how they differ."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -15,26 +16,47 @@ _MOST_SHOWN = 5  # states
 
 
 class RecordedViews:
-    """The views of a state of the world.
+    """The requested views of a state of the world, which are read when they are needed first.
 
     Args:
-        modes: by view, in the order of recording.
-
-    Attributes:
-        views: all of them.
-        modes: of all of them.
+        rows: captures of the state, in the order of recording.
     """
 
-    def __init__(self, modes: Mapping[View, Collection[str]]) -> None:
-        self.views, self.modes = tuple(modes), frozenset().union(*modes.values())
-        self._modes_of = {view: frozenset(names) for view, names in modes.items()}
-        self._along: dict[ViewKey, list[View]] = defaultdict(list)
+    def __init__(self, rows: Iterable[Row]) -> None:
+        self._texts: dict[str, set[str]] = defaultdict(set)
+        for row in rows:
+            self._texts[row.asked].add(row.mode)
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    @cached_property
+    def modes(self) -> frozenset[str]:
+        """The modes of all views."""
+        return frozenset().union(*self._texts.values())
+
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """All views, in the order of recording; DamagedRecordingError for what is no view."""
+        return tuple(self._modes_of)
+
+    @cached_property
+    def _modes_of(self) -> dict[View, set[str]]:
+        modes: dict[View, set[str]] = defaultdict(set)
+        for text, names in self._texts.items():
+            modes[view_from_json(text)] |= names
+        return modes
+
+    @cached_property
+    def _along(self) -> dict[ViewKey, list[View]]:
+        along: dict[ViewKey, list[View]] = defaultdict(list)
         for view in self.views:
-            self._along[_axis_key(view)].append(view)
+            along[_axis_key(view)].append(view)
+        return along
 
     def turned(self, view: View) -> tuple[View, ...]:
         """Return other views along the same axis, in at least as many modes."""
-        modes = self._modes_of.get(view, frozenset())
+        modes = self._modes_of.get(view, set())
         others = (other for other in self._along.get(_axis_key(view), ()) if other != view)
         return tuple(other for other in others if self._modes_of[other] >= modes)
 
@@ -44,15 +66,15 @@ class RecordedViews:
         return min(views, key=lambda view: sum(_distances(view, request.view)), default=None)
 
 
-NO_VIEWS = RecordedViews({})
+NO_VIEWS = RecordedViews(())
 
 
 def views_by_state(rows: Sequence[Row]) -> dict[str, RecordedViews]:
     """Return the requested views of captures, by state in the order of recording."""
-    modes: dict[str, dict[View, set[str]]] = defaultdict(lambda: defaultdict(set))
+    of_state: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
-        modes[row.state][view_from_json(row.asked)].add(row.mode)
-    return {state: RecordedViews(of_views) for state, of_views in modes.items()}
+        of_state[row.state].append(row)
+    return {state: RecordedViews(group) for state, group in of_state.items()}
 
 
 def states_in_words(states: Collection[str]) -> str:

@@ -12,7 +12,8 @@ from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.geometry.unreal_frame import position_from_unreal, rotation_from_unreal
 from omniscv.sources.unreal import replies
-from omniscv.sources.unreal.client import Connection, Reply
+from omniscv.sources.unreal.client import Connection
+from omniscv.sources.unreal.replies import Reply
 
 _QUERIES = ("vertex_location", "bounds", "rotation")
 _BATCH = 8  # objects that are queried together
@@ -20,7 +21,10 @@ MOST_VERTICES = 2_000_000
 """Of all objects, about 80 MB; of one object, five times as many are read."""
 _MAX_CM = 1e9
 _TIGHTER = 0.99
-"""An upright box replaces the one in the object's own frame if its volume is below this share."""
+"""A box that is turned in the object's own frame replaces one along its axes if its volume is below this
+share."""
+_SAME_AREA = 1 + 1e-6
+"""Boxes of one shape differ by so much as the object moves, because vertices are rounded."""
 
 
 def boxes(
@@ -28,7 +32,7 @@ def boxes(
 ) -> dict[str, ObjectBox]:
     """Return the boxes of objects by name; objects without a shape have none.
 
-    The plugin is probed with the first object. Vertices give a box in the object's own frame, or an upright
+    The plugin is probed with the first object. Vertices give a box in the object's own frame, or a turned
     one that is tighter; bounds give one along the world's axes. Meshes may have millions of vertices: after
     more than ``most_vertices``, bounds are used for the remaining objects.
 
@@ -101,11 +105,10 @@ def _to_world(points_cm: Array) -> Array:
 
 
 def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
-    """Return the box of vertices in the frame of their object, or an upright one that is tighter."""
-    points = _to_world(vertices_cm)
-    aligned = _box(points, rotation_from_unreal(rotator_deg).T)
-    upright = _box(points, _upright_axes(points))
-    return upright if np.prod(upright.size) < _TIGHTER * np.prod(aligned.size) else aligned
+    """Return the box of vertices in the frame of their object, or one that is turned in it and tighter."""
+    points, own = _to_world(vertices_cm), rotation_from_unreal(rotator_deg).T
+    aligned, turned = _box(points, own), _box(points, _upright_axes(points @ own.T) @ own)
+    return turned if np.prod(turned.size) < _TIGHTER * np.prod(aligned.size) else aligned
 
 
 def _box(points: Array, axes: Array) -> ObjectBox:
@@ -115,7 +118,8 @@ def _box(points: Array, axes: Array) -> ObjectBox:
 
 
 def _upright_axes(points: Array) -> Array:
-    """Return the axes, as rows, of the smallest upright box around points (N, 3).
+    """Return the axes, as rows, of the smallest upright box around points (N, 3), turned by 45 degrees at
+    most.
 
     One of its sides is parallel to a side of the convex hull seen from above (Freeman and Shapira 1975).
     """
@@ -124,10 +128,12 @@ def _upright_axes(points: Array) -> Array:
     except (QhullError, ValueError):  # fewer than three points, or all in an upright plane
         hull = points[:2, :2]
     x, y = (np.roll(hull, -1, axis=0) - hull).T
-    angles = np.arctan2(y, x)
+    angles = (np.arctan2(y, x) + np.pi / 4) % (np.pi / 2) - np.pi / 4
     across, along = (
         np.ptp(np.outer(hull[:, 0], np.cos(a)) + np.outer(hull[:, 1], np.sin(a)), axis=0)
         for a in (angles, angles + np.pi / 2)
     )
-    a = angles[(across * along).argmin()]
+    areas = across * along
+    smallest = angles[areas <= areas.min() * _SAME_AREA]
+    a = smallest[np.abs(smallest).argmin()]
     return np.array([[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])

@@ -15,7 +15,7 @@ import stat
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 import unrealcv
@@ -25,15 +25,16 @@ from omniscv.arguments import shown
 from omniscv.errors import (
     BadReplyError,
     DeadlineError,
+    SceneChangedError,
     ServerConnectionError,
     ServerRefusedError,
     SourceError,
 )
 from omniscv.sources.unreal.commands import VERSION, is_repeatable
+from omniscv.sources.unreal.replies import Reply
 
 T = TypeVar("T")
 Endpoint = tuple[str, int] | str  # (host, port), or the path of a Unix socket
-Reply = str | bytes  # bytes where the reply is not UTF-8
 
 TIMEOUT_S, PATIENCE_S, RETRIES = 15.0, 10.0, 5
 """Defaults of :class:`Connection`. A silent server is given up after at most the sum of both times, 25 s."""
@@ -219,6 +220,8 @@ class Connection:
     Attributes:
         address: of the server, for messages.
         client: the current one, which may be broken; None before the first.
+        scene: by command, the replies that name the project and, where it is known, the level. Every new
+            connection must give the same, or SceneChangedError is raised.
 
     Raises:
         ArgumentError: a time that is not above 0, or retries below 0.
@@ -237,12 +240,24 @@ class Connection:
         self._retries = arguments.whole_number("retries", retries, least=0)
         self._until = math.inf  # when the patience ends, by the monotonic clock
         self.client: Client | None = None
+        self.scene: dict[str, str] = {}
 
     def connected(self) -> Client:
-        """Return a client that is not known to be broken; ServerConnectionError if no server is reachable."""
+        """Return a client that is not known to be broken.
+
+        Raises:
+            ServerConnectionError: no server is reachable.
+            SceneChangedError: it shows another scene than before.
+        """
         if self.client is None or self.client.broken:
             self.client = self._unix_client() or self._connect(self._endpoint)
+            if self.scene:
+                self._compare_scene(self.client.stream(list(self.scene)))
         return self.client
+
+    def check_scene(self) -> None:
+        """Raise SceneChangedError if the server shows another scene than before."""
+        self._compare_scene(self.texts(list(self.scene)))
 
     @contextlib.contextmanager
     def attempts(self) -> Iterator[Callable[[SourceError | None], None]]:
@@ -344,6 +359,14 @@ class Connection:
     def close(self) -> None:
         if self.client is not None:
             self.client.close()
+
+    def _compare_scene(self, replies: Iterable[Reply]) -> None:
+        known, actual = list(self.scene.values()), list(replies)
+        if actual != known:
+            self.close()  # so that it is compared again before anything else is sent
+            before, now = (", level ".join(map(shown, names)) for names in (known, actual))
+            expected = f"{self.address}: expected the scene {before}, got {now}"
+            raise SceneChangedError(f"{expected}; open the source again")
 
     def _check_accepted(self, command: str, reply: Reply) -> None:
         if isinstance(reply, str) and reply.startswith("error"):

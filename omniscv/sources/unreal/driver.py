@@ -10,10 +10,10 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
-from omniscv.sources.unreal.client import Client, Connection, Reply
-from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEGACY, LEVEL, SCENE, VERSION, CameraTable
+from omniscv.sources.unreal.client import Client, Connection
+from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
 from omniscv.sources.unreal.masks import paint
-from omniscv.sources.unreal.replies import name, numbers
+from omniscv.sources.unreal.replies import Reply, name, numbers
 
 Requests = Sequence[Request]
 
@@ -26,11 +26,7 @@ class StaleFrames:
 
     Some cameras lag (protocol reference, section 7.2). A stale picture is not marked, but it equals, byte for
     byte, the frame before the move. So frames are compared with the ones before a move, and the number of
-    stale frames is learned.
-
-    Args:
-        each_mode: whether modes lag independently; otherwise one fresh frame proves that the move has arrived
-            in all modes.
+    stale frames is learned. Modes lag independently: a fresh depth says nothing of the mask.
 
     Attributes:
         states: by mode, the state of the camera at its last frame: a view, or the pose and field of view that
@@ -38,8 +34,7 @@ class StaleFrames:
         lag: frames after a move that are known to be stale; kept over new connections.
     """
 
-    def __init__(self, *, each_mode: bool = False) -> None:
-        self._each_mode = each_mode
+    def __init__(self) -> None:
         self.lag = 0
         self._lookalikes: set[int] = set()  # hashes of frames that two states share
         self.reset()
@@ -48,7 +43,6 @@ class StaleFrames:
         """Forget all frames: the connection is new, and the camera may be anywhere."""
         self.states: dict[str, Hashable] = {}
         self._payloads: dict[str, bytes] = {}
-        self._arrived: Hashable = None  # the state in which a frame has differed from the one before the move
         self._rejected = 0
 
     @property
@@ -67,25 +61,21 @@ class StaleFrames:
         Two states may show the same. Then waiting changes nothing, and the frames are accepted in the end.
         They are remembered, so that the next time they are accepted at once.
         """
-        arrived = self._arrived == state and not self._each_mode
-        moved = [mode for mode in payloads if not arrived and self.states.get(mode, state) != state]
+        moved = [mode for mode in payloads if self.states.get(mode, state) != state]
         equal = [hash(payloads[mode]) for mode in moved if payloads[mode] == self._payloads[mode]]
         doubtful = {*equal} - self._lookalikes
         if doubtful and self._rejected + 1 < len(_WAITS):
             self._rejected += 1
             return False
         self._lookalikes |= doubtful
-        if len(equal) < len(moved):
-            self.lag += _WAITS[self._rejected]  # the frames that were skipped beyond the lag were stale
-            self._arrived = state
+        if len(equal) < len(moved):  # the frames that were skipped beyond the lag were stale
+            self.lag = min(SETTLED, self.lag + _WAITS[self._rejected])
         self._rejected = 0
         self.note(state, payloads)
         return True
 
     def note(self, state: Hashable, payloads: Mapping[str, bytes]) -> None:
         """Remember frames without comparing them."""
-        if self._arrived != state:
-            self._arrived = None
         self.states.update(dict.fromkeys(payloads, state))
         self._payloads.update(payloads)
 
@@ -110,7 +100,7 @@ class CameraDriver(ABC):
     def __init__(self, connection: Connection, dialect: str, fix_exposure: bool = False) -> None:
         self.connection, self._fix_exposure = connection, fix_exposure
         self.capabilities = self.table.capabilities(dialect)
-        self.stale_frames = StaleFrames(each_mode=self.table is LEGACY)
+        self.stale_frames = StaleFrames()
         self.camera = 0
         self.mask_fov_deg: float | None = None
         self._version = ""
@@ -177,7 +167,9 @@ class CameraDriver(ABC):
         """Read the game's identity, fix its exposure if requested, and make mask colours distinct."""
         self._version, scene = (name(self.connection.text(command)) for command in (VERSION, SCENE))
         (level,) = self.connection.texts([LEVEL])  # unknown to some dialects
-        self.scene_identity = SceneIdentity(scene, "" if level.startswith("error") else name(level))
+        levels = {} if level.startswith("error") else {LEVEL: name(level)}
+        self.connection.scene = self.connection.scene or {SCENE: scene, **levels}
+        self.scene_identity = SceneIdentity(scene, levels.get(LEVEL, ""))
         if self._fix_exposure:
             self.connection.texts(FIX_EXPOSURE)
         paint(self.connection, self.table.vertex_colors)

@@ -49,6 +49,8 @@ class Journal:
         self._address, self.lock, self.closed = address, threading.RLock(), False
         self.layers: list[Layer] = []
         self._values: dict[Key, Any] = {}
+        self._changes = 0
+        self._described = 0, Instant()  # the instant after so many changes
 
     @contextmanager
     def turn(self) -> Iterator[None]:
@@ -61,6 +63,13 @@ class Journal:
     @property
     def instant(self) -> Instant:
         """What is known of the world as it is now; other changes than an instant's are in its name."""
+        changes, (described, instant) = self._changes, self._described
+        if described != changes:
+            instant = self._describe()
+            self._described = changes, instant
+        return instant
+
+    def _describe(self) -> Instant:
         values = self._values.copy()  # other threads may change the world meanwhile
         poses = {name: value for (what, name), value in values.items() if what == "seen"}
         poses |= {name: value for (what, name), value in values.items() if what == "pose"}
@@ -114,6 +123,7 @@ class Journal:
                 layer.clear()
                 layer.update(before)
             self._values = values
+            self._changes += 1
             raise
 
     def forget(self, *kinds: str) -> list[str]:
@@ -130,6 +140,7 @@ class Journal:
             self._values.pop(key, None)
         else:
             self._values[key] = value
+        self._changes += 1  # after the change: an instant that another thread describes meanwhile is older
 
 
 _PRINTED_M, _PRINTED = 1.1e-4, 4e-4  # of positions, and entries of a rotation: 0.3.10 prints two decimals

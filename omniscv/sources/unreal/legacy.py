@@ -13,9 +13,10 @@ from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, View
 from omniscv.sources.codecs import picture_size
 from omniscv.sources.unreal import replies
-from omniscv.sources.unreal.client import Client, Reply
+from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
 from omniscv.sources.unreal.driver import CameraDriver, Requests
+from omniscv.sources.unreal.replies import Reply
 
 _POSE = "vget /camera/0/pose"
 _FOV = f"vget /camera/0/{LEGACY.fov}"

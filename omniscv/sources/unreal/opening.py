@@ -14,7 +14,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capabilities, ProcessBound, Source
-from omniscv.sources.registry import Opener, read_size, split_address
+from omniscv.sources.registry import Opener, did_you_mean, read_size, split_address
 from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.commands import MODERN
@@ -129,7 +129,8 @@ def _endpoint(address: str) -> Endpoint:
             and parts.hostname.encode("idna").decode().isprintable()
         ):
             return parts.hostname, 9000 if parts.port is None else parts.port
-    raise ArgumentError(f"source: expected unreal://host:port or unreal+unix:///path, got {shown(address)}")
+    wanted = "expected unreal://host:port or unreal+unix:///path"
+    raise ArgumentError(f"source: {wanted}, got {shown(address)}{did_you_mean(address)}")
 
 
 def _mock(address: str) -> Server:

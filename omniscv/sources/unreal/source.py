@@ -13,7 +13,7 @@ from itertools import accumulate, groupby
 from types import MappingProxyType
 
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, ServerRefusedError, SourceError
+from omniscv.errors import BadReplyError, SceneChangedError, ServerRefusedError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -28,13 +28,14 @@ from omniscv.sources.base import (
     closed_error,
 )
 from omniscv.sources.unreal.boxes import boxes
-from omniscv.sources.unreal.client import RETRIED, Client, Connection, Reply
+from omniscv.sources.unreal.client import RETRIED, Client, Connection
 from omniscv.sources.unreal.commands import LEVEL, checked
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.masks import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.replies import Reply
 from omniscv.sources.unreal.world import UnrealWorld
 from omniscv.sources.world import Freeze, World
 
@@ -53,8 +54,8 @@ class UnrealSource(Source):
     After a fault the connection is opened anew, the camera is found and aimed again, and the captures that
     were in flight are requested again. A picture counts once it has the right id, signature, length and size,
     the next reply is in step, and it is no stale frame. Threads take turns: one captures a viewpoint, or
-    sends commands that belong together. Too many faults in a row, or a server that refuses what is needed,
-    raise a SourceError.
+    sends commands that belong together. Too many faults in a row, a server that refuses what is needed, or
+    one that shows another scene than at first raise a SourceError.
     """
 
     def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
@@ -81,7 +82,9 @@ class UnrealSource(Source):
 
     def objects(self) -> ObjectTable:
         with self._journal.turn():
-            return object_table(self._connection, self._driver.table.vertex_colors)
+            table = object_table(self._connection, self._driver.table.vertex_colors)
+            self._connection.check_scene()
+            return table
 
     def cover(self, view: View) -> tuple[View, ...]:
         return self._driver.cover(view)
@@ -89,8 +92,9 @@ class UnrealSource(Source):
     def geometry(self) -> SceneGeometry:
         """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
         with self._journal.turn():
-            names = colors(self._connection)
-            return SceneGeometry(MappingProxyType(boxes(self._connection, list(names))))
+            known = boxes(self._connection, list(colors(self._connection)))
+            self._connection.check_scene()
+            return SceneGeometry(MappingProxyType(known))
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
@@ -132,7 +136,7 @@ class UnrealSource(Source):
         """As :meth:`Source.close`; changes that are still in force are put back first."""
         with self._journal.lock:
             if not self._journal.closed:
-                with contextlib.suppress(*RETRIED):  # the game may have ended
+                with contextlib.suppress(*RETRIED, SceneChangedError):  # the game may have ended
                     for layer in reversed(self._journal.layers):
                         with contextlib.suppress(ServerRefusedError):
                             self._world.put_back(layer)
@@ -180,6 +184,9 @@ class UnrealSource(Source):
                     batch = left if self._driver.one_tick else in_flight(left)
                     collected, fault = self._collect(batch, fault)
                     captures += collected
+                self._connection.check_scene()  # the level may change behind the same connection
+        except SceneChangedError:
+            raise  # which captures of this turn show the other scene is not known
         except SourceError as last:
             yield from captures
             raise last

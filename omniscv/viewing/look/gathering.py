@@ -1,7 +1,6 @@
 """Frames to look at: of a dataset, a folder of images, one image, a picture, or a recording."""
 
 import glob
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,17 +15,15 @@ from omniscv.cameras import Camera, create, from_dict
 from omniscv.compose.files import OBJECTS
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset import Frame
 from omniscv.dataset.manifest import DATASET, FRAMES
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError, MissingCaptureError, RecordingError
+from omniscv.frame import Frame, ImageFiles
 from omniscv.geometry import Pose
-from omniscv.sources.registry import open_source
-from omniscv.storage.bounded import read_bytes
+from omniscv.sources.registry import is_recording, open_source
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg")
-_LARGEST_JSON = 1 << 26
-_SQLITE_HEADER = b"SQLite format 3\x00"
 _CUBE_FACES = 6
 
 Progress = Callable[[int, int], None]
@@ -62,10 +59,13 @@ def open_frames(
     """
     folder = storage.folder(what)
     if folder.exists(DATASET) or folder.exists(FRAMES):
-        yield Gathered([frame for group in by_camera(dataset.open(folder)).values() for frame in group])
+        frames = [frame for group in by_camera(dataset.open(folder)).values() for frame in group]
+        if not frames:
+            raise ArgumentError(f"{folder}: expected a dataset with frames, got one without")
+        yield Gathered(frames)
         return
     path = folder.local or storage.fetch_file(what)
-    if not _is_recording(path):
+    if not is_recording(path):
         yield gather(path)
         return
     with TemporaryDirectory() as composed:
@@ -123,7 +123,8 @@ def _image_frame(path: Path, labels: Mapping[str, int]) -> Frame:
         name, time = frame.get("camera", camera.name), frame.get("time")
     except (TypeError, KeyError, AttributeError) as cause:
         raise ArgumentError(f"{path}: expected a camera and a pose, got: {cause}") from cause
-    return Frame(path.stem, name, camera, pose, files, labels, time=time)
+    held = ImageFiles(files, (camera.width, camera.height))
+    return Frame(path.stem, name, camera, pose, held, labels, time=time)
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -167,23 +168,14 @@ def _of_picture(path: Path) -> Gathered:
         got = path.suffix or "no suffix"
         raise ArgumentError(f"{path}: expected a picture {', '.join(PICTURES)}, got {got}")
     camera = create("equirectangular", width=width, height=height)
-    frame = Frame(path.stem, "picture", camera, Pose.from_angles((0, 0, 0)), {"lit": path}, {})
+    files = ImageFiles({"lit": path}, (width, height))
+    frame = Frame(path.stem, "picture", camera, Pose.from_angles((0, 0, 0)), files, {})
     return Gathered([frame], placed=False, flat=width != 2 * height)
 
 
 def _json(path: Path) -> Any:
-    try:
-        return json.loads(read_bytes(path, _LARGEST_JSON))
-    except (ValueError, RecursionError) as cause:
-        raise ArgumentError(f"{path}: expected JSON, got: {cause}") from cause
-
-
-def _is_recording(path: Path) -> bool:
-    """Whether a file is a database, as recordings are."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_SQLITE_HEADER)) == _SQLITE_HEADER
+    with within(path):
+        return parse_json(read_bytes(path, MOST_JSON_BYTES))
 
 
 def _compose(path: Path, out: Path, size: tuple[int, int], progress: Progress | None) -> str:

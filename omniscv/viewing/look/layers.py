@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset import Frame
-from omniscv.errors import ArgumentError
 from omniscv.parallel import side_by_side
 
 _PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -70,12 +69,8 @@ def _packed_layer(frame: Frame, name: str) -> dict[str, Any]:
         bgr = np.ascontiguousarray(uint8_colors(frame.layer(name))[..., ::-1])
         return {"form": kind, "type": "image/png", "data": text(cv2.imencode(".png", bgr)[1].tobytes())}
     values = frame.layer(name)
-    size = frame.camera.height, frame.camera.width
-    if values.shape[:2] != size:
-        wanted = f"expected {size[1]}x{size[0]} px, as its camera has"
-        raise ArgumentError(f"{path}: {wanted}, got {values.shape[1]}x{values.shape[0]}")
     if kind == "vectors":
-        return {"form": kind, **pack(np.rint(127 * np.nan_to_num(values)).astype(np.int8))}
+        return {"form": kind, **pack(np.rint(127 * np.nan_to_num(values).clip(-1, 1)).astype(np.int8))}
     if kind == "scalar":
         exact = values.astype(np.float32)
         known = exact[np.isfinite(exact) & (exact > 0)]

@@ -3,14 +3,12 @@
 A line is a flat list ``[u0, v0, u1, v1, ...]``, px.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from omniscv.dataset import Frame
-from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.viewing.overlays import BoxKind, box_lines
 
@@ -19,14 +17,9 @@ _KINDS: tuple[BoxKind, ...] = ("boxes", "boxes3d")
 
 
 def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
-    """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``.
-
-    Raises:
-        ArgumentError: records of another form.
-    """
-    with _records(frame, "truth"):
-        kinds = [kind for kind in _KINDS if frame.truth.get(kind)]
-        return {kind: [_box(frame, kind, record) for record in frame.truth[kind]] for kind in kinds}
+    """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``."""
+    kinds = [kind for kind in _KINDS if frame.truth.get(kind)]
+    return {kind: [_box(frame, kind, record) for record in frame.truth[kind]] for kind in kinds}
 
 
 def _box(frame: Frame, kind: BoxKind, record: Mapping[str, Any]) -> dict[str, Any]:
@@ -41,12 +34,8 @@ def layout(frame: Frame) -> dict[str, Any] | None:
     ``edges`` have ``kind``, ``line``, and visibility in the empty room and in the furnished one: ``room``,
     ``seen``; ``corners`` have ``pixel`` in place of ``line``. ``floor`` is (N, 2), the room from above, world
     frame, metres.
-
-    Raises:
-        ArgumentError: a record of another form.
     """
-    with _records(frame, "layout"):
-        return _layout(frame.layout) if frame.layout else None
+    return _layout(frame.layout) if frame.layout else None
 
 
 def _layout(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -73,15 +62,6 @@ def _layout(record: Mapping[str, Any]) -> dict[str, Any]:
     ]
     floor = [corner["world"][:2] for corner in record["corners"] if corner["kind"] == "floor"]
     return {"edges": edges, "corners": corners, "floor": floor}
-
-
-@contextmanager
-def _records(frame: Frame, kind: str) -> Iterator[None]:
-    """Turn errors of malformed records into an ArgumentError that names their file."""
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
-        raise ArgumentError(f"{frame.files[kind]}: expected {kind} records, got: {cause!r}") from cause
 
 
 def _parts(pixels: Array) -> Iterable[list[float]]:

@@ -3,6 +3,7 @@
 The process is one that speaks as Blender does: tests/support/fake_blender.py.
 """
 
+import json
 import os
 import pickle
 
@@ -17,7 +18,7 @@ from support.recordings import contents
 import omniscv
 from omniscv import jobs
 from omniscv.diagnostics.doctor import examine_address
-from omniscv.errors import ArgumentError, DeadlineError, OmniscvError, SourceError
+from omniscv.errors import ArgumentError, BadReplyError, DeadlineError, OmniscvError, SourceError
 from omniscv.sources.blender.settings import INSIDE, blender_command
 
 SIZE = 8
@@ -126,6 +127,52 @@ def test_a_program_that_is_not_blender_is_one_clear_sentence(tmp_path):
         omniscv.open_source(f"blender://{tmp_path / 'room.blend'}?blender={program}")
 
 
+STRANGE = {
+    "no version": {"hello": {}},
+    "another version": {"hello": {"version": "five"}},
+    "a version without numbers": {"hello": {"version": [None, {}]}},
+    "a list": {"hello": []},
+    "noise without end": {"noise": -1},
+    "no objects": {"opened": {"objects": 5}},
+    "objects without ids": {"opened": {"objects": {"Floor": [1]}}},
+    "two objects of one id": {"opened": {"objects": {"Floor": 1, "Roof": 1}}},
+    "an id beyond 16 bits": {"opened": {"objects": {"Floor": 1 << 40}}},
+    "a frame that is none": {"opened": {"frame": "first"}},
+    "a FIFO as a linked file": {"opened": {"libraries": ["FIFO"]}},
+    "a device as a linked file": {"opened": {"libraries": ["/dev/zero"]}},
+    "what it was not asked for": {"opened": {"secret": 1}},
+}
+
+
+@pytest.mark.parametrize("faults", STRANGE.values(), ids=STRANGE)
+def test_a_program_that_answers_nonsense_is_one_clear_sentence_and_is_ended(faults, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    faults = json.loads(json.dumps(faults).replace("FIFO", str(tmp_path / "fifo")))
+    with pytest.raises(OmniscvError) as error:
+        omniscv.open_source(blender.fake(tmp_path, **faults), retries=1)
+    assert len(str(error.value).splitlines()) == 1
+    assert not psutil.Process().children()
+
+
+@pytest.mark.parametrize(
+    "boxes",
+    [5, {"Floor": 1}, {"Floor": [[0], [[1]], []]}, {"Floor": [[0] * 3, [[1e300] * 3] * 3, [1] * 3]}],
+)
+def test_boxes_that_are_none_are_one_clear_sentence(boxes, tmp_path):
+    with (
+        omniscv.open_source(blender.fake(tmp_path, boxes=boxes), retries=0) as source,
+        pytest.raises(
+            BadReplyError, match="expected Blender to measure its objects, got another reply: boxes"
+        ),
+    ):
+        source.geometry()
+
+
+def test_much_noise_before_the_start_is_skipped(tmp_path):
+    """A byte costs as much as the one before, or this does not end."""
+    omniscv.open_source(blender.fake(tmp_path, noise=1_000_000)).close()
+
+
 def test_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
     omniscv.open_source(blender.fake(tmp_path, world=False)).close()
     assert caplog.messages == ["room.blend: the scene has no world: pixels without an object are black"]
@@ -139,7 +186,7 @@ def test_killed_in_every_render_it_completes_with_equal_bytes(whole, tmp_path):
     assert contents(tmp_path / "room.sqlite") == whole
 
 
-@pytest.mark.parametrize("fault", ["garbage", "small", "no_picture"])
+@pytest.mark.parametrize("fault", ["garbage", "small", "no_picture", "unknown", "fifo", "link"])
 def test_a_reply_that_is_wrong_once_is_made_again(fault, whole, tmp_path):
     recorded(blender.fake(tmp_path, **{fault: [2]}), tmp_path / "room.sqlite")
     assert len(blender.renders(tmp_path)) == RENDERS + 1

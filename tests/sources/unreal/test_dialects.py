@@ -7,7 +7,7 @@ from support.unreal import MODES, PawnThatFalls, agrees, many_balls, pawn_that_s
 
 import mock_server
 import omniscv
-from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
+from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
 from omniscv.sources import Capabilities, Request, View
 from omniscv.sources.registry import known_capabilities
@@ -139,6 +139,16 @@ def test_a_window_that_is_higher_than_wide_is_refused():
         omniscv.open_source(server.uri)
 
 
+def test_a_window_that_shows_too_little_is_reported():
+    """As it opens, 640 x 480: colour and depth can be widened until they show 90 degrees up and down too."""
+    camera = omniscv.cameras.create("equirectangular", width=64, height=32)
+    pose = omniscv.Pose.from_angles(CENTER)
+    with omniscv.open_source("mock://four-wall?dialect=0.3.10&size=64x48") as source:
+        assert omniscv.render(camera, pose, source, ("lit", "depth")).valid.all()
+        with pytest.raises(MissingCaptureError, match=r"they came as 64 x 48 of 90 degrees.*square pictures"):
+            omniscv.render(camera, pose, source, ("object_mask",))
+
+
 def test_mask_colours_are_ones_that_vertex_colours_show():
     """With more objects than the 26 first colours, whose channels are 0, 127 and 255, some would change."""
     scene = mock_server.Scene("balls", {"objects": many_balls()})
@@ -237,15 +247,13 @@ def test_a_view_higher_than_wide_is_refused(source):
 
 
 @pytest.mark.parametrize("dialect", ["0.3.10", "N2"])
-def test_a_closed_source_stays_closed(dialect):
+def test_a_source_that_is_closed_among_captures_stays_closed(dialect):
     with serve(dialect) as server:
         with omniscv.open_source(server.uri) as source:
             captures = source.capture(FACES * 2)  # more than one batch
             next(captures)
-        for use in (lambda: list(captures), lambda: list(source.capture(FACES[:1])), source.objects):
-            with pytest.raises(SourceError, match="expected an open source, got"):
-                use()
-        source.close()
+        with pytest.raises(SourceError, match="expected an open source, got"):
+            list(captures)
         assert server.statistics.total("vget /unrealcv/version") <= 4
 
 

@@ -22,12 +22,20 @@ def test_what_stays_equal_is_a_lookalike_and_accepted_at_once_the_next_time():
     assert stale.lag == 0
 
 
-def test_one_fresh_mode_stands_for_all_or_only_for_itself():
-    for each_mode in (False, True):
-        stale = StaleFrames(each_mode=each_mode)
-        stale.note("A", {"lit": b"a", "depth": b"1"})
-        assert stale.accepts("B", {"lit": b"b"})
-        assert stale.accepts("B", {"depth": b"1"}) is not each_mode
+def test_one_fresh_mode_says_nothing_of_another():
+    stale = StaleFrames()
+    stale.note("A", {"lit": b"a", "depth": b"1"})
+    assert stale.accepts("B", {"lit": b"b"})
+    assert not stale.accepts("B", {"depth": b"1"})
+
+
+def test_single_stale_frames_do_not_raise_the_lag_without_end():
+    stale = StaleFrames()
+    stale.note("0", {"lit": b"0"})
+    for i in range(1, 10):
+        assert not stale.accepts(str(i), {"lit": b"%d" % (i - 1)})
+        assert stale.accepts(str(i), {"lit": b"%d" % i})
+    assert stale.lag == SETTLED
 
 
 def test_a_new_connection_forgets_frames_and_keeps_the_lag():

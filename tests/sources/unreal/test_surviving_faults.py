@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 from support.faces import face_requests
-from support.unreal import MODES
+from support.unreal import MODES, relayed
 
 import mock_server
 import omniscv
@@ -122,8 +122,10 @@ SOAK = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.soak)])
-def test_all_faults_now_and_then_lose_and_spoil_nothing(count, truth):
+@pytest.mark.soak
+@pytest.mark.timeout(1200)
+def test_all_faults_now_and_then_lose_and_spoil_nothing(truth):
+    count = 10_000
     picks = np.random.default_rng(count).integers(len(REQUESTS), size=count)
     with (
         mock_server.serve("four-wall", faults=SOAK, seed=count) as server,
@@ -283,6 +285,24 @@ def test_stale_pictures_never_count(server, truth, order, fault):
     with live(server) as source:
         assert payloads(source, requests) == [wanted[request] for request in requests]
     assert server.faults.struck["stale"]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_picture_from_before_in_one_mode_alone_never_counts(mode, server, truth):
+    """Every third picture of the mode is the one before, under the right id."""
+    pictures = []
+
+    def change(command, forward):
+        reply = forward(command)
+        if not command.startswith("vget /camera/1/") or mode.removesuffix("s") not in command:
+            return reply
+        pictures.append(reply)
+        return pictures[-2] if len(pictures) % 3 == 0 else reply
+
+    with relayed(server, change) as uri, omniscv.open_source(uri, timeout_s=20) as source:
+        assert payloads(source, REQUESTS) == truth
+        assert payloads(source, REQUESTS) == truth
+    assert len(pictures) > 2 * len(REQUESTS) // len(MODES)
 
 
 def test_a_camera_without_lag_costs_no_more_than_its_first_pictures(server):

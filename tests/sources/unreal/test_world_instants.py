@@ -37,6 +37,7 @@ def test_a_puppet_shows_the_scene_at_any_time(dialect):
             with source.at(instant) as still:
                 assert server.world.paused
                 assert still.state == source.state == instant.state
+                assert source.instant is source.instant  # described once, not at every capture
                 assert not wrong(still, SCENE.at(time_s))
             assert not server.world.paused
             assert (source.state, source.instant.poses) == ("", {})

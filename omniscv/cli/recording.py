@@ -1,0 +1,135 @@
+"""``omniscv recording``: inspect, check and convert recordings."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Exit, Option, Typer
+
+from omniscv.arguments import one_of
+from omniscv.cli import console, options
+from omniscv.cli.progress import StyleOption, display
+
+_HELP = "Inspect recordings, check, join and divide them, convert them to folders and back."
+app = Typer(name="recording", help=_HELP, no_args_is_help=True, add_completion=False)
+
+_MOST_NAMES = 5  # of objects in a line
+
+# Texts: as a path, a URL would lose a slash.
+Recording = Annotated[str, Argument(metavar="FILE", help="A recording, by path or URL.")]
+Written = Annotated[Path, Argument(metavar="FILE", help="A recording.")]
+
+
+@app.command(epilog="Example: omniscv recording info room.sqlite")
+def info(file: Recording, as_json: options.AsJson = False) -> None:
+    """Show what a recording holds and where it came from."""
+    from omniscv.sources.recording import inspection
+
+    summary = asdict(inspection.info(file))
+    if as_json:
+        console.as_json(summary)
+        return
+    states = summary.pop("states")
+    console.summary(summary)
+    if states.keys() - {""}:
+        console.table(("state", "captures", "time", "placed", "hidden"), map(_state_row, states.items()))
+
+
+def _state_row(item: tuple[str, dict[str, Any]]) -> tuple[str, ...]:
+    """Return a row of the table of states."""
+    name, state = item
+    known = state["instant"] or {"time": None, "poses": {}, "hidden": []}
+    time = "" if known["time"] is None else f"{known['time']:.9g} s"
+    names = (", ".join(sorted(known[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
+    return name or "still", str(state["captures"]), time, *names
+
+
+@app.command(epilog="Example: omniscv recording check room.sqlite")
+def check(file: Recording) -> None:
+    """Check a recording: its structure, and every capture against its checksums. Exit code 1 if damaged."""
+    from omniscv.sources.recording import inspection
+
+    report = inspection.verify(file)
+    for line in report.lines():
+        console.line(line)
+    raise Exit(0 if report.ok else 1)
+
+
+app.command("verify", hidden=True)(check)  # its name before
+
+
+@app.command(epilog="Example: omniscv recording export room.sqlite faces/")
+def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or new folder.")]) -> None:
+    """Write a recording as a folder of images and JSON."""
+    from omniscv.sources.recording import folders
+
+    console.line(f"{folder}: {folders.export(file, folder)} captures")
+
+
+@app.command("import", epilog="Example: omniscv recording import skybox/ mine.sqlite --position 0,0,1.5")
+def import_(
+    pictures: Annotated[Path, Argument(help="A folder of captures or of six faces, or one picture of them.")],
+    file: Written,
+    layout: Annotated[str, Option(help="auto, or one of docs/capture-folders.md.")] = "auto",
+    position: Annotated[str, Option(metavar="X,Y,Z", help="Of the six faces, metres.")] = "0,0,0",
+    yaw: Annotated[float, Option(help="Of the front face, degrees to the left.")] = 0.0,
+    depth: Annotated[str, Option(help="planar-m, ray-cm and so on; or carla.")] = "planar-m",
+) -> None:
+    """Add pictures that other tools rendered, or an exported folder, to a recording."""
+    from omniscv.sources.recording import folders, importing
+
+    if (pictures / folders.INDEX).exists():
+        console.line(f"{file}: {folders.import_folder(pictures, file)} captures")
+        return
+    at = options.numbers("--position", position)
+    added = importing.import_pictures(pictures, file, layout, position=at, yaw_deg=yaw, depth=depth)
+    for line in (*added.lines, f"{file}: {added.captures} captures"):
+        console.line(line)
+
+
+@app.command(epilog="Example: omniscv recording merge house.sqlite room.sqlite kitchen.sqlite")
+def merge(
+    out: Annotated[str, Argument(metavar="OUT", help="What gets them, new or there: path or URL.")],
+    files: Annotated[list[str], Argument(metavar="FILE...", help="Recordings of one scene, by path or URL.")],
+    progress: StyleOption = None,
+) -> None:
+    """Join recordings into one, all or nothing; what OUT holds already is left out."""
+    from omniscv.sources import recording
+    from omniscv.storage import without_secrets
+
+    with display("recordings", progress) as shown:
+        added = recording.merge(out, files, shown.steps)
+    console.line(f"{without_secrets(out)}: {added} captures added")
+
+
+@app.command(epilog="Example: omniscv recording split room.sqlite --by place --out rooms")
+def split(
+    file: Recording,
+    out: Annotated[str, Option(help="An empty or new folder: path or URL.")],
+    by: Annotated[str, Option(help="place: of optical centres that are near each other.")] = "place",
+    distance: Annotated[float, Option(help="Metres between neighbours of one place, at most.")] = 0.5,
+) -> None:
+    """Write a recording for each place; each replays what was captured there."""
+    from omniscv.sources import recording
+    from omniscv.storage import folder
+
+    one_of("by", by, ("place",))
+    for name, count in recording.split(file, out, distance):
+        console.line(f"{folder(out)}/{name}: {count} captures")
+
+
+@app.command(epilog="Example: omniscv recording places room.sqlite")
+def places(file: Recording, as_json: options.AsJson = False) -> None:
+    """List the optical centres of a recording, and what was captured at each."""
+    from omniscv.sources.recording import inspection
+
+    found = inspection.centers(file)
+    if as_json:
+        console.as_json([asdict(each) for each in found])
+        return
+    rows = []
+    for each in found:
+        position = " ".join(f"{value:.5g}" for value in each.center)
+        captures = " ".join(f"{count} {mode}" for mode, count in each.captures.items())
+        rows.append((position, captures, each.state or "still"))
+    console.table(("position m", "captures", "state"), rows)

@@ -1,0 +1,332 @@
+"""Seams between the six faces of a cube: measured, explained by gains, and closed.
+
+Engines compute bloom, reflections and exposure for each picture alone, so that the faces of one place differ
+at their edges. The step of an edge is the mean difference across it, less that between pixels beside it.
+Exposure multiplies light, so gains are estimated in the logarithm of light, robustly, and count only where
+they explain the steps. What is left is closed by a membrane: the smoothest correction that removes the steps,
+falls off within a tenth of a face and stops at outlines. It is cosmetic: colours become continuous, not
+truer.
+
+Sources: M. Brown, D. G. Lowe, IJCV 74, 2007 (gains); M. J. Black, A. Rangarajan, IJCV 19, 1996 (graduated
+non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman et al., 2009 (membranes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.geometry import Array
+from omniscv.light import decode, encode, light_of_codes
+from omniscv.sources.base import View
+
+SIDES = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])  # top, right, bottom, left
+_SAME = 1e-3  # directions of the middles of edges
+_BLOCKS = 64  # of an edge, for gains
+_CODES = 10, 245  # beyond, pictures are too dark, or clipped
+_SCALES = 1.0, 0.3, 0.1, 0.05, 0.03, 0.02  # of residuals of gains, lowered step by step
+_PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
+_EXPLAINED, _GAIN = 0.3, 0.01  # the least that gains explain, and by which one differs from 1
+_CLIPPED = 1e-3  # share of the pixels
+_GAINS = 0.25, 4.0
+_RESIDUAL = 0.03  # of the logarithm, counts as unexplained
+
+_CELLS = 64  # of the membrane, along a face
+_REACH = 0.1  # face widths within which a correction falls to 1/e
+_OUTLINE = 12.0  # levels between cells at which a correction stops
+_COUPLING = 20.0
+_SURE = 1.5  # steps within so many of their standard errors are texture
+_SMOOTH_PX, _FADE_PX = 8, 16  # of what the cells leave, along the edge and into the face
+RELIT = 2.0
+"""Levels: pixels that change by more are marked ``relit``."""
+
+
+class Edge(NamedTuple):
+    """Two faces and their sides (top, right, bottom, left) that meet."""
+
+    a: int
+    side_a: int
+    b: int
+    side_b: int
+
+
+@dataclass(frozen=True, eq=False)
+class Cube:
+    """Six square pictures that together see every direction once.
+
+    Attributes:
+        views: of 90 degrees, at one centre, in any orientation.
+        pixels: (6, s, s, 3) uint8.
+        border: px that were captured beyond the 90 degrees on every side, and are left out.
+    """
+
+    views: tuple[View, ...]
+    pixels: NDArray[np.uint8]
+    border: int = 0
+
+    @classmethod
+    def of(cls, views: Sequence[View], pixels: Sequence[NDArray[Any]]) -> Cube | None:
+        """Return the cube that views and their pixels are; None for other views, and for floats."""
+        alike = {(view.width, view.height, round(view.fov_deg, 3)) for view in views}
+        if len(views) != 6 or len(alike) > 1 or any(each.dtype != np.uint8 for each in pixels):
+            return None
+        border = round(views[0].width / 2 - views[0].focal_px)
+        size = views[0].width - 2 * border
+        if views[0].width != views[0].height or border < 0 or size < 2:
+            return None
+        inner = slice(border, border + size)
+        faces = tuple(View(view.pose, 90, size, size) for view in views)
+        cube = cls(faces, np.stack([each[inner, inner] for each in pixels]), border)
+        return cube if len(cube.edges) == 12 else None
+
+    @cached_property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges at which two faces meet: twelve."""
+        middles = [
+            (face, side, view.pose.R_w_c @ np.add(SIDES[side], (0, 0, 1)))
+            for face, view in enumerate(self.views)
+            for side in range(4)
+        ]
+        return tuple(
+            Edge(a, i, b, j)
+            for k, (a, i, p) in enumerate(middles)
+            for b, j, q in middles[k + 1 :]
+            if a != b and np.abs(p - q).max() < _SAME
+        )
+
+    def lines(self, edge: Edge, depth: int = 2) -> tuple[Array, Array]:
+        """Return (depth, s, 3) rows of both faces, the outermost first, in the same order along the edge."""
+        a, b = (
+            np.rot90(self.pixels[face], side)[:depth].astype(np.float64)
+            for face, side in ((edge.a, edge.side_a), (edge.b, edge.side_b))
+        )
+        return a, b[:, ::-1]
+
+    def at_edge(self, edge: Edge) -> tuple[Array, Array]:
+        """Return (s, 3) colours of both faces on the edge itself, extrapolated from two rows."""
+        a, b = (1.5 * lines[0] - 0.5 * lines[1] for lines in self.lines(edge))
+        return a, b
+
+    def steps(self) -> Array:
+        """Return (12,) the step across each edge, levels, less what pixels beside it differ by."""
+        steps = []
+        for edge in self.edges:
+            a, b = self.lines(edge)
+            inside = (np.abs(a[0] - a[1]).mean() + np.abs(b[0] - b[1]).mean()) / 2
+            steps.append(np.abs(a[0] - b[0]).mean() - inside)
+        return np.array(steps)
+
+
+class Gains(NamedTuple):
+    """Factors of light that bring faces together.
+
+    Attributes:
+        gains: (6,) of mean 1 (geometric): multiply light by them.
+        explained: share of the steps that they explain, 0 to 1.
+        proven: whether they explain enough to be applied, and change anything.
+    """
+
+    gains: Array
+    explained: float
+    proven: bool
+
+
+def estimate_gains(cube: Cube, transfer: str) -> Gains:
+    """Return the gains of the faces in linear light, by a robust fit to the logarithms along the edges."""
+    rows, differences = [], []
+    for edge in cube.edges:
+        a, b = cube.at_edge(edge)
+        usable = np.all((np.minimum(a, b) > _CODES[0]) & (np.maximum(a, b) < _CODES[1]), axis=-1)
+        light_a, light_b = (light_of_codes(np.clip(codes, 1, 255), transfer) for codes in (a, b))
+        ratio = np.log(light_a / light_b).mean(axis=-1)
+        for block in np.array_split(np.arange(len(ratio)), min(_BLOCKS, len(ratio))):
+            chosen = ratio[block[usable[block]]]
+            if chosen.size:
+                rows.append((edge.a, edge.b))
+                differences.append(float(np.median(chosen)))
+    if not rows:
+        return Gains(np.ones(6), 0.0, False)
+    index, y = np.array(rows), np.array(differences)
+    logs: Array = np.zeros(6)
+    for scale in _SCALES:
+        for _ in range(5):
+            off = y + logs[index[:, 0]] - logs[index[:, 1]]
+            weight = 1 / (1 + (off / scale) ** 2) ** 2
+            A, rhs = np.eye(6) * _PRIOR**2 * len(y) / 12, np.zeros(6)
+            np.add.at(A, (index[:, 0], index[:, 0]), weight)
+            np.add.at(A, (index[:, 1], index[:, 1]), weight)
+            np.add.at(A, (index[:, 0], index[:, 1]), -weight)
+            np.add.at(A, (index[:, 1], index[:, 0]), -weight)
+            np.add.at(rhs, index[:, 0], -weight * y)
+            np.add.at(rhs, index[:, 1], weight * y)
+            logs = np.asarray(np.linalg.solve(A, rhs))
+    logs -= logs.mean()
+    after = y + logs[index[:, 0]] - logs[index[:, 1]]
+    before, left = (np.minimum((each / _RESIDUAL) ** 2, 1).sum() for each in (y, after))
+    explained = float(1 - left / before) if before > 0 else 0.0
+    gains = np.exp(logs)
+    return Gains(gains, explained, bool(explained > _EXPLAINED and np.abs(gains - 1).max() > _GAIN))
+
+
+def apply_gains(pixels: NDArray[np.uint8], gains: Array, transfer: str) -> NDArray[np.uint8]:
+    """Return (6, s, s, 3) pixels whose light is multiplied by a gain for each face; lowered if many clip."""
+    table = decode(np.arange(256, dtype=np.uint8), transfer)
+    clipped = [(table[face] * gain > table[-1]).mean() for face, gain in zip(pixels, gains, strict=True)]
+    if np.mean(clipped) > _CLIPPED:
+        gains = gains / gains.max()
+    return np.stack([encode(table * gain, transfer)[face] for face, gain in zip(pixels, gains, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """Colours of one place whose faces agree at their edges.
+
+    Attributes:
+        pixels: as captured, (h, w, 3) each.
+        relit: (h, w) bool each, changed by more than :data:`RELIT`.
+        report: for the image's JSON: steps across edges before and after, gains, changes; why it was refused.
+    """
+
+    pixels: tuple[NDArray[Any], ...]
+    relit: tuple[NDArray[np.bool_], ...]
+    report: dict[str, Any]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory."""
+        return sum(each.nbytes for each in (*self.pixels, *self.relit))
+
+
+def mend(views: Sequence[View], pixels: Sequence[NDArray[Any]], method: str, transfer: str) -> Mended:
+    """Return the colours of one place, with gains or closed where it is a cube; else as captured.
+
+    Args:
+        views: of one centre.
+        pixels: (h, w, 3) of each.
+        method: ``gains`` or ``close``.
+        transfer: of the colours; gains need to know it.
+    """
+    cube = Cube.of(views, pixels)
+    if cube is None:
+        return _refused(pixels, "expected six 8-bit faces of a cube")
+    gains = estimate_gains(cube, transfer)
+    known = transfer != "unknown" and _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
+    report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
+    mended = cube
+    if gains.proven and known:
+        mended = Cube(cube.views, apply_gains(cube.pixels, gains.gains, transfer))
+        report["gains"] = gains.gains.round(4).tolist()
+    elif method == "gains":
+        return _refused(
+            pixels, f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}", report
+        )
+    if method == "close":
+        mended = Cube(cube.views, close(mended))
+    if np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
+        return _refused(pixels, "expected smaller steps, got larger ones", report)
+    border = cube.border
+    change = mended.pixels.astype(np.int16) - cube.pixels
+    report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(np.abs(change).mean())}
+    wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
+    colors = tuple(
+        np.clip(each + more, 0, 255).astype(np.uint8) for each, more in zip(pixels, wide, strict=True)
+    )
+    return Mended(colors, tuple((np.abs(more) > RELIT).any(axis=-1) for more in wide), report)
+
+
+def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | None = None) -> Mended:
+    relit = tuple(np.zeros(each.shape[:2], np.bool_) for each in pixels)
+    return Mended(tuple(pixels), relit, {**(report or {}), "refused": why})
+
+
+def _in_numbers(steps: Array) -> dict[str, float]:
+    """Median, 90th percentile and largest of steps, levels."""
+    return {
+        "median": float(np.median(steps)),
+        "p90": float(np.quantile(steps, 0.9)),
+        "worst": float(steps.max()),
+    }
+
+
+def close(cube: Cube) -> NDArray[np.uint8]:
+    """Return (6, s, s, 3) pixels whose seams are closed by a membrane on the cube, in codes."""
+    import cv2
+
+    size = cube.pixels.shape[1]
+    cells = min(_CELLS, size)
+    membrane = _membrane(cube, cells)
+    corrected = cube.pixels + np.stack(
+        [cv2.resize(face, (size, size), interpolation=cv2.INTER_LINEAR) for face in membrane]
+    )
+    fade = np.clip(1 - np.arange(min(_FADE_PX, size // 2)) / _FADE_PX, 0, 1)[:, None, None] ** 2
+    left = np.zeros_like(corrected)
+    for edge in cube.edges:
+        half = _left_over(corrected, edge) / 2
+        np.rot90(left[edge.a], edge.side_a)[: len(fade)] -= fade * half
+        np.rot90(left[edge.b], edge.side_b)[: len(fade)] += fade * half[::-1]
+    return np.asarray(np.clip(np.rint(corrected + left), 0, 255), np.uint8)
+
+
+def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
+    """(6, cells, cells, 3) the correction of least ``w |grad u|^2 + m (u_a - u_b + D)^2 + u^2 / l^2``."""
+    import cv2
+    from scipy.sparse import coo_array, csc_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    means = np.stack(
+        [
+            cv2.resize(face.astype(np.float32), (cells, cells), interpolation=cv2.INTER_AREA)
+            for face in cube.pixels
+        ]
+    )
+    index = np.arange(6 * cells * cells).reshape(6, cells, cells)
+    pairs, weights = list[NDArray[np.int64]](), list[Array]()
+    for axis in (1, 2):
+        first, second = (np.take(index, np.arange(s, cells - 1 + s), axis=axis).ravel() for s in (0, 1))
+        change = np.abs(np.diff(means, axis=axis)).max(axis=-1).ravel()
+        pairs.append(np.stack([first, second]))
+        weights.append(1 / (1 + (change / _OUTLINE) ** 2))
+    pull = np.zeros((index.size, 3))
+    for edge in cube.edges:
+        a = np.rot90(index[edge.a], edge.side_a)[0]
+        b = np.rot90(index[edge.b], edge.side_b)[0][::-1]
+        step = _steps_of_cells(cube, edge, cells)
+        pairs.append(np.stack([a, b]))
+        weights.append(np.full(cells, _COUPLING))
+        np.add.at(pull, a, -_COUPLING * step)
+        np.add.at(pull, b, _COUPLING * step)
+    (i, j), w = np.concatenate(pairs, axis=1), np.concatenate(weights)
+    off = coo_array((-w, (i, j)), (index.size, index.size)).tocsr()
+    off = off + off.T
+    diagonal = -off.sum(axis=1) + 1 / (_REACH * cells) ** 2
+    solved = splu(
+        csc_array(off + diags_array(diagonal)), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+    )
+    return np.asarray(solved.solve(pull), np.float32).reshape(6, cells, cells, 3)
+
+
+def _steps_of_cells(cube: Cube, edge: Edge, cells: int) -> Array:
+    """(cells, 3) median step a - b, 0 where it is no more than texture."""
+    a, b = cube.at_edge(edge)
+    blocks = np.array_split(a - b, cells)
+    medians = np.array([np.median(block, axis=0) for block in blocks])
+    spread = np.array([np.median(np.abs(block - np.median(block, axis=0)), axis=0) for block in blocks])
+    error = 1.4826 * spread * np.sqrt(np.pi / 2 / (len(a) / cells))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sure = np.where(medians == 0, 0, np.maximum(0, 1 - (_SURE * error / medians) ** 2))
+    return np.asarray(medians * sure)
+
+
+def _left_over(corrected: NDArray[Any], edge: Edge) -> Array:
+    """(s, 3) what is left of the step a - b, smoothed along the edge; in the order of a."""
+    import cv2
+
+    a = np.rot90(corrected[edge.a], edge.side_a)
+    b = np.rot90(corrected[edge.b], edge.side_b)[:, ::-1]
+    step = (1.5 * a[0] - 0.5 * a[1]) - (1.5 * b[0] - 0.5 * b[1])
+    return np.asarray(cv2.blur(step[None], (_SMOOTH_PX, 1), borderType=cv2.BORDER_REPLICATE)[0])

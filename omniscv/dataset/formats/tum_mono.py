@@ -1,0 +1,76 @@
+"""Photometric calibration as in TUM's monocular visual odometry datasets, which DSO reads.
+
+Each camera has a folder of its pictures behind the sensor, in the order of their times::
+
+    CAMERA/images/00000.png ...   the layer 'sensor'
+    CAMERA/times.txt              a line for each picture: number, seconds, milliseconds of exposure
+    CAMERA/pcalib.txt             light, 0 to 255, of each code: the inverse of sRGB
+    CAMERA/vignette.png           16 bits: the sensor's shading, or white
+
+:mod:`omniscv.sensor.photometry` reads and writes these files.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omniscv.cameras import Camera
+from omniscv.dataset.pictures import write_pixels
+from omniscv.dataset.registry import Format, register
+from omniscv.dataset.sequences import by_camera
+from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
+from omniscv.records import checked, mapping, optional, record
+from omniscv.sensor import Sensor, optics, photometry
+
+
+@record
+class TumMonoOptions:
+    """Options of the format."""
+
+    sensor: Mapping[str, Any] | None = checked(
+        optional(mapping), default=None, help="the job's sensor, whose exposure and shading are written"
+    )
+
+
+class TumMono(Format):
+    """See the module."""
+
+    name = "tum_mono"
+    needs = ("sensor",)
+    keys = ("sensor",)
+    options = TumMonoOptions
+
+    def check_options(self, options: TumMonoOptions, cameras: Mapping[str, Camera]) -> None:
+        """Refuse shading of a file, which is a vignette already."""
+        if isinstance((options.sensor or {}).get("shading"), Mapping):
+            wanted = "expected natural shading or a table"
+            raise ArgumentError(
+                f"tum_mono: {wanted}, got a file, which is the vignette; leave the format out"
+            )
+
+    def write(self, frames: Sequence[Frame], out: Path, options: TumMonoOptions) -> list[Path]:
+        sensor, written = Sensor(**(options.sensor or {})), []
+        for name, mine in by_camera(frames).items():
+            folder, camera = out / name, mine[0].camera
+            numbered = [(f"{i:05d}", frame) for i, frame in enumerate(mine)]
+            for number, frame in numbered:
+                written.append(write_pixels(folder / "images" / f"{number}.png", frame.layer("sensor")))
+            times = [
+                (number, float(i) if frame.time is None else frame.time, sensor.exposure_s)
+                for i, (number, frame) in enumerate(numbered)
+            ]
+            shares = np.ones((camera.height, camera.width))
+            if sensor.shading is not None:
+                shares = np.asarray(optics.shading(camera, sensor.shading), np.float64)
+            written += [
+                photometry.write_times(folder / photometry.TIMES, times),
+                photometry.write_response(folder / photometry.RESPONSE, "srgb"),
+                photometry.write_vignette(folder / photometry.VIGNETTE, shares),
+            ]
+        return written
+
+
+register(TumMono())

@@ -1,0 +1,218 @@
+"""The files of a frame, checked where they are read: the one border between a dataset and its readers.
+
+:class:`FrameFiles` gives the path of a file only if it is a regular file in the folder of the dataset, with
+the size and the checksum of the manifest, and, of a layer, a picture of the camera's size. Each file is
+checked once. So what makes, checks, exports, packs, shows and loads frames reads the same bytes or raises the
+same :class:`~omniscv.errors.DatasetError`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from io import BufferedReader
+from pathlib import Path
+
+from omniscv import modalities, plugins
+from omniscv.arguments import shown, text, whole_number, within
+from omniscv.compose.files import check_header, formats
+from omniscv.errors import ArgumentError, DatasetError, MissingFileError
+from omniscv.storage import Folder
+from omniscv.storage.bounded import open_regular
+
+_SHA256 = re.compile("[0-9a-f]{64}")
+
+Size = tuple[int, int]
+"""Width and height, px."""
+
+IMAGE = "image"
+"""The kind of ``STEM.json`` among the files of a frame."""
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """A file of a frame, as the manifest lists it.
+
+    Attributes:
+        path: its name in the dataset's folder.
+        bytes: its size.
+        sha256: of its bytes, 64 lower-case hexadecimal digits: the cache of stores names folders by it.
+    """
+
+    path: str
+    bytes: int
+    sha256: str
+
+    def __post_init__(self) -> None:
+        name = self.path
+        if not isinstance(name, str) or name != os.path.basename(name) or name.startswith("."):
+            raise ArgumentError(f"path: expected the name of a file of the dataset, got {shown(self.path)}")
+        text("path", self.path)
+        whole_number("bytes", self.bytes, least=0)
+        if not isinstance(self.sha256, str) or not _SHA256.fullmatch(self.sha256):
+            raise ArgumentError(f"sha256: expected 64 hexadecimal digits, got {shown(self.sha256)}")
+
+    @classmethod
+    def of(cls, path: Path) -> FileEntry:
+        """Return the entry of a file as it is."""
+        with path.open("rb") as file:
+            return cls(path.name, os.fstat(file.fileno()).st_size, _checksum(file))
+
+    def fault(self, folder: Path, deep: bool = True) -> str | None:
+        """Return what is wrong with the file in a local folder, in a few words; None if nothing is.
+
+        Args:
+            folder: of the dataset.
+            deep: whether its bytes are read.
+        """
+        try:
+            with open_regular(folder / self.path, links=False) as file:
+                if (size := os.fstat(file.fileno()).st_size) != self.bytes:
+                    return f"expected {self.bytes} bytes, got {size}"
+                if deep and _checksum(file) != self.sha256:
+                    return "expected the bytes of its checksum, got other ones"
+        except FileNotFoundError:
+            return "expected a file, it is missing"
+        except ArgumentError as fault:
+            return fault.message
+        return None
+
+
+def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
+    """Return, by the kinds of files that a frame may have, how their names go on after its key.
+
+    Layers are pictures, all else is JSON: loaders choose what to do with a file by its suffix, and for some
+    they run what it holds.
+
+    Args:
+        records: the kinds that are files of records.
+    """
+    plugins.load()
+    pictures = (*formats(), "exr")
+    layers = {
+        row.name: frozenset(f".{row.name}.{suffix}" for suffix in pictures) for row in modalities.layers()
+    }
+    return {**layers, **{kind: frozenset([f".{kind}.json"]) for kind in records}, IMAGE: frozenset([".json"])}
+
+
+def _checksum(file: BufferedReader) -> str:
+    return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFiles(Mapping[str, Path]):
+    """The files of a frame of a dataset by kind: paths in a local folder, or of copies of a store's files.
+
+    Access checks a file; see the module. It raises DatasetError for one that is missing, or no such file, and
+    StorageError for a store that fails.
+
+    Attributes:
+        folder: of the dataset.
+        entries: the files by kind.
+        size: of the camera's images.
+        stand_in: a local folder that stands for that of a store while an export below it is written.
+    """
+
+    folder: Folder
+    entries: Mapping[str, FileEntry]
+    size: Size
+    stand_in: Path | None = None
+    _checked: set[str] = field(default_factory=set, repr=False)  # shared by copies of the record
+
+    def __getitem__(self, kind: str) -> Path:
+        entry = self.entries[kind]
+        if self.folder.local is None:
+            try:  # compared with its checksum each time: others use the cache, too
+                path = self.folder.fetch(entry.path, entry.sha256, entry.bytes)
+            except MissingFileError as fault:
+                raise DatasetError(str(fault)) from fault
+            wrong = None if kind in self._checked else _layer_fault(path, kind, self.size)
+        else:
+            path = self.folder.local / entry.path
+            wrong = self.fault(kind)
+        if wrong:
+            raise DatasetError(f"{self.folder}/{entry.path}: {wrong}")
+        self._checked.add(kind)
+        return path
+
+    def fault(self, kind: str) -> str | None:
+        """Return what is wrong with a file in a local folder, in a few words; None if nothing is."""
+        if kind in self._checked or self.folder.local is None:
+            return None
+        entry = self.entries[kind]
+        return entry.fault(self.folder.local) or _layer_fault(self.folder.local / entry.path, kind, self.size)
+
+    def __contains__(self, kind: object) -> bool:
+        return kind in self.entries
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def reference(self, kind: str, out: Path) -> str:
+        """Return the name of a file as seen from a folder; of a store its URL, unless it has a stand-in.
+
+        A local file is checked, one of a store is not fetched.
+        """
+        if self.folder.local is not None:
+            return relative(self[kind], out)
+        name = self.entries[kind].path
+        if self.stand_in is None or self.stand_in not in out.parents:
+            return f"{self.folder}/{name}"
+        return relative(self.stand_in / name, out)
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFiles(Mapping[str, Path]):
+    """The files of an image that is in no dataset, by kind. Access checks that a file is a regular one, and
+    that a layer has the camera's size; ArgumentError if not.
+
+    Attributes:
+        paths: by kind.
+        size: of the camera's images.
+    """
+
+    paths: Mapping[str, Path]
+    size: Size
+
+    def __getitem__(self, kind: str) -> Path:
+        path = self.paths[kind]
+        with within(path):
+            try:
+                open_regular(path, links=False).close()
+            except OSError as fault:
+                raise ArgumentError(f"expected a file, got: {fault.strerror}") from fault
+            if wrong := _layer_fault(path, kind, self.size):
+                raise ArgumentError(wrong)
+        return path
+
+    def __contains__(self, kind: object) -> bool:
+        return kind in self.paths
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.paths)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+
+def _layer_fault(path: Path, kind: str, size: Size) -> str | None:
+    """Return how a layer's file differs from a picture of the layer in the camera's size; None if it does
+    not, or is no layer's."""
+    if kind not in {row.name for row in modalities.layers()}:
+        return None
+    try:
+        check_header(path, kind, size)
+    except ArgumentError as fault:
+        return fault.message
+    return None
+
+
+def relative(file: Path, out: Path) -> str:
+    """Return the name of a file as seen from a folder."""
+    return Path(os.path.relpath(file, out)).as_posix()

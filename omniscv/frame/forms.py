@@ -1,0 +1,169 @@
+"""The forms of the records that the truths of this package write, checked when a file of records is read.
+
+Readers index records without asking whether a key is there: what another program has written, or changed,
+must have the form that its truth gives it. Records of truths that other packages register have any form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, get_args
+
+from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text, whole_number
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.geometry.pose import position_reader, rotation_reader
+from omniscv.geometry.scene_geometry import BoxSource
+from omniscv.records import listed, mapping, named, nested, optional
+
+if TYPE_CHECKING:
+    from omniscv.frame.frame import Frame
+
+
+def checked(kind: str, content: Any, frame: Frame) -> Any:
+    """Return the content of a file of records; ArgumentError if it has another form.
+
+    Args:
+        kind: of the file: ``truth``, with records by the names of their truths, or one that is one record.
+        content: plain values.
+        frame: whose records they are.
+    """
+    if kind == "layout":
+        _LAYOUT("layout", content)
+        _check_pixels(content, frame)
+    if kind == "truth":
+        records = mapping("truth", content)
+        for name in _TRUTHS.keys() & records.keys():
+            _TRUTHS[name](name, records[name])
+        for name in _OF_OBJECTS & records.keys():
+            for i, record in enumerate(records[name]):
+                _check_object(f"{name}[{i}]", record, frame)
+    return content
+
+
+def _check_object(where: str, record: Mapping[str, Any], frame: Frame) -> None:
+    """Raise ArgumentError for an object that the dataset does not have, or a mask of another image's size."""
+    if frame.instances.get(record["name"]) != record["instance_id"]:
+        got = f"{shown(record['name'])} as {record['instance_id']}"
+        raise ArgumentError(f"{where}: expected an object of the dataset with its instance id, got {got}")
+    width, height = frame.camera.width, frame.camera.height
+    for key, most in (("bbox", width), ("bbox_wrap", 2 * width)):
+        x, y, across, down = record.get(key, (0, 0, 1, 1))
+        if not (0 <= x < width and y >= 0 and 0 < across <= min(width, most - x) and 0 < down <= height - y):
+            raise ArgumentError(f"{where}.{key}: expected a box in the image, got {shown(record[key])}")
+    mask = record.get("segmentation")
+    if mask is not None and mask["size"] != [height, width]:
+        wanted = f"expected a mask of {height} x {width} px"
+        raise ArgumentError(f"{where}.segmentation: {wanted}, got {shown(mask['size'])}")
+
+
+def _check_pixels(layout: Mapping[str, Any], frame: Frame) -> None:
+    """Raise ArgumentError for a pixel of a layout that is not in the image."""
+    pixels = [pixel for edge in layout["edges"] for piece in edge["pieces"] for pixel in piece["pixels"]]
+    pixels += [corner["pixel"] for corner in layout["corners"] if corner["in_image"]]
+    if not pixels:
+        return
+    all_pixels = numbers("layout: pixels", pixels, (None, 2))
+    outside = ((all_pixels < 0) | (all_pixels > [frame.camera.width, frame.camera.height])).any(axis=1)
+    if outside.any():
+        got = shown(all_pixels[outside][0])
+        raise ArgumentError(f"layout: expected pixels in the image, got {got}")
+
+
+def _form(required: Mapping[str, Reader], **others: Reader) -> Reader:
+    """Return a reader of mappings with keys that must be there, and others; more keys may have any value."""
+
+    def read(name: str, value: object) -> dict[str, Any]:
+        record = mapping(name, value)
+        for key, reader in {**required, **others}.items():
+            if key in record:
+                reader(f"{name}.{key}", record[key])
+            elif key in required:
+                raise ArgumentError(f"{name}: missing key {key!r}")
+        return record
+
+    return read
+
+
+def _list(name: str, value: object) -> object:
+    """Any list, whose items are checked elsewhere."""
+    return listed(lambda _, item: item)(name, value)
+
+
+_BOX = partial(numbers, shape=(4,))
+_COUNT, _SHARE = partial(whole_number, least=0), partial(number, least=0, most=1)
+_OBJECT: dict[str, Reader] = {"instance_id": whole_number, "name": text}
+_ANGLES = ("lon", "lat", "fov_h", "fov_v", "rot")
+_SPHERICAL_KINDS = ("perspective", "lonlat")
+
+
+def _spherical_box(name: str, value: object) -> dict[str, Any]:
+    record = mapping(name, value, (*_ANGLES, "kind"))
+    form = dict.fromkeys(_ANGLES, partial(number, least=-360, most=360))
+    return dict(_form(form | {"kind": partial(one_of, words=_SPHERICAL_KINDS)})(name, record))
+
+
+_OF_OBJECTS = {"boxes", "bfov", "boxes3d", "amodal"}
+_TRUTHS: dict[str, Reader] = {
+    "poses": named(nested(Pose)),
+    "boxes": listed(
+        _form(
+            {**_OBJECT, "bbox": _BOX},
+            **{"class": optional(text)},
+            area=_COUNT,
+            bbox_wrap=_BOX,
+            crosses_seam=flag,
+            distance=optional(number),
+            truncated=_SHARE,
+        )
+    ),
+    "bfov": listed(_form({**_OBJECT, "bfov": _spherical_box, "rbfov": _spherical_box})),
+    "boxes3d": listed(
+        _form(
+            {
+                **_OBJECT,
+                **{"center_camera": position_reader, "size": position_reader, "truncated": _SHARE},
+                **{"R_camera_box": rotation_reader, "source": partial(one_of, words=get_args(BoxSource))},
+            },
+            **{"class": optional(text)},
+            partial=flag,
+        )
+    ),
+    "amodal": listed(
+        _form(
+            {**_OBJECT, "px_all": _COUNT, "visib_fract": _SHARE, "bbox": _BOX},
+            segmentation=_form({"size": _list, "counts": text}),
+        )
+    ),
+}
+_LAYOUT = _form(
+    {
+        "version": whole_number,
+        "corners": listed(
+            _form(
+                {
+                    "kind": partial(one_of, words=("floor", "ceiling")),
+                    **{
+                        "world": position_reader,
+                        "in_image": flag,
+                        "visible_room": flag,
+                        "visible": optional(flag),
+                    },
+                    "pixel": optional(partial(numbers, shape=(2,))),
+                }
+            )
+        ),
+        "edges": listed(
+            _form(
+                {
+                    "kind": partial(one_of, words=("floor", "ceiling", "vertical")),
+                    "planes": listed(text),
+                    "pieces": listed(
+                        _form({"pixels": _list, "visible_room": flag, "visible": optional(flag)})
+                    ),
+                }
+            )
+        ),
+    }
+)

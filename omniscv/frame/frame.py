@@ -1,0 +1,233 @@
+"""The record of a frame.
+
+:class:`Frame` is the only record of a frame. It is the same class at every step; each step fills in more of
+it:
+
+1. ``omniscv.make.moments`` plans it: key, camera, pose, time; for datasets place, split, scene and state.
+2. A truth is derived of it, an image and the world: :class:`omniscv.dataset.Observation`.
+3. ``omniscv.dataset.Writer`` writes its files: ``files`` are then :class:`FrameFiles`, with sizes and
+checksums.
+4. Its line in ``frames.jsonl`` is :meth:`Frame.to_dict`; :meth:`Frame.from_dict` reads it back.
+5. Formats, checks, viewers and loaders read ``files``, ``layer(name)``, ``truth`` and ``layout``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import optional_number, shown, stem, within
+from omniscv.cameras import Camera
+from omniscv.compose.files import read
+from omniscv.errors import ArgumentError, DatasetError
+from omniscv.frame import forms
+from omniscv.frame.files import FileEntry, FrameFiles, relative
+from omniscv.geometry import Pose
+from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+
+if TYPE_CHECKING:
+    from omniscv.truth.classes import ClassTable
+
+_MOST_PIXEL_BYTES = 32
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Frame:
+    """One image, and what is known of it. Formats read nothing else.
+
+    Attributes:
+        key: start of its file names, unique in the dataset; without a dot in datasets.
+        camera_name, camera: as the job or the dataset names it.
+        pose: of the camera, world frame.
+        files: by kind: a layer's name, ``truth`` (STEM.truth.json), ``layout`` (STEM.layout.json), or
+            ``image`` (STEM.json); empty before the frame is written.
+        instances: object name to the instance id that ``labels`` holds, the same in the whole dataset.
+        classes: of the dataset; None without.
+        time: seconds; None if poses have no times.
+        place: frames of one place are never split.
+        split: ``train``, ``val``, ``test``, ...; empty without splits.
+        scene: identity of what was captured; empty if it is not known.
+        state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
+    """
+
+    key: str
+    camera_name: str
+    camera: Camera
+    pose: Pose
+    files: Mapping[str, Path] = field(default_factory=dict)
+    instances: Mapping[str, int] = field(default_factory=dict)
+    classes: ClassTable | None = None
+    time: float | None = None
+    place: str = ""
+    split: str = ""
+    scene: str = ""
+    state: str = ""
+
+    def __repr__(self) -> str:
+        split = f", {self.split}" if self.split else ""
+        return f"<Frame {self.key}: {self.camera_name}{split}: {', '.join(self.files)}>"
+
+    def layer(self, name: str) -> NDArray[Any]:
+        """Return a layer as it was in memory: dtype and shape as :mod:`omniscv.modalities` has it.
+
+        Raises:
+            ArgumentError: the frame has no such layer, or the file of an image in no dataset is damaged.
+            DatasetError: the file is missing, or no such layer.
+        """
+        if name not in self.files:
+            kinds = ", ".join(self.files) or "none"
+            raise ArgumentError(
+                f"{self.key}: expected a frame with {name}, it has {kinds}; make it with {name}"
+            )
+        path = self.files[name]
+        with self._damage():
+            return read(path, name)
+
+    def layers(self, *names: str) -> dict[str, NDArray[Any]]:
+        """Return the layers of these names that the frame has, as :meth:`layer` does."""
+        return {name: self.layer(name) for name in names if name in self.files}
+
+    @cached_property
+    def truth(self) -> Mapping[str, Any]:
+        """The records of STEM.truth.json, by the name of the truth; empty without the file."""
+        return self.records("truth") if "truth" in self.files else {}
+
+    @cached_property
+    def layout(self) -> Mapping[str, Any]:
+        """The record of STEM.layout.json; empty without the file."""
+        return self.records("layout") if "layout" in self.files else {}
+
+    def with_files(self, folder: Folder, entries: Mapping[str, FileEntry]) -> Frame:
+        """Return the frame with files in the folder of a dataset."""
+        return replace(self, files=FrameFiles(folder, entries, (self.camera.width, self.camera.height)))
+
+    def records(self, kind: str) -> Any:
+        """Return the content of a file of records, such as STEM.truth.json.
+
+        Raises:
+            DatasetError: the file is damaged, or a record has another form than its truth gives it.
+        """
+        path = self.files[kind]
+        with self._damage(), within(f"{path}: expected {kind} records, got"):
+            return forms.checked(kind, parse_json(read_bytes(path, MOST_JSON_BYTES)), self)
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        """Raise what is wrong with a file of a dataset as DatasetError."""
+        try:
+            yield
+        except ArgumentError as fault:
+            raise (DatasetError(fault.message) if isinstance(self.files, FrameFiles) else fault) from fault
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """(H, W) bool: the pixels inside the field of view."""
+        return self.camera.valid()
+
+    @property
+    def entries(self) -> Mapping[str, FileEntry]:
+        """Sizes and checksums of its files, by kind; empty unless it is of a dataset."""
+        return self.files.entries if isinstance(self.files, FrameFiles) else {}
+
+    def reference(self, kind: str, out: Path) -> str:
+        """Return the name of a file as seen from a folder, or its URL."""
+        if isinstance(self.files, FrameFiles):
+            return self.files.reference(kind, out)
+        return relative(self.files[kind], out)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the frame's line of ``frames.jsonl`` as plain values; a state only of a world that moves."""
+        return {
+            "key": self.key,
+            "camera": self.camera_name,
+            "pose": self.pose.to_dict(),
+            "time": self.time,
+            "place": self.place,
+            "split": self.split,
+            "scene": self.scene,
+            **({"state": self.state} if self.state else {}),
+            "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},
+        }
+
+    @classmethod
+    def from_dict(
+        cls,
+        data: Any,
+        folder: Folder,
+        cameras: Mapping[str, Camera],
+        endings: Mapping[str, Collection[str]],
+        instances: Mapping[str, int] | None = None,
+        classes: ClassTable | None = None,
+    ) -> Frame:
+        """Return the frame of a line.
+
+        Args:
+            data: what :meth:`to_dict` returned.
+            folder: of the files.
+            cameras, instances, classes: of the dataset.
+            endings: of the names of files, as :func:`omniscv.frame.file_endings` returns them.
+
+        Raises:
+            ArgumentError: no such line, or a camera that the dataset does not have.
+        """
+        try:
+            key, camera_name = stem("key", data["key"]), stem("camera", data["camera"])
+            if camera_name not in cameras:
+                known = ", ".join(cameras)
+                raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
+            camera = cameras[camera_name]
+            return cls(
+                key=key,
+                camera_name=camera_name,
+                camera=camera,
+                pose=Pose.from_dict(data["pose"]),
+                files=FrameFiles(
+                    folder, _entries(key, camera, data["files"], endings), (camera.width, camera.height)
+                ),
+                instances=instances or {},
+                classes=classes,
+                time=optional_number("time", data["time"]),
+                place=_text("place", data["place"]),
+                split=data["split"] and stem("split", data["split"]),
+                scene=_text("scene", data["scene"]),
+                state=_text("state", data.get("state", "")),
+            )
+        except (TypeError, KeyError, AttributeError) as cause:
+            wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
+            raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+def _entries(
+    key: str, camera: Camera, files: Mapping[str, Any], endings: Mapping[str, Collection[str]]
+) -> dict[str, FileEntry]:
+    """Return the files of a frame by kind; ArgumentError for an unknown kind, a name that is not that of the
+    key and the kind, or a file that is larger than such a file can be."""
+    most = MOST_JSON_BYTES + _MOST_PIXEL_BYTES * camera.width * camera.height
+    entries = {}
+    for kind, said in files.items():
+        entries[kind] = entry = FileEntry(**said)
+        if (
+            kind not in endings
+            or not entry.path.startswith(key)
+            or entry.path[len(key) :] not in endings[kind]
+        ):
+            kinds = ", ".join(endings)
+            wanted = f"expected the name {key}.KIND.SUFFIX of a layer or record, of {kinds}"
+            raise ArgumentError(f"{key}: files.{shown(kind)}: {wanted}; got {shown(entry.path)}")
+        if entry.bytes > most:
+            raise ArgumentError(f"{entry.path}: expected at most {most} bytes, got {entry.bytes}")
+    return entries
+
+
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+    return value

@@ -1,0 +1,149 @@
+"""What a lens does to light before the sensor: shading, blur, veiling glare, lateral colour.
+
+Composed pixels are radiance. A lens makes irradiance of it, and shading is the ratio of the two.
+"""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import shown
+from omniscv.cameras import Camera, Pinhole, RollingShutter, from_dict
+from omniscv.cameras.fisheyes import Fisheye
+from omniscv.cameras.radial import Lens
+from omniscv.errors import ArgumentError
+from omniscv.geometry.arrays import Floats, Mask
+from omniscv.sensor.photometry import read_vignette
+
+Shading = str | tuple[tuple[float, float], ...]
+"""``natural``, the path of a vignette, or (degrees off the axis, share of light)."""
+
+NATURAL = "natural"
+_STEP_PX = 1e-3
+
+
+@lru_cache(8)
+def shading(camera: Camera, by: Shading) -> Floats:
+    """Return the share of light (H, W) that reaches each pixel, relative to the axis; 0 outside the view.
+
+    ``natural`` is the law of cosines of the camera's own projection, for an entrance pupil of one area from
+    wherever it is seen: a pixel's solid angle, relative to that on the axis. It is 1 for equisolid lenses and
+    sin(theta) / theta for equidistant ones. The pupil of a pinhole camera is flat, which adds a cosine to
+    cos^3: cos^4.
+
+    Raises:
+        ArgumentError: ``natural`` for a camera that is no lens, or a vignette of another size.
+    """
+    if isinstance(by, str) and by != NATURAL:
+        return read_vignette(Path(by), (camera.height, camera.width))
+    camera = _lens(camera)
+    rays = camera.unproject()
+    cosine = np.where(rays.valid, rays.directions[..., 2], 0)
+    if not isinstance(by, str):
+        degrees, shares = np.array(by).T
+        table = np.interp(np.degrees(np.arccos(np.clip(cosine, -1, 1))), degrees, shares)
+        return np.asarray(table * rays.valid, np.float32)
+    check_natural(camera)
+    pupil = cosine if isinstance(camera, Pinhole) else 1.0
+    share = pupil * _solid_angles(camera, camera.pixels()) / _axis_solid_angle(camera)
+    return np.asarray(np.where(np.isfinite(share) & rays.valid, share, 0), np.float32)
+
+
+def check_natural(camera: Camera) -> None:
+    """Refuse natural shading of a camera that is no lens."""
+    if not isinstance(_lens(camera), Fisheye | Lens):
+        wanted = "expected a fisheye or a calibrated lens for natural shading"
+        raise ArgumentError(f"shading: {wanted}, got {camera.name}; give a table or a file")
+
+
+def _lens(camera: Camera) -> Camera:
+    """Return the lens of a camera: that of a rolling shutter rests."""
+    return camera.base if isinstance(camera, RollingShutter) else camera
+
+
+def _axis_solid_angle(camera: Camera) -> Any:
+    middle, _ = camera.project(np.array([0.0, 0.0, 1.0]))
+    return _solid_angles(camera, middle)
+
+
+def _solid_angles(camera: Camera, pixels: Any) -> Any:
+    """Return steradians per square px at pixels (..., 2): by differences, one-sided at the rim."""
+    middle, sides = camera.unproject(pixels).directions, []
+    for step in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
+        after, before = (camera.unproject(pixels + sign * np.array(step)).directions for sign in (1, -1))
+        span = 2.0 - np.isnan(after) - np.isnan(before)
+        after, before = (np.where(np.isnan(each), middle, each) for each in (after, before))
+        sides.append((after - before) / (span * _STEP_PX))
+    return np.linalg.norm(np.cross(sides[0], sides[1]), axis=-1)
+
+
+def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
+    """Return light (H, W, 3) blurred by Gaussian kernels of unit sum.
+
+    Pixels outside the view have no part in it: the weights of the others are scaled.
+
+    Args:
+        light: of the image.
+        sigmas: px, from the image's centre to its corners at equal steps of the radius; between two, both
+            blurred images are blended.
+        valid: (H, W) pixels inside the view.
+    """
+    import cv2  # slow to load
+
+    weight = valid.astype(np.float32)
+    known = light * weight[..., None]
+
+    def blurred(sigma: float) -> Floats:
+        if sigma == 0:
+            return known
+        size = 2 * int(np.ceil(4 * sigma)) + 1
+        around = [
+            cv2.GaussianBlur(each, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+            for each in (known, weight)
+        ]
+        return np.asarray(around[0] / np.maximum(around[1], 1e-6)[..., None] * weight[..., None])
+
+    if len(sigmas) == 1:
+        return blurred(sigmas[0])
+    height, width = valid.shape
+    y, x = np.arange(height)[:, None] + 0.5 - height / 2, np.arange(width) + 0.5 - width / 2
+    radius = np.hypot(x, y) / np.hypot(width, height) * 2 * (len(sigmas) - 1)
+    total = np.zeros_like(light)
+    for k, sigma in enumerate(sigmas):
+        share = np.clip(1 - np.abs(radius - k), 0, 1).astype(np.float32)
+        total += share[..., None] * blurred(sigma)
+    return total
+
+
+def glare(light: Floats, share: float, valid: Mask) -> Floats:
+    """Return light (H, W, 3) of which a share is spread evenly over the view.
+
+    Black in a white field becomes the share: the veiling glare index of ISO 9358.
+    """
+    mean = light[valid].mean(axis=0, dtype=np.float64) if valid.any() else np.zeros(3)
+    veil = np.asarray(share * mean, np.float32)
+    return np.where(valid[..., None], (1 - np.float32(share)) * light + veil, light)
+
+
+def magnified(camera: Camera, share: float) -> Camera:
+    """Return a lens with a focal length that is longer by a share, as for another colour.
+
+    Raises:
+        ArgumentError: a camera without a focal length.
+    """
+    described = camera.to_dict()
+    if isinstance(camera, RollingShutter):
+        base = magnified(camera.base, share).to_dict()
+        return from_dict(
+            {**described, "base": {k: v for k, v in base.items() if k not in ("width", "height")}}
+        )
+    focal: dict[str, Any] = {key: described[key] for key in ("fx", "fy") if key in described}
+    if not focal and isinstance(camera, Fisheye | Pinhole):
+        described.pop("fov_deg", None)
+        focal = {"focal": camera.focal}
+    if not focal:
+        wanted = "expected a lens with a focal length for lateral colour"
+        raise ArgumentError(f"lateral: {wanted}, got {shown(camera.name)}; leave it out")
+    return from_dict({**described, **{key: value * (1 + share) for key, value in focal.items()}})

@@ -1,0 +1,276 @@
+"""A sensor and its lens: EMVA 1288's linear camera, behind composition.
+
+The chain, each step of which can be left out::
+
+    light -> shading -> blur -> glare -> mosaic -> electrons -> noise -> codes -> picture
+
+Electrons of a pixel: ``n = Poisson(light * electrons * (1 + PRNU) + dark_current * exposure_s)``, at most
+``full_well``. Its code: ``rint(gain (n + DSNU + read noise + row noise) + black_level)``, 0 to
+``2^bits - 1``. Source: EMVA Standard 1288, Release 4.0 Linear, 2021.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import number, numbers, one_of, shown, text, whole_number
+from omniscv.cameras import Camera
+from omniscv.errors import ArgumentError
+from omniscv.geometry.arrays import Floats
+from omniscv.light import decode
+from omniscv.records import checked, optional, record
+from omniscv.sensor import optics, raw
+
+if TYPE_CHECKING:
+    from omniscv.compose.image import OmniImage
+
+_FEWEST_BITS, _MOST_BITS = 8, 16
+_MOST_KERNELS = 5
+
+_GLOBAL_SHUTTER = {"exposure_s": 0.01, "bits": 12, "black_level": 16.0, "mosaic": "rggb"}
+
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "imx250": {**_GLOBAL_SHUTTER, "full_well": 10_715.0, "read_noise": 2.33},
+    "imx249": {**_GLOBAL_SHUTTER, "full_well": 32_360.0, "read_noise": 6.34},
+    "imx363": {
+        "exposure_s": 1 / 60, "bits": 10, "black_level": 64.0, "mosaic": "rggb",
+        "full_well": 6_000.0, "read_noise": 5.0, "prnu": 0.007,
+    },
+}  # fmt: skip
+"""Parameters of sensors by name. Full well and read noise of the first two follow from SNR_max and dynamic
+range in the data sheets: ``full_well = SNR_max^2``, ``full_well / DR = sqrt(read_noise^2 + 1 / (12 gain^2)) +
+1 / 2``. What a source does not say is 0. Light of 1.0 fills the well."""
+
+SOURCES: Mapping[str, str] = {
+    "imx250": "global shutter, 3.45 um: EMVA 1288 data of Matrix Vision mvBlueFOX3-2051, SNR_max 40.3 dB, "
+    "DR 71.2 dB",
+    "imx249": "global shutter, 5.86 um: EMVA 1288 data of Matrix Vision mvBlueFOX3-2024a, SNR_max 45.1 dB, "
+    "DR 73 dB",
+    "imx363": "rolling shutter, 1.4 um, of a phone: Lyu et al., Validation of image systems simulation "
+    "technology using a Cornell box, 2021, and the sensor of ISETCam that is calibrated there",
+}
+"""Where the presets' parameters come from."""
+
+
+def _electrons(name: str, value: object) -> float | tuple[float, ...]:
+    if not isinstance(value, list | tuple):
+        return number(name, value, above=0)
+    return tuple(number(name, each, above=0) for each in numbers(name, value, (3,)).tolist())
+
+
+def _shading(name: str, value: object) -> optics.Shading:
+    """Return a word, a path, or a table whose angles increase."""
+    if isinstance(value, str | Path):
+        return text(name, str(value))
+    table = numbers(name, value, (None, 2))
+    if len(table) < 2 or (np.diff(table[:, 0]) <= 0).any() or (table < 0).any():
+        wanted = "expected natural, a file, or at least two pairs of increasing degrees and share of light"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    return tuple((degrees, share) for degrees, share in table.tolist())
+
+
+def _lateral(name: str, value: object) -> tuple[float, float]:
+    red, blue = numbers(name, value, (2,)).tolist()
+    return number(name, red, above=-0.5, below=0.5), number(name, blue, above=-0.5, below=0.5)
+
+
+def _blur(name: str, value: object) -> tuple[float, ...]:
+    sigmas = numbers(name, value if isinstance(value, list | tuple) else [value], (None,)).tolist()
+    if not 1 <= len(sigmas) <= _MOST_KERNELS:
+        wanted = f"expected 1 to {_MOST_KERNELS} standard deviations"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    return tuple(number(name, each, least=0) for each in sigmas)
+
+
+def _option(reader: Callable[..., Any], help: str, **limits: Any) -> Any:
+    return checked(optional(partial(reader, **limits)), default=None, help=help)
+
+
+_MOSAICS = ("none", "mono", *raw.MOSAICS)
+
+
+@record
+class Sensor:
+    """What a camera's lens and sensor make of an image's light; plain values, as in the job's key ``sensor``.
+
+    What is not given is the preset's, or stands in brackets. One exposure more doubles ``exposure_s`` and
+    ``electrons``, one stop of aperture ``electrons``, ISO the ``gain``.
+
+    Raises:
+        ArgumentError: an unknown preset, or a value outside its domain.
+    """
+
+    preset: str | None = _option(
+        one_of, f"parameters of a sensor: {', '.join(PRESETS)}", words=tuple(PRESETS)
+    )
+    seed: int = checked(whole_number, least=0, default=0, help="of all noise: another seed, other noise")
+    electrons: Any = _option(_electrons, "of a pixel in light 1.0; or of its red, green, blue [full_well]")
+    exposure_s: Any = _option(number, "seconds in which dark current flows [0.01]", above=0)
+    full_well: Any = _option(number, "electrons at most [10000]", above=0)
+    dark_current: Any = _option(number, "electrons a second [0]", least=0)
+    read_noise: Any = _option(number, "standard deviation of each pixel, electrons [0]", least=0)
+    row_noise: Any = _option(number, "standard deviation of each row, electrons [0]", least=0)
+    prnu: Any = _option(number, "standard deviation of the pixels' gain, a share [0]", least=0)
+    dsnu: Any = _option(number, "standard deviation of the pixels' dark signal, electrons [0]", least=0)
+    gain: Any = _option(number, "codes per electron [a full well is the highest code]", above=0)
+    black_level: Any = _option(number, "code of no light [0]", least=0)
+    bits: Any = _option(whole_number, "of a code, 8 to 16 [12]", least=_FEWEST_BITS, most=_MOST_BITS)
+    mosaic: Any = _option(one_of, f"{', '.join(_MOSAICS)} [none: three codes a pixel]", words=_MOSAICS)
+    shading: Any = _option(_shading, "natural, (degrees, share) pairs, or a vignette.png [none]")
+    lateral: Any = _option(_lateral, "how much longer the focal length of red and of blue is [0, 0]")
+    blur: Any = _option(_blur, "standard deviation, px, or several, from centre to corner [0]")
+    glare: Any = _option(number, "share of light spread over the image [0]", least=0, most=1)
+
+    def __post_init__(self) -> None:
+        given = PRESETS[self.preset] if self.preset else {}
+        for name, value in {**_DEFAULTS, **given}.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        if self.electrons is None:
+            object.__setattr__(self, "electrons", self.full_well)
+        if self.black_level >= 2**self.bits - 1:
+            raise ArgumentError(
+                f"black_level: expected less than {2**self.bits - 1}, got {self.black_level:g}"
+            )
+        if self.gain is None:
+            object.__setattr__(self, "gain", (2**self.bits - 1 - self.black_level) / self.full_well)
+
+    @property
+    def electrons_by_channel(self) -> tuple[float, float, float]:
+        """Electrons of light 1.0 behind the red, green and blue filter."""
+        red, green, blue = self.electrons if isinstance(self.electrons, tuple) else (self.electrons,) * 3
+        return red, green, blue
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its parameters as plain values; of a vignette's file the checksum, not the path.
+
+        Raises:
+            ArgumentError: the file cannot be read.
+        """
+        values = asdict(self)
+        if isinstance(self.shading, str) and self.shading != optics.NATURAL:
+            try:
+                content = Path(self.shading).read_bytes()
+            except OSError as cause:
+                wanted = "expected natural, a table, or a file that can be read"
+                raise ArgumentError(
+                    f"shading: {wanted}, got {shown(self.shading)}: {cause.strerror}"
+                ) from cause
+            values["shading"] = {"sha256": hashlib.sha256(content).hexdigest()}
+        return {key: _plain(value) for key, value in values.items()}
+
+    def relative_to(self, folder: Path) -> Sensor:
+        """Return the sensor with the path of its vignette, if it has one, relative to a folder."""
+        if not isinstance(self.shading, str) or self.shading == optics.NATURAL:
+            return self
+        return replace(self, shading=str(folder / self.shading))
+
+    def exposed(self, stops: float) -> Sensor:
+        """Return the sensor exposed for 2^stops times as long."""
+        electrons = tuple(each * 2.0**stops for each in self.electrons_by_channel)
+        return replace(self, exposure_s=self.exposure_s * 2.0**stops, electrons=electrons)
+
+    def check(self, camera: Camera) -> None:
+        """Refuse a camera that cannot have the sensor's shading or lateral colour."""
+        self.lateral_cameras(camera)
+        if self.shading == optics.NATURAL:
+            optics.check_natural(camera)
+
+    def lateral_cameras(self, camera: Camera) -> tuple[Camera, Camera] | None:
+        """Return the cameras that red and blue light see through; None without lateral colour."""
+        if self.lateral == (0.0, 0.0):
+            return None
+        red, blue = (optics.magnified(camera, share) for share in self.lateral)
+        return red, blue
+
+    def irradiance(self, camera: Camera, light: Floats) -> Floats:
+        """Return the light (H, W, 3) float32 on the sensor, of light that the camera sees: shading, blur,
+        glare."""
+        if self.shading is not None:
+            light = light * optics.shading(camera, self.shading)[..., None]
+        if self.glare or any(self.blur):
+            valid = camera.valid()
+            light = optics.blur(light, self.blur, valid) if any(self.blur) else light
+            light = optics.glare(light, self.glare, valid) if self.glare else light
+        return light
+
+    def expose(
+        self,
+        light: Floats,
+        camera: str = "",
+        frame: Any = None,
+        corner: tuple[int, int] = (0, 0),
+        width: int | None = None,
+    ) -> NDArray[np.uint16]:
+        """Return the codes of light on the sensor, or on a part of it: those of the whole, to the bit.
+
+        Args:
+            light: (h, w, 3) float32, 1.0 is the white of 8 bits.
+            camera: its name; PRNU and DSNU are the same in all its frames.
+            frame: plain values that say what the frame is; all else that is random follows from it.
+            corner: (row, column) of the part's first pixel.
+            width: of the whole sensor; the light's if not given.
+
+        Returns:
+            (h, w) uint16; (h, w, 3) without a mosaic.
+        """
+        light = np.asarray(light, np.float32)
+        width = light.shape[1] if width is None else width
+        return raw.expose(self, light, "linear", camera, frame, corner, width)
+
+    def develop(self, codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
+        """Return the picture (H, W, 3) uint8 sRGB of codes: black level, demosaicing, white balance."""
+        return raw.develop(self, codes)
+
+    def apply(
+        self,
+        image: OmniImage,
+        camera: str = "",
+        time: float | None = None,
+        lateral: Sequence[OmniImage] = (),
+    ) -> OmniImage:
+        """Return an image with the further layers ``raw``, of a mosaic, and ``sensor``, the picture.
+
+        Noise follows from seed, camera, the image's pose and its time.
+
+        Args:
+            image: with ``lit``; of an unknown transfer it is taken as sRGB.
+            camera: its name.
+            time: seconds, of images at one pose.
+            lateral: images of :meth:`lateral_cameras` at the same pose.
+
+        Raises:
+            ArgumentError: an image without ``lit``.
+        """
+        light, transfer = image["lit"], "srgb" if image.transfer == "unknown" else image.transfer
+        if lateral:
+            light = light.copy()
+        for channel, other in zip((0, 2), lateral, strict=False):
+            seen = other.valid & image.valid
+            light[..., channel][seen] = other["lit"][..., channel][seen]
+        if self.shading is not None or self.glare or any(self.blur):
+            light = self.irradiance(image.camera, decode(light, transfer))
+        frame = [image.pose.position.tolist(), image.pose.rotation.tolist(), time]
+        codes = raw.expose(self, light, transfer, camera, frame, (0, 0), light.shape[1])
+        layers = {"sensor": self.develop(codes)} | ({"raw": codes} if codes.ndim == 2 else {})
+        provenance = {**image.provenance, "sensor": self.to_dict()}
+        return replace(image, layers={**image.layers, **layers}, provenance=provenance)
+
+
+_DEFAULTS: Mapping[str, Any] = {
+    "exposure_s": 0.01, "full_well": 10_000.0, "dark_current": 0.0, "read_noise": 0.0, "row_noise": 0.0,
+    "prnu": 0.0, "dsnu": 0.0, "black_level": 0.0, "bits": 12, "mosaic": "none", "lateral": (0.0, 0.0),
+    "blur": (0.0,), "glare": 0.0,
+}  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value

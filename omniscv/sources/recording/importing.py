@@ -1,0 +1,272 @@
+"""Import six faces, one picture of them, or a panorama, as other tools write them, into a recording."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omniscv.arguments import number, numbers, one_of, shown, within
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.sources import codecs
+from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.recording.folders import add_captures
+from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, Seams, choose, cut, named
+
+PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
+"""Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
+
+DEPTHS = (*(f"{kind}-{unit}" for kind in ("planar", "ray") for unit in ("m", "cm", "mm")), "carla")
+"""What pictures of depth hold: along the optical axis or the ray, and the unit; CARLA's 24 bits."""
+
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_CARLA_M = 1000 / (2**24 - 1)
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".npy")
+_MODE_WORDS = {
+    "depth": {"depth", "depths", "zdepth"},
+    "object_mask": {"mask", "masks", "seg", "segmentation", "instance", "instances"},
+    "normals": {"normal", "normals"},
+}
+_ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
+_SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
+
+Pixels = NDArray[Any]
+Faces = dict[str, list[tuple[Pixels, Array, float]]]
+"""By mode, pixels, rotation (3, 3) and field of view in degrees of each view."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What was imported: the number of captures, and what was decided, in lines for people."""
+
+    captures: int
+    lines: tuple[str, ...]
+
+
+def layouts() -> tuple[str, ...]:
+    """Return the names of all layouts."""
+    return (*LAYOUTS, *PANORAMAS)
+
+
+def import_pictures(
+    pictures: Path | str,
+    path: Path | str,
+    layout: str = "auto",
+    *,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    yaw_deg: float = 0.0,
+    depth: str = "planar-m",
+) -> Imported:
+    """Add the pictures of one place to a recording, lossless; depth becomes planar metres in float32.
+
+    Args:
+        pictures: a folder of six faces, in several modes where names of files or sub-folders say ``depth`` or
+            ``mask``; or one picture: a strip, a cross, a dice, an EXR environment cube, a panorama.
+        path: of the recording; new, or one to add to.
+        layout: one of :func:`layouts`, or ``auto``: by names, shapes and seams.
+        position: (3,) of the optical centre, world frame, metres.
+        yaw_deg: of the front face, to the left.
+        depth: one of :data:`DEPTHS`. Integers of 0 are no surface.
+
+    Raises:
+        ArgumentError: no pictures, an unknown layout, or faces that do not fit together.
+        RecordingError: the recording cannot be written, or is of another scene.
+    """
+    one_of("layout", layout, ("auto", *layouts()))
+    one_of("depth", depth, DEPTHS)
+    center_w, turn_w = numbers("position", position, (3,)), _turn(number("yaw_deg", yaw_deg))
+    pictures = Path(pictures)
+    with within(pictures):
+        faces, lines = _faces_of_file(pictures, layout) if pictures.is_file() else _faces_in(pictures, layout)
+        captures = []
+        for mode, of_mode in faces.items():
+            for pixels, R, fov_deg in of_mode:
+                view = View(Pose(center_w, turn_w @ R), fov_deg, pixels.shape[1], pixels.shape[0])
+                captures.append(_capture(mode, pixels, view, depth, pictures.name))
+    return Imported(add_captures(path, lambda: captures), tuple(lines))
+
+
+def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
+    """The faces in the files of a folder, and what was decided."""
+    files: dict[str, list[Path]] = defaultdict(list)
+    for file in sorted(folder.rglob("*")):
+        if file.suffix.lower() in _SUFFIXES:
+            files[_mode(file.relative_to(folder))].append(file)
+    if not files or "normals" in files:
+        got = "normals, whose frame is not known" if files else "none"
+        raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
+    faces, lines, chosen = Faces(), list[str](), None
+    for mode in sorted(files, key=lambda mode: mode != "lit"):  # colours show best which faces fit
+        stems = [file.stem for file in files[mode]]
+        fits = named(stems, _tried(name) if chosen is None else [chosen.layout])
+        if len(stems) != 6 or not fits:
+            got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
+            raise ArgumentError(
+                f"expected six pictures of one place, named as in {_names(name, cells=False)}; got {got}"
+            )
+        pixels = [_read(file) for file in files[mode]]
+        edges = {each.shape[:2] for each in pixels}
+        if len(edges) > 1 or len(set(*edges)) > 1:
+            raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
+        if chosen is None:
+            ordered = [(layout, [pixels[i] for i in order]) for layout, order in fits]
+            chosen = _choose(ordered, name)
+            order = next(order for layout, order in fits if layout is chosen.layout)
+            lines = chosen.lines([stems[i] for i in order])
+        order = next(order for layout, order in fits if layout is chosen.layout)
+        faces[mode] = _views(chosen, [pixels[i] for i in order])
+    return faces, lines
+
+
+def _faces_of_file(file: Path, name: str) -> tuple[Faces, list[str]]:
+    """The faces in one picture of colours, and what was decided."""
+    picture = _read(file)
+    if name == "auto":
+        name = _ENVIRONMENTS.get(_attribute(file, "textureformat"), name)
+    if name == "auto" and picture.shape[1] == 2 * picture.shape[0]:
+        name = "latlong"
+    if name in PANORAMAS:
+        return {"lit": _resampled(picture, PANORAMAS[name])}, [f"layout {name}: resampled to six faces"]
+    cuts = [(layout, faces) for layout in _tried(name) if layout.cells and (faces := cut(picture, layout))]
+    if not cuts:
+        got = f"{picture.shape[1]} x {picture.shape[0]} px"
+        raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {got}")
+    chosen = _choose(cuts, name)
+    faces = next(faces for layout, faces in cuts if layout is chosen.layout)
+    return {"lit": _views(chosen, faces)}, chosen.lines([f"face {i}" for i in range(1, 7)])
+
+
+def _tried(name: str) -> list[Layout]:
+    return [
+        layout for layout in LAYOUTS.values() if layout.name == name or (name == "auto" and layout.guessed)
+    ]
+
+
+def _names(name: str, cells: bool) -> str:
+    return ", ".join(layout.name for layout in _tried(name) if bool(layout.cells) == cells) or name
+
+
+def _choose(candidates: Sequence[tuple[Layout, Sequence[Pixels]]], name: str) -> Choice:
+    """The reading whose seams fit; of a named layout, its own, with what the seams say of it."""
+    of_faces: dict[tuple[int, ...], Seams] = {}
+    pairs = []
+    for layout, faces in candidates:
+        order = tuple(map(id, faces))
+        of_faces[order] = of_faces.get(order) or Seams([_grey_levels(face) for face in faces])
+        pairs.append((layout, of_faces[order]))
+    if name == "auto":
+        return choose(pairs)
+    layout, seams = pairs[0]
+    step, (_, least, _) = seams.step(layout.arrangement), seams.best()
+    return Choice(layout, layout.arrangement, step, f"the best arrangement: {least:.2f}")
+
+
+def _views(chosen: Choice, faces: Sequence[Pixels]) -> list[tuple[Pixels, Array, float]]:
+    edge = faces[0].shape[0]
+    centered = chosen.layout.centered or chosen.step < _SEAMLESS
+    fov_deg = pinhole.fov_deg(edge, (edge - 1) / 2) if centered else 90.0
+    return [(face, shows.R_w_c, fov_deg) for face, shows in zip(faces, chosen.arrangement, strict=True)]
+
+
+def _resampled(picture: Pixels, of_openexr: int) -> list[tuple[Pixels, Array, float]]:
+    """Six faces of a panorama (H, W, 3), bilinear: twice as fine as its equator."""
+    import cv2
+
+    height, width = picture.shape[:2]
+    edge = width // 2
+    wrapped = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap")
+    wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
+    faces = []
+    for _, R_w_c in cube_rotations():
+        pixels = np.stack(np.meshgrid(*[np.arange(edge) + 0.5] * 2), axis=-1)
+        x, y, z = np.moveaxis(pinhole.rays(pixels, edge / 2, edge, edge) @ R_w_c.T, -1, 0)
+        u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
+        v = np.arctan2(np.hypot(x, y), z) / np.pi
+        # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
+        u_px = u * (width - 1) if of_openexr else u * width - 0.5
+        v_px = v * (height - 1) if of_openexr else v * height - 0.5
+        maps = (np.float32(u_px + 1), np.float32(v_px + 1))
+        faces.append((cv2.remap(wrapped, *maps, cv2.INTER_LINEAR), R_w_c, 90.0))
+    return faces
+
+
+def _capture(mode: str, pixels: Pixels, view: View, depth: str, origin: str) -> Capture:
+    if mode == "depth":
+        pixels = _planar_m(pixels, view, depth)
+    elif mode == "object_mask" and pixels.ndim == 3 and (pixels == pixels[..., :1]).all():
+        pixels = pixels[..., 0].astype(np.uint16)  # ids
+    elif pixels.ndim == 3 and pixels.dtype == np.uint16:
+        pixels = np.round(pixels / 257).astype(np.uint8)
+    payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
+    provenance = {"server": "imported", "file": origin}
+    return Capture(Request(view, mode), view, pixels, provenance, payload, encoding)
+
+
+def _planar_m(pixels: Pixels, view: View, depth: str) -> NDArray[np.float32]:
+    """(H, W) planar metres; +inf for no surface."""
+    kind, _, unit = depth.partition("-")
+    if depth == "carla":
+        if pixels.dtype != np.uint8:
+            raise ArgumentError(f"depth: expected CARLA's 8-bit pictures, got {pixels.dtype}")
+        metres = pixels[..., :3] @ np.array([1.0, 256.0, 65536.0]) * _CARLA_M
+        return np.asarray(metres, np.float32)
+    if pixels.dtype == np.uint8:
+        raise ArgumentError("depth: expected floats or 16-bit pictures, got 8 bits, which hold no metres")
+    plane = pixels[..., 0] if pixels.ndim == 3 else pixels
+    metres = plane * _UNITS[unit] / (view.ray_lengths() if kind == "ray" else 1)
+    none = ~np.isfinite(metres) | (metres <= 0 if plane.dtype.kind == "u" else metres < 0)
+    return np.where(none, np.inf, metres).astype(np.float32)
+
+
+def _read(file: Path) -> Pixels:
+    """(H, W, 3) of colours, (H, W) or (H, W, C) of others; uint8, uint16 or float32."""
+    import OpenImageIO
+
+    with within(file.name):
+        if file.suffix == ".npy":
+            pixels = np.load(file, allow_pickle=False)
+            return np.asarray(pixels, np.float32) if pixels.dtype.kind == "f" else pixels
+        source = OpenImageIO.ImageInput.open(str(file))
+        if source is None:
+            raise ArgumentError(f"expected a picture, got: {shown(OpenImageIO.geterror())}")
+        spec = source.spec()
+        if not 0 < spec.width * spec.height <= codecs.MAX_PIXELS:
+            raise ArgumentError(
+                f"expected at most {codecs.MAX_PIXELS} pixels, got {spec.width} x {spec.height}"
+            )
+        formats = {"uint8": "uint8", "uint16": "uint16"}
+        pixels = source.read_image(0, 0, 0, min(spec.nchannels, 3), formats.get(str(spec.format), "float"))
+        if pixels is None:
+            raise ArgumentError(f"expected a picture, got: {shown(source.geterror())}")
+        return pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
+
+
+def _attribute(file: Path, name: str) -> str:
+    import OpenImageIO
+
+    source = OpenImageIO.ImageInput.open(str(file)) if file.suffix != ".npy" else None
+    return str(source.spec().get_string_attribute(name)) if source else ""
+
+
+def _grey_levels(picture: Pixels) -> Array:
+    """(H, W, 3) 0 to 255, of colours of any type."""
+    scale = {"f": 255.0, "u": 255.0 / np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else 1.0}
+    colors = np.asarray(picture, np.float64).reshape(*picture.shape[:2], -1)[..., :3]
+    return np.clip(colors * scale[picture.dtype.kind], 0, 255)
+
+
+def _mode(file: Path) -> str:
+    """The mode that the words in a path say; colours if none does."""
+    words = set(re.split(r"[^a-z]+", str(file.with_suffix("")).lower()))
+    return next((mode for mode, known in _MODE_WORDS.items() if words & known), "lit")
+
+
+def _turn(yaw_deg: float) -> Array:
+    return Pose.from_angles((0, 0, 0), yaw_deg=yaw_deg).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T

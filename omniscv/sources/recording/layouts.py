@@ -1,0 +1,286 @@
+"""Layouts of six faces: what other tools call them, where they lie in one picture, and what their seams say.
+
+A face is a letter, F R B L U D for front, right, back, left, up, down, and the quarter turns clockwise of its
+picture: ``U2`` is an *up* turned by 180 degrees. A turn by k quarters is the view ``R_w_f Rz(-90 k)``.
+
+Names leave much open, so the seams decide: pictures continue each other across the edges of the cube. Of
+720 * 4096 arrangements, 122,880 differ by more than a rotation of the cube, and all of these are tried.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, cube_rotations
+
+LETTERS = "FRBLUD"
+_SAMPLES = 128  # of an edge
+_MOST_STEP = 48.0  # grey levels; a larger step between two pixels says no more
+_SAME = 0.25  # grey levels: arrangements whose mean steps differ by less are told apart by names alone
+_CLEAR = 1.5  # the second best has so many times the step of the best
+
+
+class Face(NamedTuple):
+    """One of six pictures: which face it shows (row of ``cube_rotations()``), and how it is turned."""
+
+    row: int
+    quarters: int = 0
+
+    @classmethod
+    def parse(cls, text: str) -> "Face":
+        """Return the face of ``U2``, for example."""
+        return cls(LETTERS.index(text[0]), int(text[1:] or 0))
+
+    def __str__(self) -> str:
+        turned = f" turned by {90 * self.quarters} degrees" if self.quarters else ""
+        return cube_rotations()[self.row][0] + turned
+
+    @property
+    def R_w_c(self) -> Array:
+        """(3, 3) rotation of its view, camera to world."""
+        quarter = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])  # Rz(-90)
+        return np.asarray(cube_rotations()[self.row][1] @ np.linalg.matrix_power(quarter, self.quarters))
+
+
+Arrangement = tuple[Face, ...]
+"""The faces that six pictures show, in the pictures' order."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A way to name or to place six faces.
+
+    Attributes:
+        name: of the layout.
+        faces: such as ``F R B L U2 D``, in the order of the words or of the cells.
+        words: sets of six words that name files.
+        cells: rows of one picture, separated by ``/``; a face in each ``#``, in reading order.
+        centered: whether the outermost pixels' centres lie on the edges of the cube.
+        guessed: whether it is tried without being named: no, if another one is the same cube turned.
+    """
+
+    name: str
+    faces: str
+    words: tuple[str, ...] = ()
+    cells: str = ""
+    centered: bool = False
+    guessed: bool = True
+
+    @property
+    def arrangement(self) -> Arrangement:
+        """The faces in their order."""
+        return tuple(map(Face.parse, self.faces.split()))
+
+
+_OWN, _NUMBERS = "front right back left up down", "0 1 2 3 4 5"
+_AXES = ("posx negx posy negy posz negz", "px nx py ny pz nz", "+x -x +y -y +z -z")
+LAYOUTS = {
+    layout.name: layout
+    for layout in (
+        Layout("faces", "F R B L U D", (_OWN, "f r b l u d", _NUMBERS, "1 2 3 4 5 6")),
+        Layout("top-bottom", "F R B L U D", ("front right back left top bottom",)),
+        Layout("gl", "R L U D F B", (*_AXES, _NUMBERS)),
+        Layout("unreal", "F3 B1 R2 L U3 D3", _AXES, guessed=False),
+        Layout("unity", "F B L R U D", ("fronttex backtex lefttex righttex uptex downtex",)),
+        Layout("matterport", "U F R B L D", ("skybox0 skybox1 skybox2 skybox3 skybox4 skybox5", _NUMBERS)),
+        Layout("blender-addon", "F B L R U D", ("north south west east zenith nadir",)),
+        Layout("strip", "F R B L U D", cells="######"),
+        Layout("c6x1", "R L U D F B", cells="######"),
+        Layout("c1x6", "R L U D F B", cells="#/#/#/#/#/#"),
+        Layout("openexr", "L R U2 D2 F B", cells="#/#/#/#/#/#", centered=True),
+        Layout("c3x2", "R L U D F B", cells="###/###"),
+        Layout("dice", "U L F R B D", cells=".#../####/.#.."),
+        Layout("cross", "U L F R D B2", cells=".#./###/.#./.#."),
+    )
+}  # fmt: skip
+"""Layouts by name. Sources: the specifications and tools of docs/capture-folders.md."""
+
+
+def named(stems: Sequence[str], layouts: Sequence[Layout]) -> list[tuple[Layout, list[int]]]:
+    """Return the layouts whose words six names of files hold, each with the names' indices in its order."""
+    tokens = [set(re.split(r"[^a-z0-9+-]+", stem.lower())) | set(re.findall(r"\d+$", stem)) for stem in stems]
+    fits = []
+    for layout in layouts:
+        for words in layout.words:
+            holders = [[i for i, each in enumerate(tokens) if word in each] for word in words.split()]
+            if all(len(indices) == 1 for indices in holders) and len({i for (i,) in holders}) == len(holders):
+                fits.append((layout, [i for (i,) in holders]))
+    return fits
+
+
+def cut(picture: NDArray[np.generic], layout: Layout) -> list[NDArray[np.generic]] | None:
+    """Return the six faces of one picture (H, W, ...), in the layout's order; None for another shape."""
+    rows = layout.cells.split("/")
+    edge = picture.shape[0] // len(rows)
+    if picture.shape[:2] != (edge * len(rows), edge * len(rows[0])):
+        return None
+    places = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == "#"]
+    return [picture[edge * r : edge * (r + 1), edge * c : edge * (c + 1)] for r, c in places]
+
+
+class Seams:
+    """The seams of six pictures in any arrangement.
+
+    Args:
+        pictures: (s, s, 3) each, grey levels 0 to 255.
+    """
+
+    def __init__(self, pictures: Sequence[NDArray[np.generic]]) -> None:
+        sides = np.stack([_sides(np.asarray(picture, np.float64)) for picture in pictures])
+        # The face with the most texture stays in front: a plain one would fit in every turn.
+        self._order = np.argsort(-sides.std(axis=2).sum(axis=(1, 2)), kind="stable")
+        lines = sides.reshape(-1, _SAMPLES, 3)
+        # Of the two lines on an edge, one runs backwards.
+        step = np.abs(lines[:, None] - lines[None, :, ::-1]).mean(axis=-1)
+        self._steps = np.minimum(step, _MOST_STEP).mean(axis=-1)
+
+    def step(self, arrangement: Arrangement) -> float:
+        """Return the mean step across the twelve edges, grey levels."""
+        of_row = {face.row: (i, face.quarters) for i, face in enumerate(arrangement)}
+        total = 0.0
+        for (a, i), (b, j) in _edges():
+            (p, k), (q, m) = of_row[a], of_row[b]
+            total += self._steps[4 * p + (i + k) % 4, 4 * q + (j + m) % 4]
+        return float(total / 12)
+
+    def best(self) -> tuple[list[Arrangement], float, float]:
+        """Return the arrangements of least step, that step, and the least with other faces in other places.
+
+        Up to a rotation of the cube. Several arrangements are alike where a face is plain: its turn is
+        unknown.
+        """
+        orders, turns = _all()
+        pictures = self._order[orders]
+        steps = np.zeros((len(pictures), len(turns)))
+        for (a, i), (b, j) in _edges():
+            first = 4 * pictures[:, a, None] + (i + turns[None, :, a]) % 4
+            steps += self._steps[first, 4 * pictures[:, b, None] + (j + turns[None, :, b]) % 4] / 12
+        of_assignment = np.sort(steps.min(axis=1))
+        alike = [
+            tuple(Face(row, int(turns[k, row])) for row in np.argsort(pictures[p]))
+            for p, k in np.argwhere(steps <= of_assignment[0] + _SAME)
+        ]
+        return alike, float(of_assignment[0]), float(of_assignment[1])
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What six pictures show.
+
+    Attributes:
+        layout: by names or shape.
+        arrangement: of the pictures in the layout's order; another one than the layout's where seams say so.
+        step: mean step across the edges, grey levels.
+        other: in words, the best other reading.
+    """
+
+    layout: Layout
+    arrangement: Arrangement
+    step: float
+    other: str
+
+    def lines(self, names: Sequence[str]) -> list[str]:
+        """Return what was chosen, in lines for people; ``names`` of the pictures, in the layout's order."""
+        found = [f"layout {self.layout.name}: step across edges {self.step:.2f} levels; {self.other}"]
+        pairs = zip(names, self.layout.arrangement, self.arrangement, strict=True)
+        return found + [
+            f"{name} shows {face}, not {due}: put right" for name, due, face in pairs if due != face
+        ]
+
+
+def choose(candidates: Sequence[tuple[Layout, Seams]]) -> Choice:
+    """Return the reading of six pictures whose seams fit.
+
+    Args:
+        candidates: layouts that names or shape allow, each with the seams of the pictures in its order.
+
+    Raises:
+        ArgumentError: none fits, or several do, and the seams cannot tell them apart.
+    """
+    named_steps = sorted(
+        ((seams.step(layout.arrangement), order) for order, (layout, seams) in enumerate(candidates))
+    )
+    step, order = named_steps[0]
+    layout, seams = candidates[order]
+    alike, least, second = seams.best()
+    others = [
+        (other_step, candidates[k][0].name)
+        for other_step, k in named_steps[1:]
+        if not _rotated(candidates[k], candidates[order])
+    ]
+    if step <= least + _SAME:
+        tied = [name for other_step, name in others if other_step <= step + _SAME]
+        if tied:
+            names = " and ".join([layout.name, *tied])
+            wanted = " or ".join(f"--layout {name}" for name in (layout.name, *tied))
+            raise ArgumentError(
+                f"layout: seams cannot tell {names} apart ({step:.2f} levels): expected {wanted}"
+            )
+        other = f"{others[0][1]} {others[0][0]:.2f}" if others else f"other faces {second:.2f}"
+        return Choice(layout, layout.arrangement, step, f"next best: {other}")
+    if second < _CLEAR * least + _SAME:
+        got = f"{layout.name} has steps of {step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"
+        raise ArgumentError(f"layout: expected six faces that fit together, got none that do clearly: {got}")
+    readings = [turned for each in alike for turned in _rotations(each)]
+    arrangement = max(readings, key=lambda each: sum(map(_agree, each, layout.arrangement)))
+    return Choice(layout, arrangement, least, f"as the layout says: {step:.2f}")
+
+
+def _agree(face: Face, due: Face) -> int:
+    return (face == due) + (face.row == due.row)
+
+
+def _rotated(one: tuple[Layout, Seams], other: tuple[Layout, Seams]) -> bool:
+    """Whether two readings of the same pictures, in one order, differ by a rotation of the cube only."""
+    return one[1] is other[1] and other[0].arrangement in _rotations(one[0].arrangement)
+
+
+def _rotations(arrangement: Arrangement) -> list[Arrangement]:
+    """The arrangement in all 24 orientations of the cube, itself first."""
+    rows = np.array([face.R_w_c for face in arrangement])
+    known = {
+        np.round(Face(row, k).R_w_c).astype(int).tobytes(): Face(row, k)
+        for row, k in product(range(6), range(4))
+    }
+    turned = []
+    for row, quarters in product(range(6), range(4)):
+        R = Face(row, quarters).R_w_c @ Face(0).R_w_c.T
+        turned.append(tuple(known[np.round(R @ R_w_c).astype(int).tobytes()] for R_w_c in rows))
+    return turned
+
+
+def _sides(picture: Array) -> Array:
+    """(4, n, 3) the outermost lines at the top, right, bottom and left, clockwise, averaged to n samples."""
+    lines = np.stack([np.rot90(picture, k)[0] for k in range(4)])
+    count = lines.shape[1]
+    if count < _SAMPLES:
+        return lines[:, np.arange(_SAMPLES) * count // _SAMPLES]
+    starts = np.arange(_SAMPLES) * count // _SAMPLES
+    return np.asarray(np.add.reduceat(lines, starts, axis=1) / np.diff([*starts, count])[:, None])
+
+
+@cache
+def _edges() -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:
+    """The twelve edges of the cube: row and side (top, right, bottom, left) of both faces."""
+    sides = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])
+    places: dict[bytes, list[tuple[int, int]]] = {}
+    for row in range(6):
+        for side in range(4):
+            place = Face(row).R_w_c @ (sides[side] + (0, 0, 1))
+            places.setdefault(np.round(place).astype(int).tobytes(), []).append((row, side))
+    return tuple((a, b) for a, b in places.values())
+
+
+@cache
+def _all() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(120, 6) the picture of each face, the first one in front, and (1024, 6) their quarter turns."""
+    pictures = [(0, *order) for order in permutations(range(1, 6))]
+    turns = [(0, *each) for each in product(range(4), repeat=5)]
+    return np.array(pictures), np.array(turns)

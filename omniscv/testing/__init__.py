@@ -1,0 +1,214 @@
+"""A pytest plugin: a UnrealCV server for tests, and captures recorded once and replayed from then on.
+
+pytest loads it wherever omniscv is installed; docs/testing.md shows how to use it. What it needs is imported
+when a test uses a fixture, so that it costs other projects nothing.
+"""
+
+from __future__ import annotations
+
+import inspect
+import shutil
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    import mock_server
+    from omniscv.cameras import Camera
+    from omniscv.sources import Source
+
+
+_passed = pytest.StashKey[bool]()
+_MARKERS: dict[str, tuple[str, tuple[type, ...]]] = {
+    "unreal": ("scene", (str, Path, Mapping)),
+    "recorded": ("file", (str, Path)),
+}
+"""By marker, the name of its first argument and its types."""
+
+
+def check_camera(camera: Camera) -> None:
+    """Check the contract of a camera, as for a model of a package.
+
+    Pixels come back from their rays to 1e-6 px; shapes, dtypes, validity; the description and back; the
+    optical centres; immutability.
+
+    Raises:
+        AssertionError: a promise that it breaks.
+    """
+    from omniscv.testing.cameras import check_camera
+
+    check_camera(camera)
+
+
+def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), edge: int = 16) -> None:
+    """Check the contract of an open source, as for one of a package; it captures some hundred small pictures.
+
+    Order, laziness, pixels of each modality, objects.
+
+    Args:
+        source: open.
+        position: (3,) metres, world frame: in free space.
+        edge: of pictures, px, if the source can choose.
+
+    Raises:
+        AssertionError: a promise that it breaks.
+    """
+    from omniscv.testing.sources import check_source
+
+    check_source(source, position, edge)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    text = "the game that recorded_source records where --record-mode asks for it; the mock if not given"
+    parser.getgroup("omniscv").addoption("--unrealcv", metavar="HOST:PORT", help=text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    unreal = "unreal(scene='four-wall', **options): what unreal_server serves; see mock_server.serve"
+    recorded = "recorded(file=None): the recording of recorded_source, relative to recorded_dir"
+    for line in (unreal, recorded):
+        config.addinivalue_line("markers", line)
+
+
+def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
+    for item in items:
+        for marker in item.iter_markers():
+            if marker.name in _MARKERS:
+                _arguments(item, marker)
+
+
+def _arguments(item: pytest.Item, marker: pytest.Mark) -> dict[str, Any]:
+    """Return the arguments of a marker by name.
+
+    Raises:
+        pytest.UsageError: an argument that the marker does not take, or of another type.
+    """
+    first, types = _MARKERS[marker.name]
+    start = f"{item.nodeid}: @pytest.mark.{marker.name}"
+    if len(marker.args) > 1 or (marker.args and first in marker.kwargs):
+        raise pytest.UsageError(f"{start}: expected one {first}, got {len(marker.args) + len(marker.kwargs)}")
+    given = {**dict(zip([first], marker.args, strict=False)), **marker.kwargs}
+    if not isinstance(given.get(first, ""), types):
+        words = " or ".join(each.__name__ for each in types)
+        raise pytest.UsageError(f"{start}: {first}: expected {words}, got {given[first]!r}")
+    known = [first, *(_server_options() if marker.name == "unreal" and len(given) > (first in given) else ())]
+    if unknown := sorted(given.keys() - set(known)):
+        from omniscv.arguments import did_you_mean
+
+        near = did_you_mean(unknown[0], known)
+        raise pytest.UsageError(f"{start}: unknown {unknown[0]!r}; expected some of {', '.join(known)}{near}")
+    return given
+
+
+def _server_options() -> list[str]:
+    from mock_server.settings import Settings
+
+    return list(inspect.signature(Settings).parameters)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Store whether a test has passed, for the fixtures that are torn down after it."""
+    report = yield
+    if report.when != "teardown":
+        item.stash[_passed] = report.when == "call" and report.passed
+    return report
+
+
+@pytest.fixture
+def unreal_server(request: pytest.FixtureRequest) -> Iterator[mock_server.Server]:
+    """A running mock UnrealCV server, as ``@pytest.mark.unreal("six-wall", dialect=...)`` describes it.
+
+    The scene is a name, the path of a YAML file, or a mapping of the same keys.
+    """
+    import mock_server
+
+    marker = request.node.get_closest_marker("unreal")
+    options = {"scene": "four-wall", **(_arguments(request.node, marker) if marker else {})}
+    try:
+        if isinstance(options["scene"], Mapping):
+            options["scene"] = mock_server.Scene("described", dict(options["scene"]))
+        server = mock_server.serve(**options)
+    except ValueError as wrong:
+        pytest.fail(f"@pytest.mark.unreal: {wrong}", pytrace=False)
+    with server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def recorded_dir(request: pytest.FixtureRequest) -> Path:
+    """The folder of a module's recordings: ``captures/MODULE`` beside it; override it for another one."""
+    return request.path.parent / "captures" / request.path.stem
+
+
+@pytest.fixture
+def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Iterator[Source]:
+    """A source that replays a recording, named by ``@pytest.mark.recorded(file)`` or after the test.
+
+    pytest-recording's ``--record-mode`` decides whether it records:
+
+    ==============  =================================================================
+    none (default)  replay; a capture that is not in the file is an error
+    once            record if there is no file, or one without captures; else replay
+    new_episodes    replay what is in the file, record the rest
+    all             record every request anew; what else is in the file stays
+    rewrite         record a new file
+    ==============  =================================================================
+
+    New captures are written to a temporary file, which replaces the recording if the test passes. A test that
+    fails leaves the recording unchanged.
+    """
+    from omniscv.sources.recording import RecordedSource, Recording
+    from omniscv.sources.recording.publishing import publish, target_of, written_for
+
+    path = recorded_dir / _file(request)
+    mode = request.config.getoption("--record-mode", None) or "none"
+    if mode == "none" or (mode == "once" and _holds_captures(path)):
+        if not path.exists():
+            pytest.fail(f"{path}: expected a recording; make it with --record-mode=once", pytrace=False)
+        with RecordedSource(path) as replay:
+            yield replay
+        return
+    target = target_of(path)
+    with written_for(target) as file:
+        if mode in ("new_episodes", "all") and _holds_captures(path):
+            shutil.copyfile(target, file)
+        with _live(request) as live, Recording(live, file, anew=mode == "all") as recording:
+            recording.objects()
+            yield recording
+        if request.node.stash.get(_passed, False):
+            publish(file, target)
+
+
+def _holds_captures(path: Path) -> bool:
+    """Return whether a file exists and holds captures; opening it also applies a journal that is left."""
+    from omniscv.sources.recording import RecordedSource
+
+    if not path.exists() or path.stat().st_size == 0:
+        return False
+    with RecordedSource(path) as replay:
+        return bool(replay.states())
+
+
+def _file(request: pytest.FixtureRequest) -> str:
+    marker = request.node.get_closest_marker("recorded")
+    if marker and (file := _arguments(request.node, marker).get("file")):
+        return str(file)
+    name = "".join("-" if c in "<>?%*:|\"'/\\" else c for c in request.node.name)
+    return f"{name}.sqlite"
+
+
+def _live(request: pytest.FixtureRequest) -> Source:
+    """Open the game of ``--unrealcv``, else the mock that the test's marker describes."""
+    from omniscv.sources import open_source
+
+    if request.config.pluginmanager.has_plugin("recording"):
+        from pytest_recording import network
+
+        network.unblock()  # @pytest.mark.block_network blocks replays, not recording
+    game = request.config.getoption("--unrealcv")
+    return open_source(request.getfixturevalue("unreal_server").uri if game is None else f"unreal://{game}")

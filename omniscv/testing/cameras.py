@@ -1,0 +1,257 @@
+"""The contract of camera models, as checks of a camera that know no model; AssertionError where one fails."""
+
+import copy
+import inspect
+import itertools
+import json
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from omniscv import cameras
+from omniscv.cameras import Camera
+
+Floats = NDArray[np.float64]
+
+PIXEL_TOLERANCE = 1e-6  # px; the promise
+HAIR_PX = 1e-7  # well within the promise
+HAIR_PARTS = np.array([1, 1e-2, 1e-4, 1e-7])  # where an image is smaller than a hair
+ANGLE_TOLERANCE = 1e-12  # rad, beside what a hair's breadth of a pixel turns the ray
+CENTRAL_METRES = 10.0 ** np.array([-9, 0, 9])
+NONCENTRAL_METRES = 10.0 ** np.array([1, 3, 9])  # beyond the mirrors of the examples
+AZIMUTHS = np.linspace(-np.pi, np.pi, 25)
+
+
+# -- pixels -------------------------------------------------------------------------------------
+
+
+def all_pixels(camera: Camera) -> Floats:
+    """Return (N, 2) the centres and the corners of all pixels: the image's middle, edges, seam and poles."""
+    u, v = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
+    return np.concatenate([camera.pixels().reshape(-1, 2), np.stack([u, v], axis=-1).reshape(-1, 2)])
+
+
+def last_pixels(camera: Camera) -> Any:
+    """Return (N, 2) the last valid pixels around the image, to the last bit, by bisection."""
+    pixels = all_pixels(camera)
+    pixels = pixels[camera.valid(pixels)]
+    if not len(pixels):
+        return pixels
+    anchor = pixels[np.argmin(np.linalg.norm(pixels - camera.center, axis=1))]
+    toward = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
+    low, high = np.zeros(len(toward)), np.full(len(toward), 2.0 * (camera.width + camera.height))
+    for _ in range(80):
+        middle = (low + high) / 2
+        inside = camera.valid(anchor + middle[:, None] * toward)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    last = anchor + low[:, None] * toward
+    # Next to a cone's tip (a border, too) the points on neighbouring rays are one point in float64.
+    return last[np.linalg.norm(last - camera.center, axis=1) > 1e-9]
+
+
+# -- checks -------------------------------------------------------------------------------------
+
+
+def last_radius(camera: Camera) -> float:
+    """Return the largest radius, px, of valid pixels, less a few last digits of a pixel, by bisection."""
+    low, high = 0.0, float(camera.width)
+    for _ in range(200):
+        middle = np.sqrt(low) * np.sqrt(high) if low else high / 2
+        inside = camera.valid(camera.center + np.array([middle, 0.0]))
+        low, high = (middle, high) if inside else (low, middle)
+    return float(low - 4 * np.spacing(low + np.abs(camera.center).max()))
+
+
+def round_trip_error(camera: Camera) -> float:
+    """Return the largest |project(unproject(p)) - p|, px, at any distance; inf if a pixel is lost."""
+    pixels = np.concatenate([all_pixels(camera), last_pixels(camera)])
+    rays = camera.unproject(pixels)
+    pixels, origins, directions = pixels[rays.valid], rays.origins[rays.valid], rays.directions[rays.valid]
+    worst = 0.0
+    for metres in CENTRAL_METRES if camera.central else NONCENTRAL_METRES:
+        again, seen = camera.project(origins + metres * directions)
+        if not seen.all():
+            return np.inf
+        error = np.abs(again - pixels).max(axis=1, initial=0.0)
+        other = error > PIXEL_TOLERANCE
+        other[other] = ~of_one_ray(camera, pixels[other], again[other])
+        worst = max(worst, error[other].max(initial=0.0), error[error <= PIXEL_TOLERANCE].max(initial=0.0))
+    return worst
+
+
+def of_one_ray(camera: Camera, pixels: Floats, others: Floats) -> Any:
+    """Return (N,) whether two pixels see one ray, to what the tolerance makes of it: at a seam, a pole."""
+    rays, same = camera.unproject(pixels), camera.unproject(others)
+    around = PIXEL_TOLERANCE * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])[:, None]
+    nearby, alike = camera.unproject(pixels + around), same.valid
+    for part in ("origins", "directions"):
+        own = getattr(rays, part)
+        allowed = np.nanmax(np.linalg.norm(getattr(nearby, part) - own, axis=-1), axis=0)
+        alike = alike & (np.linalg.norm(getattr(same, part) - own, axis=-1) <= allowed + 1e-15)
+    return alike
+
+
+def check_round_trip(camera: Camera) -> None:
+    """A pixel's ray, at any distance, is projected to the pixel."""
+    assert round_trip_error(camera) <= PIXEL_TOLERANCE
+
+
+def check_arrays(camera: Camera) -> None:
+    """Shapes and dtypes; unit directions and finite origins where valid, NaN elsewhere."""
+    for shape in ((), (0,), (7,), (3, 5)):
+        pixels = np.random.default_rng(1).uniform(0, (camera.width, camera.height), (*shape, 2))
+        rays = camera.unproject(pixels)
+        again, seen = camera.project(np.ones((*shape, 3)))
+        assert rays.origins.shape == rays.directions.shape == (*shape, 3)
+        assert rays.valid.shape == seen.shape == shape
+        assert again.shape == (*shape, 2)
+        assert rays.valid.dtype == seen.dtype == bool
+        assert rays.origins.dtype == rays.directions.dtype == again.dtype == np.float64
+    rays = camera.unproject()
+    assert rays.valid.shape == (camera.height, camera.width)
+    np.testing.assert_array_equal(camera.valid(), rays.valid)
+    assert np.isfinite(rays.origins[rays.valid]).all()
+    # A handful of roundings.
+    np.testing.assert_allclose(np.linalg.norm(rays.directions[rays.valid], axis=-1), 1, rtol=1e-15 * 4)
+    assert np.isnan(rays.origins[~rays.valid]).all()
+    assert np.isnan(rays.directions[~rays.valid]).all()
+    if camera.central:
+        assert not rays.origins[rays.valid].any()
+
+
+def check_outside(camera: Camera) -> None:
+    """Beside the image, and where there is no number, there is no ray."""
+    w, h = camera.width, camera.height
+    beside = [(-1e-9, h / 2), (w + 1e-9, h / 2), (w / 2, -1e-9), (w / 2, h + 1e-9), (1e300, -1e300)]
+    nowhere = [(np.nan, h / 2), (w / 2, np.nan), (np.inf, h / 2), (w / 2, -np.inf)]
+    assert not camera.valid(np.array(beside + nowhere)).any()
+
+
+def check_points(camera: Camera) -> None:
+    """Points on the axes, at the centres, near and far, and such that are none."""
+    special = [0.0, 1.0, -1.0, 0.3, 1e-9, -1e9, 1e300, np.nan, -np.inf]
+    rays = camera.unproject()
+    never_wrong(
+        camera, np.concatenate([list(itertools.product(special, repeat=3)), rays.origins[rays.valid][::7]])
+    )
+
+
+def length(vectors: Floats) -> Any:
+    """Return (...) lengths of (..., 3) vectors as long as 1e250: squares of 1e155 leave float64."""
+    return np.linalg.norm(vectors / 1e100, axis=-1) * 1e100
+
+
+def never_wrong(
+    camera: Camera, points: Floats, tolerance: float = ANGLE_TOLERANCE, at_the_border: float = 0.0
+) -> None:
+    """Each point (N, 3) is invalid, or the answer's ray points to it: to ``tolerance`` and what 1e-7 px turn
+    the ray and move its origin.
+
+    ``at_the_border`` is the turn where there is no ray 1e-7 px further.
+    """
+    pixels, valid = camera.project(points)
+    assert not valid[~np.isfinite(points).all(axis=1)].any()
+    assert np.isnan(pixels[~valid]).all()
+    rays = camera.unproject(pixels[valid])
+    assert rays.valid.all()
+    offset = points[valid] - rays.origins
+    distance = length(offset)
+    # A point next to a cone's tip is off by the last digits of its pixel, in metres, whatever the angle.
+    away = distance > 1e-12 * length(rays.origins)
+    offset, directions = offset[away], rays.directions[away]
+    offset /= np.abs(offset).max(axis=1, keepdims=True)
+    offset /= np.linalg.norm(offset, axis=1, keepdims=True)
+    assert ((offset * directions).sum(axis=1) > 0).all()
+    angle = np.linalg.norm(np.cross(offset, directions), axis=1)
+    moved, turned = change_of_a_hair(camera, pixels[valid][away], at_the_border)
+    rounding = (moved + 1e-12 * length(rays.origins[away])) / distance[away]
+    assert (angle <= tolerance + turned + rounding).all()
+
+
+def change_of_a_hair(camera: Camera, pixels: Floats, at_the_border: float) -> tuple[Any, Any]:
+    """Return how far rays up to a hair beside pixels (N, 2) are moved, metres (N,), and turned, rad (N,)."""
+    aside = np.multiply.outer(HAIR_PX * HAIR_PARTS, [[-1, 0], [1, 0], [0, -1], [0, 1]]).reshape(-1, 1, 2)
+    own, beside = camera.unproject(pixels), camera.unproject(pixels + aside)
+    turned = np.linalg.norm(beside.directions - own.directions, axis=-1)
+    moved = length(beside.origins - own.origins)
+    turned = np.where(np.isnan(turned), at_the_border, turned)
+    return np.nan_to_num(moved).max(axis=0), turned.max(axis=0)
+
+
+def check_description(camera: Camera) -> None:
+    """``to_dict`` and back, by way of JSON, is the same camera to the bit."""
+    described = json.loads(json.dumps(camera.to_dict()))
+    again = cameras.from_dict(described)
+    assert again == camera
+    assert again.to_dict() == described
+    assert type(again) is type(camera)
+    np.testing.assert_array_equal(again.unproject().directions, camera.unproject().directions)
+
+
+def check_narrow_numbers(camera: Camera) -> None:
+    """float32 and whole numbers mean what they say: the same answers as in float64, in float64."""
+    pixels = all_pixels(camera)
+    for narrow in (pixels.astype(np.float32), pixels.astype(np.int32), pixels.astype(np.uint8)):
+        given, wide = camera.unproject(narrow), camera.unproject(narrow.astype(np.float64))
+        np.testing.assert_array_equal(given.directions, wide.directions)
+        assert given.directions.dtype == np.float64
+    points = np.random.default_rng(2).normal(size=(1000, 3)).astype(np.float32) * 5
+    for each in (points, (100 * points).astype(np.int16)):
+        for got, expected in zip(camera.project(each), camera.project(each.astype(float)), strict=True):
+            np.testing.assert_array_equal(got, expected)
+
+
+def check_viewpoints(camera: Camera) -> None:
+    """Every valid pixel has an optical centre, no other pixel has."""
+    views = camera.viewpoints()
+    np.testing.assert_array_equal(views.index >= 0, camera.valid())
+    assert views.index.max(initial=-1) < len(views.centers)
+    assert np.isfinite(views.centers).all()
+    if camera.central:
+        np.testing.assert_array_equal(views.centers, np.zeros((1, 3)))
+
+
+def check_immutable(camera: Camera) -> None:
+    """No attribute can be set, deleted or written into; a copy is equal and immutable, too."""
+    described = camera.to_dict()
+    for one in (camera, copy.deepcopy(camera), pickle.loads(pickle.dumps(camera))):  # noqa: S301
+        assert one == camera
+        assert hash(one) == hash(camera)
+        for key in (*described, "center", "anything"):
+            with pytest.raises(AttributeError, match="cameras are immutable; create another one"):
+                setattr(one, "name" if key == "model" else key, 1)
+        with pytest.raises(AttributeError, match="immutable"):
+            del one.width
+        for value in (getattr(one, key, None) for key in (*described, "center")):
+            if isinstance(value, np.ndarray):
+                with pytest.raises(ValueError, match="read-only"):
+                    value[...] = 0
+    assert camera.to_dict() == described
+
+
+NUMERIC_CHECKS = (check_round_trip, check_arrays, check_points, check_viewpoints, check_description)
+CHECKS = (*NUMERIC_CHECKS, check_immutable, check_outside, check_narrow_numbers)
+
+
+def check_camera(camera: Camera) -> None:
+    """Check the contract of a camera: :func:`omniscv.testing.check_camera`."""
+    for check in CHECKS:
+        check(camera)
+
+
+def check_docstring(cls: type[Camera]) -> None:
+    """The model in ten lines: a formula, every parameter with its unit, the domain, the source."""
+    text = inspect.getdoc(cls) or ""
+    assert 3 <= len(text.splitlines()) <= 14, "the model in about ten lines"
+    assert " = " in text, "a formula"
+    assert "Domain: " in text
+    assert "Source: " in text
+    own = [key for key in inspect.signature(cls).parameters if key not in ("width", "height", "center")]
+    for key in own:
+        assert f"``{key}``" in text, f"the parameter {key}"
+    if own:
+        assert "Parameter" in text
+        assert any(unit in text for unit in (" px", "metres", "_deg``")), "units"

@@ -1,0 +1,315 @@
+"""Where calibrated lenses end: at the first turn of their curve, found here in 50 digits on the formulas.
+
+Story. A calibration fits the lens's own field of view and does as it likes beyond. A radius that grows
+with the angle stops and shrinks again, or an angle with the radius: two rays come to one pixel, or two pixels
+to one ray, and an iteration from a guess returns either. Only the first branch is the lens; pixels up to 1e-9
+px from its end still come back. With k1 = -0.1, Kannala and Brandt's d turns back at 1.826 rad (104.6 deg);
+with f = -150 + 1e-3 rho^2 - 2e-8 rho^4, rays turn away from the axis up to rho = 242.9 px, so that pixels at
+147.1 and 350 px see one point. At such a turn pixels 1e-8 of the radius apart have the same ray in float64.
+
+The limit that was published with the double sphere, ``z > -w2 d``, is another one but at xi = 0, where
+``w2 = (w1 + xi) / sqrt(2 w1 xi + xi^2 + 1)``: it refuses rays that pixels have, or, for xi > 1, accepts two
+rays of one pixel.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.cases import cases
+from support.lens_formulas import opencv
+
+from omniscv import cameras
+from omniscv.errors import ArgumentError
+
+DIGITS = 50
+SIZE = {"width": 640, "height": 640}
+F = 100.0
+
+
+class Lens(NamedTuple):
+    """A camera, and the curve of its rays: angle (rad) and radius (px) by a parameter that grows from 0."""
+
+    camera: cameras.Camera
+    angle: Callable
+    radius: Callable
+    most: float  # of the parameter
+    apart: float = 1e-12  # relative: radii on both sides of the border that can be told apart
+
+
+def kannala_brandt(k, f=F):
+    camera = cameras.create("kannala-brandt", **SIZE, fx=f, fy=f, k=k)
+    return Lens(camera, lambda t: t, lambda t: f * d_of(k, t), np.pi)
+
+
+def d_of(k, theta):
+    return theta + sum(c * theta ** (2 * i + 3) for i, c in enumerate(k))
+
+
+def double_sphere(xi, alpha, f=None):
+    """By default the border is at 190 px."""
+    f = f or 190 * np.sqrt(2 * alpha - 1)
+    camera = cameras.create("double-sphere", **SIZE, fx=f, fy=f, xi=xi, alpha=alpha)
+
+    def radius(t):
+        k = xi + mp.cos(t)
+        n = alpha * mp.sqrt(mp.sin(t) ** 2 + k**2) + (1 - mp.mpf(alpha)) * k
+        return f * mp.sin(t) / n if n > 0 else -mp.inf
+
+    return Lens(camera, lambda t: t, radius, np.pi)
+
+
+def rational(k):
+    """k1, k2, p1, p2, k3, k4, k5, k6 of a pinhole; the parameter is the tangent."""
+    k1, k2, _, _, k3, k4, k5, k6 = k
+    camera = cameras.create("pinhole", width=10_000, height=640, fx=F, fy=F, distortion=k)
+
+    def radius(t):
+        return F * t * (1 + k1 * t**2 + k2 * t**4 + k3 * t**6) / (1 + k4 * t**2 + k5 * t**4 + k6 * t**6)
+
+    return Lens(camera, mp.atan, radius, 4.0)
+
+
+def scaramuzza(*coefficients):
+    camera = cameras.create("scaramuzza", width=800, height=800, coefficients=coefficients)
+
+    def angle(rho):
+        return mp.atan2(rho, -sum(a * rho**i for i, a in enumerate(coefficients)))
+
+    return Lens(camera, angle, lambda rho: rho, 600.0, 1e-9)
+
+
+TURNING = {
+    "kannala-brandt": kannala_brandt((-0.1, 0, 0, 0)),
+    "kannala-brandt, two terms": kannala_brandt((0.02, -0.008, 0, -0.0004)),
+    "kannala-brandt, all terms": kannala_brandt((-0.3, 0.1, -0.02, 0.001)),
+    "kannala-brandt, early": kannala_brandt((1.0, -1.0, 0, 0)),
+    "kannala-brandt, late": kannala_brandt((0, 0, 0, -1e-4)),
+    "kannala-brandt, rises again": kannala_brandt((-0.2, 0.012, 0, 0)),  # the second branch is not the lens
+    "double-sphere, xi < 0": double_sphere(-0.2, 0.55),
+    "double-sphere, xi > 0": double_sphere(0.9, 0.65),
+    "pinhole": rational((-0.3, 0, 0, 0, 0, 0, 0, 0)),
+    "pinhole, three terms": rational((-0.35, 0.12, 0, 0, -0.02, 0, 0, 0)),
+    "pinhole, rises again": rational((0.1, -0.7, 0, 0, 0.3, 0, 0, 0)),
+    "pinhole, rational": rational((0.2, -0.05, 0, 0, 0.01, 0.8, 0.3, 0.1)),
+    "scaramuzza": scaramuzza(-150.0, 0, 1e-3, 0, -2e-8),
+    "scaramuzza, cubic": scaramuzza(-150.0, 0, 1e-3, -4e-6, 0),
+    "scaramuzza, linear": scaramuzza(-80.0, 0.1, 0, 0, -1e-8),
+    "scaramuzza, nearer again": scaramuzza(-200.0, 0, -1e-3),  # to the axis, from rho = 447 px on
+    "scaramuzza, away again": scaramuzza(-120.0, 0, 4e-3, -3.3e-5, 5e-8),
+}
+turning = pytest.mark.parametrize("name", TURNING)
+POLYNOMIALS = [name for name in TURNING if name.startswith("scaramuzza")]
+BRANDTS = [name for name in TURNING if name.startswith("kannala")]
+
+
+@functools.cache
+@mp.workdps(DIGITS)
+def first_turn(lens):
+    """(angle, radius) where one of them first stops growing with the other: on a grid, and then by halves."""
+    grid = [mp.mpf(x) for x in np.linspace(0, lens.most, 501)[1:-1].tolist()]
+    falls = next(i for i, s in enumerate(grid) if not grows(lens, s))
+    low, high = grid[falls - 1], grid[falls]
+    for _ in range(80):
+        middle = (low + high) / 2
+        low, high = (middle, high) if grows(lens, middle) else (low, middle)
+    return float(lens.angle(low)), float(lens.radius(low))
+
+
+def grows(lens, s):
+    h = mp.mpf(10) ** -20 * s
+    return all(curve(s + h) > curve(s - h) > 0 for curve in (lens.angle, lens.radius))
+
+
+def ray(angle, azimuth=0.0):
+    across = np.sin(angle)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.cos(angle)], axis=-1)
+
+
+@turning
+def test_the_lens_ends_at_the_first_turn(name):
+    """In the image and in space; all around where the image is large enough."""
+    lens = TURNING[name]
+    angle, radius = first_turn(lens)
+    camera = cameras.from_dict({**lens.camera.to_dict(), "width": 10_000} | centred(lens.camera))
+    for part, valid in ((0.5, True), (1 - lens.apart, True), (1 + lens.apart, False), (1.05, False)):
+        pixels = camera.center + radius * part * np.array([[1, 0], [-1, 0], [0.8, -0.6], [-0.8, 0.6]])
+        inside = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)
+        assert inside[:2].all()
+        np.testing.assert_array_equal(camera.valid(pixels), inside & valid, err_msg=str(part))
+    for past, seen in ((-0.1, True), (-1e-9, True), (1e-9, False), (0.1, False)):
+        assert camera.project(ray(min(angle + past, np.pi)))[1] == seen, past
+
+
+def centred(camera):
+    """The principal point in the middle of an image 10,000 px wide."""
+    described = camera.to_dict()
+    return {"cx": 5000.0} if "cx" in described else {"center": [5000.0, camera.center[1]]}
+
+
+@pytest.mark.parametrize("name", BRANDTS)
+@cases(15)
+@given(st.floats(-12, 0), st.floats(-np.pi, np.pi))
+def test_no_wrong_ray_next_to_a_radius_that_turns(name, exponent, azimuth):
+    """The ray of a pixel, put into d(theta) in 50 digits, is that pixel to 1e-10 px; and it is the first."""
+    camera, (theta_end, r_end) = TURNING[name].camera, first_turn(TURNING[name])
+    pixel = camera.center + r_end * (1 - 10**exponent) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    rays = camera.unproject(pixel)
+    assert rays.valid
+    with mp.workdps(DIGITS):
+        x, y, z = (mp.mpf(v) for v in rays.directions.tolist())
+        theta = mp.atan2(mp.hypot(x, y), z)
+        assert theta <= theta_end * (1 + mp.mpf(10) ** -12)
+        off_px = TURNING[name].radius(theta) - mp.hypot(*(mp.mpf(v) - 320 for v in pixel.tolist()))
+    assert abs(off_px) <= 1e-10
+    again, seen = camera.project(3 * rays.directions)
+    assert seen
+    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", POLYNOMIALS)
+@cases(15)
+@given(st.floats(-15, 0), st.floats(-np.pi, np.pi), st.floats(-9, 9))
+def test_pixels_next_to_an_angle_that_turns(name, exponent, azimuth, away):
+    """They come back as far as float64 rays differ: 1e-6 px, but 1e-8 of the radius at the turn."""
+    camera, (_, r_end) = TURNING[name].camera, first_turn(TURNING[name])
+    rho = min(r_end, 399.0) * (1 - 10**exponent)
+    pixel = camera.center + rho * np.array([np.cos(azimuth), np.sin(azimuth)])
+    rays = camera.unproject(pixel)
+    if not rays.valid:
+        assert exponent < -11
+        return
+    again, seen = camera.project(10**away * rays.directions)
+    assert seen
+    # A ray is known to 2e-16; next to the turn, left off it, that is 2e-16 / left of the radius.
+    known = 400 * min(3e-15 / 10**exponent, 6e-8)
+    np.testing.assert_allclose(again, pixel, rtol=0, atol=max(1e-9, known))
+    # Whatever the pixel, its ray is the point's: no other branch, no digits lost.
+    seen_by = camera.unproject(again).directions
+    np.testing.assert_allclose(seen_by, rays.directions, rtol=0, atol=4e-15)
+
+
+def test_two_pixels_with_one_ray():
+    """The numbers of the story: the outer pixel has no ray, and the point is seen by the inner one."""
+    lens = TURNING["scaramuzza"]
+    theta = float(lens.angle(350.0))
+    inner = float(mp.findroot(lambda rho: lens.angle(rho) - theta, 147.0))
+    assert inner == pytest.approx(147.1, abs=0.1)
+    assert not lens.camera.valid(np.array([750.0, 400.0]))
+    pixel, seen = lens.camera.project(ray(theta))
+    assert seen
+    np.testing.assert_allclose(pixel, lens.camera.center + np.array([inner, 0]), rtol=0, atol=1e-6)
+
+
+def test_a_slope_that_only_touches_zero_is_no_turn():
+    """d' = (1 - theta^2)^2, 0 at 1 rad but never negative: the branch goes on, on both sides of it.
+
+    The solver's two roots are off by 1e-8 or a complex pair; what rounding made of them decided, once.
+    """
+    lens = kannala_brandt((-2 / 3, 1 / 5, 0, 0))
+    for theta in (0.9, 1 - 1e-6, 1 + 1e-6, 1.5, 3.0):
+        pixel, seen = lens.camera.project(ray(theta))
+        r = float(lens.radius(mp.mpf(theta)))
+        assert seen == (r <= 320)
+        if seen:
+            np.testing.assert_allclose(pixel, (320 + r, 320), rtol=0, atol=1e-9)
+
+
+def test_a_threefold_root_is_a_turn():
+    """d' = (1 - theta^2)^3: the solver scatters the roots 1e-5 around 1 rad, and none is real.
+
+    Once no turn was seen there, and points 1.5 rad off the axis got the pixel of a ray nearer to it.
+    """
+    camera = kannala_brandt((-1.0, 3 / 5, -1 / 7, 0)).camera
+    r_end = F * (1 - 1 + 3 / 5 - 1 / 7)
+    assert camera.valid(np.array([320 + r_end * (1 - 1e-9), 320]))
+    assert not camera.valid(np.array([320 + r_end * (1 + 1e-9), 320]))
+    for theta, seen in ((0.99, True), (1.01, False), (1.5, False)):
+        assert camera.project(ray(theta))[1] == seen
+
+
+@pytest.mark.parametrize("k", [(0.2, 0.05, 0, 0, 0.01, -0.3, 0, 0), (0.2, 0.1, 0, 0, 0.02, 0.1, 0, 0)])
+def test_terms_that_never_turn_end_nothing(k):
+    """The first has a pole: the image reaches to infinity."""
+    assert rational(k).camera.valid(np.array([[0.5, 0.5], [9999.5, 639.5]])).all()
+
+
+@pytest.mark.parametrize(
+    "distortion", [(-0.3, 0, 3e-3, -2e-3), (-0.3, 0.01, 0, 0, 0, 0, 0, 0, 2e-3, 0, -3e-3, 0)]
+)
+def test_tangential_terms_and_prisms_end_where_a_direction_first_stops_to_grow(distortion):
+    """On the disc's rim, and nowhere within, the distortion stretches some direction by nothing."""
+    k = np.append(distortion, np.zeros(12 - len(distortion)))
+    camera = cameras.create("pinhole", width=10_000, height=640, fx=F, fy=F, distortion=distortion)
+    rim, high = 0.0, 20.0  # the largest x / z that the camera sees to the right
+    for _ in range(60):
+        middle = (rim + high) / 2
+        rim, high = (middle, high) if camera.project(np.array([middle, 0, 1.0]))[1] else (rim, middle)
+
+    def least_stretch(r):
+        """The least eigenvalue of the derivative's symmetric part around the circle, by differences."""
+        a = np.linspace(0, 2 * np.pi, 721)
+        at, h = r * np.stack([np.cos(a), np.sin(a)]), 1e-6
+        steps = h * np.array([[[1.0], [0.0]], [[0.0], [1.0]]])
+        dx, dy = ((opencv(*(at + aside), k) - opencv(*(at - aside), k)) / (2 * h) for aside in steps)
+        off = (dx[1] + dy[0]) / 2
+        return ((dx[0] + dy[1]) / 2 - np.hypot((dx[0] - dy[1]) / 2, off)).min()
+
+    assert abs(least_stretch(rim)) < 1e-5
+    assert all(least_stretch(part * rim) > 0 for part in (0.2, 0.5, 0.8, 0.95, 0.999))
+
+
+# xi, alpha, the last angle in degrees, the published one, and the share of the radii whose rays that refuses.
+PUBLISHED = [
+    (-0.2, 0.55, 138.300, 137.075, 0),
+    (-0.27, 0.5635, 130.939, 128.587, 0.001),
+    (0.5, 0.6, 153.691, 147.426, 0.02),
+    (0.9, 0.65, 171.901, 149.638, 0.19),
+]
+
+
+def published_limit(xi, alpha):
+    w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
+    return np.arccos(-(w1 + xi) / np.sqrt(2 * w1 * xi + xi**2 + 1))
+
+
+@pytest.mark.parametrize(("xi", "alpha", "last_deg", "published_deg", "share"), PUBLISHED)
+def test_a_double_sphere_sees_more_than_its_published_limit(xi, alpha, last_deg, published_deg, share):
+    """Of the radii that have a ray, a share has one beyond the published limit; ours come back."""
+    lens = double_sphere(xi, alpha)
+    camera, published = lens.camera, published_limit(xi, alpha)
+    assert np.degrees(published) == pytest.approx(published_deg, abs=6e-4)
+    assert np.degrees(first_turn(lens)[0]) == pytest.approx(last_deg, abs=6e-4)
+    last = camera.unproject(camera.center + np.array([190 * (1 - 1e-15), 0])).directions
+    assert np.degrees(np.arctan2(last[0], last[2])) == pytest.approx(last_deg, abs=6e-4)
+    radii = np.linspace(0, 189.99, 2000)
+    pixels = camera.center + np.stack([radii, 0 * radii], axis=-1)
+    rays = camera.unproject(pixels)
+    assert rays.valid.all()
+    refused = np.arccos(rays.directions[:, 2]) > published
+    if share:
+        assert refused.mean() == pytest.approx(share, rel=0.5)
+    again, seen = camera.project(5 * rays.directions)
+    assert seen[refused].all()
+    np.testing.assert_allclose(again[refused], pixels[refused], rtol=0, atol=1e-6)
+
+
+@cases(5)
+@given(st.floats(-0.95, 1), st.floats(0.52, 1))
+def test_any_double_sphere_ends_where_its_radius_turns(xi, alpha):
+    lens = double_sphere(xi, alpha, f=60.0)
+    angle, _ = first_turn(lens)
+    vast = cameras.from_dict({**lens.camera.to_dict(), "width": 10**6, "height": 100, "cx": 1.0, "cy": 50.0})
+    for past, seen in ((-1e-9, True), (1e-9, False)):
+        assert vast.project(ray(min(angle + past, np.pi)))[1] == seen
+
+
+def test_no_depth_is_refused():
+    for a0 in (0.0, 5e-324, 1.0):
+        with pytest.raises(ArgumentError, match=r"^coefficients\[0\]: expected a finite number < 0"):
+            cameras.create("scaramuzza", **SIZE, coefficients=(a0, 0, 1e-3))

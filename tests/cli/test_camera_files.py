@@ -1,0 +1,140 @@
+"""``--camera FILE``, a calibration file as a camera of a job, and the examples of models."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+from omniscv import calibration, cameras
+from omniscv.cli import run
+from omniscv.errors import ArgumentError
+from omniscv.job import load
+
+K, D = [[21.0, 0.0, 15.5], [0.0, 21.5, 11.5], [0.0, 0.0, 1.0]], [0.02, -0.008, 0.002, -0.0004]
+FISHEYE = calibration.from_opencv_fisheye(K, D, 32, 24)
+PLAIN = calibration.from_opencv(K, D, 32, 24)
+
+ROS = f"""
+image_width: 32
+image_height: 24
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: {np.ravel(K).tolist()}
+distortion_model: MODEL
+distortion_coefficients:
+  rows: 1
+  cols: 4
+  data: {D}
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [21, 0, 15.5, 0, 0, 21.5, 11.5, 0, 0, 0, 1, 0]
+"""
+MESSAGE = (
+    f"height: 24\nwidth: 32\ndistortion_model: 'MODEL'\nd: {D}\nk: {np.ravel(K).tolist()}\nbinning_x: 0\n"
+)
+
+
+def written(folder, text, name="lens.yaml"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+@pytest.mark.parametrize("text", [ROS, MESSAGE], ids=["camera_info file", "camera_info message"])
+@pytest.mark.parametrize(("model", "camera"), [("equidistant", FISHEYE), ("plumb_bob", PLAIN)])
+def test_ros_names_its_model(text, model, camera, tmp_path):
+    assert calibration.load(written(tmp_path, text.replace("MODEL", model))) == {"cam0": camera}
+
+
+@pytest.mark.parametrize(
+    "keys", [("K", "D"), ("camera_matrix", "dist_coeffs"), ("cameraMatrix", "distCoeffs")]
+)
+def test_bare_matrices_need_a_size_and_four_coefficients_a_format(keys, tmp_path):
+    path = written(tmp_path, f"{keys[0]}: {K}\n{keys[1]}: {D}\n")
+    with pytest.raises(ArgumentError, match=r"opencv \(k1 k2 p1 p2 of the plain model\) or opencv-fisheye"):
+        calibration.load(path, size=(32, 24))
+    with pytest.raises(
+        ArgumentError, match=r"missing key \'image_width\': add it, or give the size \(--size\)"
+    ):
+        calibration.load(path, "opencv")
+    assert calibration.load(path, "opencv", (32, 24)) == {"cam0": PLAIN}
+    assert calibration.load(path, "opencv-fisheye", (32, 24)) == {"cam0": FISHEYE}
+    five = written(tmp_path, f"{keys[0]}: {K}\n{keys[1]}: [{[*D, 0.0]}]\n")
+    assert calibration.load(five, size=(32, 24))["cam0"].name == "pinhole"
+
+
+def test_a_size_that_a_file_contradicts_is_refused(tmp_path):
+    path = written(tmp_path, ROS.replace("MODEL", "plumb_bob"))
+    assert calibration.load(path, size=(32, 24)) == {"cam0": PLAIN}
+    with pytest.raises(ArgumentError, match="size: expected 32 x 24, got 64 x 48"):
+        calibration.load(path, size=(64, 48))
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+RENDER = ["render", "--source", "scene://four-wall", "--set", "face_size=32", "--out", "out"]
+
+
+def rendered(here, stem):
+    """The camera of an image that was rendered."""
+    return cameras.from_dict(json.loads((here / "out" / f"{stem}.json").read_text())["camera"])
+
+
+def test_a_calibration_file_is_a_camera_of_the_command_line(here, capsys):
+    written(here, ROS.replace("MODEL", "equidistant"), "my.lens.yaml")
+    assert run([*RENDER, "--camera", "my.lens.yaml"]) == 0
+    assert rendered(here, "my-lens") == FISHEYE
+    written(here, f"K: {K}\nD: {D}\n", "bare.yaml")
+    bare = [*RENDER, "--camera", "bare.yaml", "--size", "32x24"]
+    assert run(bare) == 2
+    assert "such as --set camera.format=opencv" in capsys.readouterr().err
+    assert run([*bare, "--set", "camera.format=opencv"]) == 0
+    assert rendered(here, "bare") == PLAIN
+
+
+@pytest.mark.parametrize("format", ["json", "opencv-fisheye", "kalibr", "colmap"])
+def test_every_format_is_one(format, here):
+    calibration.save("lens.txt", {"1" if format == "colmap" else "cam0": FISHEYE}, format)
+    assert run([*RENDER, "--camera", "lens.txt"]) == 0
+    assert rendered(here, "lens") == FISHEYE
+
+
+def test_one_of_several_cameras_is_named(here, capsys):
+    calibration.save("chain.yaml", {"cam0": FISHEYE, "cam1": PLAIN}, "kalibr")
+    assert run([*RENDER, "--camera", "chain.yaml"]) == 2
+    assert "chain.yaml: name: expected one of cam0, cam1; got None" in capsys.readouterr().err
+    assert run([*RENDER, "--camera", "chain.yaml", "--set", "camera.name=cam1"]) == 0
+    assert rendered(here, "chain") == PLAIN
+
+
+def test_a_job_names_files_relative_to_its_own(here):
+    (here / "jobs").mkdir()
+    calibration.save("jobs/chain.yaml", {"cam0": FISHEYE, "cam1": PLAIN}, "kalibr")
+    calibration.save("jobs/lens.json", {"cam0": PLAIN}, "json")
+    calibration.save("other.json", {"cam0": FISHEYE}, "json")
+    text = "source: scene://four-wall\nposes: [{position: [0, 0, 1.5]}]\nface_size: 32\nout: ../out\n"
+    listed = "cameras: {left: {file: chain.yaml, name: cam0}, right: lens.json}\n"
+    job = written(here / "jobs", text + listed, "job.yaml")
+    assert load(job).cameras == {"left": FISHEYE, "right": PLAIN}
+    assert run(["render", str(job), "--camera", "other.json"]) == 0
+    assert rendered(here, "other") == FISHEYE
+
+
+@pytest.mark.parametrize("name", cameras.names())
+def test_the_example_of_a_model_runs(name, here, capsys):
+    assert run(["cameras", name]) == 0
+    *_, example = capsys.readouterr().out.splitlines()
+    words = shlex.split(example.removeprefix("Example: omniscv ").replace("mock://", "scene://"))
+    assert run([*words, "--modes", "depth", "--set", "face_size=32", "--set", "viewpoints=2"]) == 0
+    assert rendered(here, name).width == 256

@@ -1,0 +1,173 @@
+"""Faces that differ at their edges: what gains explain, what a membrane closes, and what neither touches."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter
+from scipy.spatial.transform import Rotation
+
+import omniscv
+from omniscv import light
+from omniscv.compose.seams import Cube, close, estimate_gains, mend
+from omniscv.diagnostics.recorded_faces import examine_recording, slips
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.sources import View
+from omniscv.sources.base import Capture, Request
+from omniscv.sources.recording import RecordedSource, Recording
+from omniscv.sources.recording.store import Store
+from omniscv.sources.scene import open_scene
+
+CENTER = (-0.5, 0.6, 1.2)
+GAINS = np.array([0.8, 1.25, 1.0, 0.9, 1.1, 1.02])
+
+
+def views(edge, turned=None):
+    """The six faces; one of them turned by a rotation vector, degrees."""
+    for name, R_w_c in cube_rotations():
+        turn = np.radians(turned[1]) if turned and turned[0] == name else np.zeros(3)
+        yield View(Pose(CENTER, Rotation.from_rotvec(turn).as_matrix() @ R_w_c), 90, edge, edge)
+
+
+def faces(edge=256, smooth=2, turned=None, scene="four-wall"):
+    """Pictures of a room, (6, s, s, 3) uint8, averaged over the pixel as engines do."""
+    with open_scene(f"scene://{scene}") as source:
+        requests = [Request(view.scaled(smooth), "lit") for view in views(edge, turned)]
+        pictures = np.stack([capture.pixels for capture in source.capture(requests)]).astype(np.float64)
+    return np.uint8(pictures.reshape(6, edge, smooth, edge, smooth, 3).mean(axis=(2, 4)) + 0.5)
+
+
+def cube(pixels):
+    return Cube.of([*views(pixels.shape[1])], [*pixels])
+
+
+@pytest.fixture(scope="module")
+def room():
+    return faces()
+
+
+def test_faces_that_agree_stay_as_they_are():
+    """A smooth function of direction has no step; without steps not a byte changes."""
+    edge = 64
+    x = (np.arange(edge) + 0.5) * 2 / edge - 1
+    rays = np.stack([*np.meshgrid(x, x), np.ones((edge, edge))], axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    smooth = np.stack([120 + 80 * (rays @ R_w_c.T) for _, R_w_c in cube_rotations()]).astype(np.uint8)
+    assert np.abs(cube(smooth).steps()).max() < 0.6  # levels: of rounding
+    flat = np.full((6, edge, edge, 3), 90, np.uint8)
+    assert (close(cube(flat)) == flat).all()
+
+
+def test_one_bright_face_meets_the_others_half_way():
+    """The known answer of a membrane: half the step on either side, and nothing a reach away."""
+    pixels = np.full((6, 256, 256, 3), 100, np.uint8)
+    pixels[2] += 12
+    assert sorted(cube(pixels).steps().round(6)) == [0] * 8 + [12] * 4
+    closed = close(cube(pixels))
+    assert np.abs(cube(closed).steps()).max() < 0.5
+    assert abs(int(closed[2, 128, 0, 0]) - 106) <= 1
+    assert closed[2, 128, 128, 0] == 112
+    assert closed[0, 128, 128, 0] == 100
+
+
+def test_gains_are_those_of_light(room):
+    darkened = np.stack(
+        [
+            light.encode(light.decode(face, "srgb") * gain, "srgb")
+            for face, gain in zip(room, GAINS, strict=True)
+        ]
+    )
+    found = estimate_gains(cube(darkened), "srgb")
+    assert found.proven
+    expected = np.exp(np.log(GAINS).mean()) / GAINS
+    np.testing.assert_allclose(found.gains, expected, rtol=0.005)
+    mended = mend([*views(256)], [*darkened], "gains", "srgb")
+    common = np.stack(
+        [light.encode(light.decode(face, "srgb") * np.exp(np.log(GAINS).mean()), "srgb") for face in room]
+    )
+    usable = (common < 250) & (darkened < 250)
+    assert np.abs(np.stack(mended.pixels).astype(float) - common)[usable].mean() < 0.5
+    assert mended.report["steps_after"]["median"] < mended.report["steps"]["median"]
+
+
+def test_light_that_is_added_is_no_gain(room):
+    """Gloss and glare of one face: gains explain too little, and the membrane closes what it can."""
+    glossy = room.astype(float)
+    glossy[1, 60:200, :90] += 40
+    glare = room.astype(float)
+    glare += np.stack([0.2 * (uniform_filter(face, (80, 80, 0), mode="nearest") - face) for face in glare])
+    for pictures in (glossy, glare):
+        broken = np.clip(pictures, 0, 255).astype(np.uint8)
+        found = estimate_gains(cube(broken), "srgb")
+        assert not found.proven or np.abs(found.gains - 1).max() < 0.005
+        refused = mend([*views(256)], [*broken], "gains", "srgb")
+        assert "gains explain" in refused.report["refused"]
+        assert all((a == b).all() for a, b in zip(refused.pixels, broken, strict=True))
+        closed = mend([*views(256)], [*broken], "close", "srgb")
+        assert closed.report["steps_after"]["p90"] < 0.6 * max(closed.report["steps"]["p90"], 1)
+        error = [np.abs(np.stack(each).astype(float) - room).mean() for each in (broken, closed.pixels)]
+        assert error[1] <= 1.05 * error[0]
+
+
+def test_a_turned_face_slips():
+    """Where its edges have texture; faces that are not turned have no slip."""
+    found = slips(cube(faces(1024, turned=("down", (0.12, 0, 0)))))
+    assert [*found] == ["down"]
+    assert 0.09 < found["down"] < 0.16
+    assert slips(cube(faces(1024))) == {}
+
+
+@pytest.fixture(scope="module")
+def uneven(tmp_path_factory, room):
+    """A recording of the room, with depth and masks, whose faces have gains."""
+    path = tmp_path_factory.mktemp("uneven") / "room.sqlite"
+    with Recording(open_scene("scene://four-wall"), path) as recording:
+        truth = [Request(view, mode) for view in views(256) for mode in ("depth", "object_mask")]
+        list(recording.capture(truth))
+    store = Store(path, write=True)
+    for view, face, gain in zip(views(256), room, GAINS, strict=True):
+        pixels = light.encode(light.decode(face, "srgb") * gain, "srgb")
+        store.add(Capture(Request(view, "lit"), view, pixels, {}))
+    store.close()
+    return path
+
+
+def test_an_image_is_mended_in_colour_alone(uneven):
+    camera, pose = omniscv.cameras.create("equirectangular", 256, 128), Pose.from_angles(CENTER, yaw_deg=45)
+    modes = ("lit", "depth", "object_mask")
+    with RecordedSource(uneven) as source:
+        kept = omniscv.render(camera, pose, source, modes)
+        mended = omniscv.render(camera, pose, source, modes, seams="close")
+        front = omniscv.render(
+            omniscv.cameras.create("pinhole", 64, 64, fov_deg=60),
+            Pose.from_angles(CENTER),
+            source,
+            seams="close",
+        )
+    for layer in ("depth", "labels", "object_mask", "depth_error"):
+        np.testing.assert_array_equal(kept[layer], mended[layer])
+    change = np.abs(kept.lit.astype(int) - mended.lit).max(axis=-1)
+    assert mended["relit"][change > 4].mean() > 0.99  # it is the nearest pixel's, colours are of four
+    (report,) = mended.provenance["seams"]
+    assert report["steps_after"]["median"] < 0.5 < report["steps"]["median"]
+    # A camera that sees one face gets the colours of the whole cube.
+    np.testing.assert_allclose(front.lit[32, 32].astype(float), mended.lit[64, 160].astype(float), atol=12)
+    assert front["relit"].any()
+
+
+def test_what_is_no_cube_stays_and_says_so():
+    camera = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
+    with open_scene("scene://four-wall") as source:
+        image = omniscv.render(camera, Pose.from_angles(CENTER), source, seams="close")
+        kept = omniscv.render(camera, Pose.from_angles(CENTER), source)
+    np.testing.assert_array_equal(image.lit, kept.lit)
+    assert image.provenance["seams"] == [{"refused": "expected six 8-bit faces of a cube"}]
+
+
+def test_the_doctor_examines_recordings(uneven, capsys):
+    from omniscv import cli
+
+    with RecordedSource(uneven) as source:
+        found = {finding.name: finding for finding in examine_recording(source)}
+    assert found["seams"].verdict == "bad"
+    assert "differs by up to 1.5" in found["exposure"].value  # 1.25 / 0.8 = 1.56
+    assert cli.run(["doctor", str(uneven)]) == 1
+    assert "seams: close" in capsys.readouterr().out

@@ -1,0 +1,89 @@
+"""Images with fewer viewpoints than rays, where a viewpoint or a pixel's own centre lies beyond a wall."""
+
+import numpy as np
+import pytest
+from support.judged import Errors
+
+import mock_server
+import omniscv
+from omniscv.cameras import create
+from omniscv.geometry import Pose
+
+MODES = ("object_mask", "depth")
+UNMARKED = 0.0005  # of the valid pixels of an image
+ALONG = create("push-broom", width=101, height=79, travel=(3, 0, 0), fov_deg=95)
+CIRCLE = create("noncentral-panorama", width=120, height=60, radius=1.0)
+FAST = create(
+    "rolling-shutter", width=80, height=70, base={"model": "pinhole", "fov_deg": 100},
+    readout=0.1, velocity=(20, 0, 0),
+)  # fmt: skip
+BY_WALL = Pose.from_angles((0.3, 2.2, 1.3), yaw_deg=180)
+STRIPS, FACES = {"strategy": "strips"}, {"strategy": "faces"}
+CASES = {
+    **{
+        f"push-broom-{count}": ("four-wall", ALONG, BY_WALL, STRIPS | {"viewpoints": count})
+        for count in (4, 9, 20, 40)
+    },
+    "push-broom-faces": ("four-wall", ALONG, BY_WALL, FACES | {"viewpoints": 9}),
+    "panorama": (
+        "six-wall",
+        CIRCLE,
+        Pose.from_angles((1.2, 0.3, 1.5), 25, 4, -3),
+        STRIPS | {"viewpoints": 12},
+    ),
+    "rolling-shutter": (
+        "four-wall",
+        FAST,
+        Pose.from_angles((0.4, 2.013, 1.4), yaw_deg=180),
+        {"strategy": "adaptive"},
+    ),
+}
+
+
+def judged(room, camera, pose, way):
+    """Return the image's errors, and where it is wrong about hidden centres, away from edges."""
+    scene = mock_server.load_scene(room)
+    with omniscv.open_source(f"mock://{room}") as source:
+        image = omniscv.render(camera, pose, source, MODES, **way)
+    toward = pose.to_world(camera.unproject().origins) - pose.position
+    away = np.linalg.norm(toward, axis=-1)
+    centers = np.broadcast_to(pose.position, toward.shape)
+    turns = [np.zeros(3), *0.03 * np.eye(3), *-0.03 * np.eye(3)]
+    with np.errstate(invalid="ignore"):
+        along = toward / away[..., None]
+        hidden = [scene.trace(centers, along + turn).distance < away for turn in turns]
+    wrong = np.all([image.occluded != each for each in hidden], axis=0)
+    return Errors(image, scene), wrong & image.valid
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_the_shared_centre_does_not_see_is_marked(case):
+    errors, wrongly_hidden = judged(*CASES[case])
+    image = errors.image
+    assert errors.uncovered.sum() <= max(1, UNMARKED * image.valid.sum())
+    assert not wrongly_hidden.any()
+
+
+def drawn_near_a_wall(seed):
+    """A camera whose centres reach up to 0.6 m from its position, 0.1 to 0.5 m from a wall or a corner."""
+    rng = np.random.default_rng(seed)
+    sides = rng.choice((-1, 1), 2) * ((3.0, 2.5) - rng.uniform(0.1, 0.5, 2))
+    x, y = np.where(rng.permutation([True, seed % 2 == 0]), sides, rng.uniform(-1, 1, 2))
+    pose = Pose.from_angles((x, y, rng.uniform(0.3, 2.5)), *rng.uniform(-180, 180, 3))
+    models = (
+        create("noncentral-panorama", width=96, height=48, radius=rng.uniform(0.2, 0.6)),
+        create("push-broom", width=72, height=56, travel=rng.uniform((0.1, -1, -1), 1), fov_deg=90),
+    )
+    ways = (STRIPS, FACES, {"strategy": "cube"}, {"strategy": "adaptive"})
+    way = ways[seed % 4] if seed % 4 == 3 else ways[seed % 4] | {"viewpoints": int(rng.integers(3, 24))}
+    return models[seed % 2], pose, way
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(4, 60))]
+)
+def test_near_walls(seed):
+    errors, wrongly_hidden = judged("four-wall", *drawn_near_a_wall(seed))
+    image = errors.image
+    assert errors.uncovered.sum() <= max(2, UNMARKED * image.valid.sum())
+    assert not wrongly_hidden.any()

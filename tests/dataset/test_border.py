@@ -1,0 +1,180 @@
+"""The border of datasets: whatever a folder holds, every reader refuses the same fault in one line."""
+
+import json
+import os
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from support.datasets import tree
+
+from omniscv import cli, dataset, jobs
+from omniscv.errors import DatasetError
+from omniscv.frame import FileEntry
+from omniscv.storage import png
+from omniscv.viewing.look import look
+
+
+def listed(out, change):
+    """Change the lines of frames.jsonl, as plain values."""
+    path = out / "frames.jsonl"
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in change(lines)), encoding="utf-8")
+
+
+def enter(out, key, kind):
+    """List a file of a frame as it is now, with its size and checksum."""
+
+    def change(lines):
+        for line in lines:
+            if line["key"] == key:
+                line["files"][kind] = asdict(FileEntry.of(out / line["files"][kind]["path"]))
+        return lines
+
+    listed(out, change)
+
+
+# -- what a dataset may hold: each changes one, and returns what every reader says --------------------------
+
+
+def swap_labels(out):
+    """Two frames' labels, exchanged."""
+    a, b = out / "pano-0.labels.png", out / "pano-1.labels.png"
+    kept = a.read_bytes()
+    a.write_bytes(b.read_bytes())
+    b.write_bytes(kept)
+    return "pano-0.labels.png: expected"
+
+
+def link_to_a_private_file(out):
+    private = out.parent / "private.png"
+    (out / "pano-0.lit.png").rename(private)
+    (out / "pano-0.lit.png").symlink_to(private)
+    return "pano-0.lit.png: expected a regular file, got a link"
+
+
+def link_to_zeros(out):
+    (out / "pano-0.lit.png").unlink()
+    (out / "pano-0.lit.png").symlink_to("/dev/zero")
+    return "pano-0.lit.png: expected a regular file, got a link"
+
+
+def pipe(out):
+    (out / "pano-0.lit.png").unlink()
+    os.mkfifo(out / "pano-0.lit.png")
+    return "pano-0.lit.png: expected a regular file, got a folder, a device or a pipe"
+
+
+def twice(out):
+    listed(out, lambda lines: [lines[0], *lines])
+    return "frames.jsonl: expected every key once"
+
+
+def executable(out):
+    """WebDataset's default decoder unpickles members that end in .pyd."""
+    (out / "pano-0.notes.pyd").write_bytes(b"cos\nsystem\n(S'true'\ntR.")
+
+    def change(lines):
+        for line in lines:
+            if line["key"] == "pano-0":
+                line["files"]["notes"] = asdict(FileEntry.of(out / "pano-0.notes.pyd"))
+        return lines
+
+    listed(out, change)
+    return "pano-0"
+
+
+def huge_picture(out):
+    """A label picture of 3000 x 3000 for a camera of 48 x 24."""
+    (out / "pano-0.labels.png").write_bytes(png.encode(np.zeros((3000, 3000), np.uint16)))
+    enter(out, "pano-0", "labels")
+    return "pano-0.labels.png: expected 48x24 px, as its camera has, got 3000x3000"
+
+
+def tiff_as_png(out):
+    import OpenImageIO
+
+    picture = out / "pano-0.tif"
+    output = OpenImageIO.ImageOutput.create(str(picture))
+    output.open(str(picture), OpenImageIO.ImageSpec(48, 24, 3, "uint8"))
+    output.write_image(bytes(48 * 24 * 3))
+    output.close()
+    picture.rename(out / "pano-0.lit.png")
+    enter(out, "pano-0", "lit")
+    return "pano-0.lit.png: expected a picture of lit, got: expected a PNG"
+
+
+FAULTS = [
+    swap_labels,
+    link_to_a_private_file,
+    link_to_zeros,
+    pipe,
+    twice,
+    executable,
+    huge_picture,
+    tiff_as_png,
+]
+
+
+def opened(out):
+    for frame in dataset.open(out):
+        frame.layers("lit", "labels", "depth")
+
+
+READERS = {
+    "open": opened,
+    "coco": lambda out: dataset.export(out, "coco", out.parent / "coco"),
+    "hf": lambda out: dataset.export(out, "hf", out.parent / "hf"),
+    "webdataset": lambda out: dataset.export(out, "webdataset", out.parent / "shards"),
+    "look": lambda out: look(out, out.parent / "page.html"),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("change", FAULTS)
+def test_every_reader_refuses_what_the_border_refuses(change, reader, copied):
+    says = change(copied)
+    with pytest.raises(DatasetError) as refused:
+        READERS[reader](copied)
+    assert says in str(refused.value)
+    assert not {"page.html", "coco", "shards", "hf"} & {path.name for path in copied.parent.iterdir()}
+
+
+@pytest.mark.parametrize("change", FAULTS)
+def test_check_lists_what_the_border_refuses(change, copied, capsys):
+    says = change(copied)
+    assert cli.run(["dataset", "check", str(copied)]) == 1
+    assert says in capsys.readouterr().out
+
+
+def test_a_picture_is_of_the_form_that_its_name_says(copied):
+    (copied / "pano-0.depth.exr").write_bytes((copied / "pano-0.lit.png").read_bytes())
+    enter(copied, "pano-0", "depth")
+    with pytest.raises(DatasetError, match=r"pano-0\.depth\.exr: expected EXR, as its name says, got png"):
+        opened(copied)
+
+
+@pytest.mark.timeout(30)
+def test_patterns_of_a_dataset_are_not_run_where_it_is_read(copied):
+    """Python would try every division of 40 letters."""
+    path = copied / "dataset.json"
+    said = json.loads(path.read_bytes())
+    said["names"]["a" * 40 + "!"] = len(said["names"]) + 1
+    said["classes"]["rules"].insert(0, {"regex": "(a+)+", "class": "chair"})
+    path.write_text(json.dumps(said), encoding="utf-8")
+    opened(copied)
+    dataset.export(copied, "coco")
+
+
+def test_what_stands_in_the_place_of_a_frame_is_made_again(copied):
+    """A pipe would be waited for, a link followed."""
+    before = tree(copied)
+    for name in ("pano-0.json", "lens-1.depth.exr"):
+        (copied / name).unlink()
+        os.mkfifo(copied / name)
+    (copied / "pano-1.lit.png").rename(copied.parent / "private.png")
+    (copied / "pano-1.lit.png").symlink_to(copied.parent / "private.png")
+    made = jobs.make(jobs.load(copied.parent / "dataset.yaml"), resume=True)
+    assert (made.written, made.kept) == (3, 3)
+    assert tree(copied) == before
+    assert not (copied / "pano-1.lit.png").is_symlink()

@@ -1,0 +1,138 @@
+"""A job that fails is no dead end: refused before it captures, taken up, resumed, replaced or kept going."""
+
+import pytest
+
+from omniscv import dataset, make
+from omniscv.cli import run
+from omniscv.errors import DatasetError
+from omniscv.job import load
+from omniscv.truth import registry as truths
+
+CAMERAS = """
+cameras:
+  pano: {model: equirectangular, width: 64, height: 32}
+  ahead: {model: pinhole, width: 16, height: 8, fov_deg: 20}
+face_size: 32
+out: made
+"""
+TWO = "[{position: [0, 0, 1.5]}, {position: [1, 0, 1.5]}]"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Cube maps at one place, in a room that the file does not describe."""
+    path = tmp_path_factory.mktemp("recorded") / "room.sqlite"
+    assert (
+        run(["record", "--modes", "lit,mask,depth,normals", "--set", "face_size=192", "--out", str(path)])
+        == 0
+    )
+    return path
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch, recording):
+    """A function that makes a dataset of the recording by the command line; its exit code."""
+    monkeypatch.chdir(tmp_path)
+
+    def make(more, *options, source=recording, poses="[{position: [0, 0, 1.5]}]"):
+        (tmp_path / "job.yaml").write_text(f"source: {source}\nposes: {poses}\n{CAMERAS}{more}\n")
+        return run(["dataset", "make", "job.yaml", *options])
+
+    return make
+
+
+def said(capsys):
+    """The one line on standard error."""
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def fitted(modes):
+    return f"modes: [{modes}]\ntruth: {{layout: {{source: fitted}}}}"
+
+
+@pytest.mark.parametrize(
+    ("more", "options", "says"),
+    [
+        (fitted("lit, mask, depth"), {}, "truth.layout: expected modes with normals, because"),
+        ("modes: [lit, mask]\ntruth: {amodal: true}", {}, "truth.amodal: source: expected one that can hide"),
+        ("modes: [lit]", {"poses": TWO}, "differs in position by 1 m"),
+        ("truth: {boxes: {cameras: [side]}}\nmodes: [mask]", {}, "boxes.cameras: expected one of pano"),
+    ],
+)  # fmt: skip
+def test_what_can_be_checked_is_checked_before_anything_is_captured(
+    more, options, says, made, tmp_path, capsys
+):
+    assert made(more, **options) != 0
+    assert says in said(capsys)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_folder_without_frames_is_taken_up(made, tmp_path, capsys):
+    """As it is left where the first frame fails."""
+    assert made("modes: [lit]", source="mock://four-wall?fault=zero-size@1.0") == 1
+    (tmp_path / "made").mkdir(exist_ok=True)
+    (tmp_path / "made" / "dataset.json").write_text("{}")
+    assert made("modes: [lit, depth]") == 0
+    assert {frame.key for frame in dataset.open("made")} == {"pano", "ahead"}
+
+
+def test_a_dataset_with_frames_is_completed_or_replaced_by_name(made, tmp_path, capsys):
+    assert made("modes: [lit]") == 0
+    (tmp_path / "made" / "notes.txt").write_text("mine")
+    capsys.readouterr()
+    assert made("modes: [lit, depth]") == 2
+    assert "--resume completes it, --overwrite replaces it, or write elsewhere" in said(capsys)
+    assert made("modes: [lit, depth]", "--resume") == 2
+    assert "it has options.modes ['lit'], and the job ['lit', 'depth']; --overwrite replaces" in said(capsys)
+    assert made("modes: [lit, nothing]", "--overwrite") == 2
+    assert made("truth: {amodal: true}\nmodes: [mask]", "--overwrite") == 2
+    assert len(dataset.open("made")) == 2  # a job that is refused removes nothing
+    assert made("modes: [depth]", "--overwrite") == 0
+    assert dataset.check("made", deep=True) == []
+    names = {path.name for path in (tmp_path / "made").iterdir()}
+    assert {"notes.txt", "pano.depth.exr"} <= names
+    assert not any("lit" in name for name in names)
+
+
+def test_a_truth_that_a_camera_cannot_carry_is_left_out_unless_it_is_named(made, tmp_path, capsys):
+    """A narrow view ahead shows neither floor nor ceiling."""
+    more = fitted("lit, mask, depth, normals")
+    assert made(more + "\nexport: [{format: horizonnet, cameras: [pano]}]") == 0
+    assert said(capsys).startswith("omniscv: ahead: truth.layout: layout: expected images that show")
+    assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == {
+        "pano": True,
+        "ahead": False,
+    }
+    assert [path.stem for path in (tmp_path / "made" / "exports" / "horizonnet").rglob("*.txt")] == ["pano"]
+    assert dataset.check("made", deep=True) == []
+    assert made(more.replace("fitted", "fitted, cameras: [ahead]"), "--overwrite") == 2
+    assert "ahead: truth.layout: layout: expected" in said(capsys)
+    assert made(more.replace("fitted", "fitted, cameras: [pano]"), "--overwrite") == 0
+    assert capsys.readouterr().err == ""
+    assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == {
+        "pano": True,
+        "ahead": False,
+    }
+
+
+def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys):
+    faults = {"ahead"}
+
+    def derive(observation, options):
+        if observation.frame.key in faults:
+            raise DatasetError("expected a calm sea")
+        return {}
+
+    truths.names()
+    monkeypatch.setitem(truths._TRUTHS, "calm", truths.Truth("calm", derive))
+    assert made("truth: {calm: true}") == 1
+    capsys.readouterr()
+    assert made("truth: {calm: true}", "--keep-going", "--overwrite") == 1
+    printed = capsys.readouterr()
+    assert printed.err == "omniscv: ahead: expected a calm sea; left out\n"
+    assert "1 frames made, 0 kept, 1 failed: try them again with --resume; complete" in printed.out
+    assert [frame.key for frame in dataset.open("made")] == ["pano"]
+    faults.clear()
+    assert make.make(load("job.yaml"), resume=True) == make.Made(1, 1)
+    assert [frame.key for frame in dataset.open("made")] == ["ahead", "pano"]

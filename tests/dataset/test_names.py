@@ -1,0 +1,80 @@
+"""Splits, classes and cameras with names that YAML, markup or file systems take for something else."""
+
+import json
+
+import pytest
+import yaml
+from support.datasets import image
+
+from omniscv import dataset
+from omniscv.errors import ArgumentError
+from omniscv.viewing.look import look
+
+HARMLESS = ["x: y", "]]>", 'a"b', "- [", "# no", "yes", "null", "1e3", "&a *b", "</script>", "日本", "it's"]
+REFUSED = ["x" * 10_000, "a\nb", "\x1b[31m", "\u202eab", "\ud800", "a/b", "..", "a.b", ""]
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return image(width=16)
+
+
+def written(out, picture, split="train", name="chair", supercategory=""):
+    """A dataset of one frame, all of whose objects have one class."""
+    rule = {"match": "*", "class": name, "supercategory": supercategory}
+    with dataset.Writer(out, classes={"rules": [rule]}) as writer:
+        writer.add("room", picture, split=split)
+    return out
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_classes_are_read_back_by_their_names(name, picture, tmp_path):
+    out = written(tmp_path / "out", picture, name=name, supercategory=name)
+    assert dataset.check(out, deep=True) == []
+    assert list(dataset.open(out)[0].classes.classes) == [name]
+    (coco,) = dataset.export(out, "coco", tmp_path / "coco")[:1]
+    assert [row["name"] for row in json.loads(coco.read_text(encoding="utf-8"))["categories"]] == [name]
+    dataset.export(out, "hf", tmp_path / "hf", license=name)
+    _, head, text = (tmp_path / "hf" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
+    assert yaml.safe_load(head)["license"] == name
+    assert f"- 1: {name}\n" in text
+    (page,) = look(out, tmp_path / "page.html")
+    data = page.read_text(encoding="utf-8").partition('id="data">')[2].partition("</script>")[0]
+    assert json.loads(data)["classes"]["1"]["name"] == name
+
+
+@pytest.mark.parametrize("split", [*HARMLESS[:3], "yes", "null", "日本"])
+def test_splits_are_names_of_files_and_yaml_or_refused(split, picture, tmp_path):
+    out = written(tmp_path / "out", picture, split=split)
+    assert dataset.check(out, deep=True) == []
+    shard, _ = dataset.export(out, "webdataset", tmp_path / "shards")
+    assert shard.name == f"{split}-000000.tar"
+    if not split.isidentifier():
+        with pytest.raises(ArgumentError, match="hf: room: expected a split of letters"):
+            dataset.export(out, "hf", tmp_path / "hf")
+        return
+    dataset.export(out, "hf", tmp_path / "hf")
+    _, head, _ = (tmp_path / "hf" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
+    assert yaml.safe_load(head)["configs"][0]["data_files"] == [{"split": split, "path": f"{split}/**"}]
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_names_that_no_file_can_have_are_refused(name, picture, tmp_path):
+    if name:  # frames without a split
+        with pytest.raises(ArgumentError, match="split: expected the start of a file name"):
+            written(tmp_path / "split", picture, split=name)
+    if name not in ("a/b", "..", "a.b"):
+        with pytest.raises(ArgumentError, match=r"class: expected a name of at most 200 printable"):
+            written(tmp_path / "class", picture, name=name)
+
+
+def test_names_too_long_for_a_format_are_refused_there(picture, tmp_path):
+    for key, to, options, says in (
+        ("k" * 150, "webdataset", {}, "expected names of files of at most 100 bytes"),
+        ("with space", "colmap", {"equirectangular": "cubemap"}, "without spaces, for COLMAP, got"),
+    ):
+        with dataset.Writer(tmp_path / to) as writer:
+            writer.add(key, picture)
+        assert dataset.check(tmp_path / to, deep=True) == []
+        with pytest.raises(ArgumentError, match=says):
+            dataset.export(tmp_path / to, to, tmp_path / f"{to}-out", **options)

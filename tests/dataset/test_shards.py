@@ -1,0 +1,165 @@
+"""Shards that others have packed: files of samples as their list says, or one line."""
+
+import io
+import json
+import shutil
+import tarfile
+from contextlib import closing
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from omniscv import dataset
+from omniscv.dataset.formats.webdataset import Shard, read_list
+from omniscv.errors import DatasetError
+from omniscv.frame import FileEntry
+
+KINDS = ("lit", "labels", "depth", "truth", "layout")
+
+
+@pytest.fixture(scope="module")
+def packed(whole, tmp_path_factory):
+    """A folder with one shard."""
+    out = tmp_path_factory.mktemp("packed")
+    dataset.export(whole / "dataset", "webdataset", out)
+    for line in (lines := json.loads((out / "shards.json").read_bytes()))["shards"][1:]:
+        (out / line["path"]).unlink()
+    lines["shards"] = lines["shards"][:1]
+    (out / "shards.json").write_text(json.dumps(lines), encoding="utf-8")
+    return out
+
+
+@pytest.fixture
+def shards(packed, tmp_path):
+    """A copy of it."""
+    return shutil.copytree(packed, tmp_path / "shards")
+
+
+def read(folder, scratch):
+    """All frames of a folder of shards, each with its layers read."""
+    scratch.mkdir(exist_ok=True)
+    manifest, listed = read_list(folder)
+    for file, keys in listed.items():
+        with closing(Shard(folder, file, manifest)) as shard:
+            for key in keys:
+                frame = shard.extract(key, KINDS, scratch)
+                yield frame, frame.layers(*KINDS)
+
+
+def repacked(folder, change):
+    """Rewrite the shard, of which ``change(tar, member, data)`` writes each member, and list it as it is."""
+    lines = json.loads((folder / "shards.json").read_bytes())
+    path = folder / lines["shards"][0]["path"]
+    with tarfile.open(path) as tar:
+        members = [(member, tar.extractfile(member).read()) for member in tar]
+    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as tar:
+        for member, data in members:
+            change(tar, member, data)
+    enter(folder, lines)
+
+
+def enter(folder, lines):
+    """List the shard with its size and checksum."""
+    lines["shards"][0] |= asdict(FileEntry.of(folder / lines["shards"][0]["path"]))
+    (folder / "shards.json").write_text(json.dumps(lines), encoding="utf-8")
+
+
+def test_samples_are_the_frames_of_the_dataset(packed, whole, tmp_path):
+    frames = {frame.key: frame for frame in dataset.open(whole / "dataset")}
+    for frame, layers in read(packed, tmp_path / "scratch"):
+        assert frame.to_dict()["pose"] == frames[frame.key].to_dict()["pose"]
+        for name, pixels in layers.items():
+            np.testing.assert_array_equal(pixels, frames[frame.key].layer(name))
+
+
+def linked(type, target):
+    """The first depth as a link."""
+
+    def change(tar, member, data):
+        if member.name.endswith(".depth.exr"):
+            member = tarfile.TarInfo(member.name)
+            member.type, member.linkname = type, target or member.name
+            data = b""
+        tar.addfile(member, io.BytesIO(data))
+
+    return change
+
+
+def sparse(tar, member, data):
+    """A depth of 64 GiB of zeros, in a few bytes."""
+    if member.name.endswith(".depth.exr"):
+        member.pax_headers = {
+            "GNU.sparse.major": "0",
+            "GNU.sparse.minor": "1",
+            "GNU.sparse.size": str(64 << 30),
+            "GNU.sparse.map": f"{(64 << 30) - 1},1",
+        }
+        data = b"x"
+        member.size = 1
+    tar.addfile(member, io.BytesIO(data))
+
+
+def deep(tar, member, data):
+    """A description that is nested a hundred thousand times."""
+    if member.name.count(".") == 1:
+        data = b"[" * 100_000
+        member.size = len(data)
+    tar.addfile(member, io.BytesIO(data))
+
+
+def other_bytes(tar, member, data):
+    tar.addfile(member, io.BytesIO(data if "lit" not in member.name else data[:-1] + bytes([data[-1] ^ 1])))
+
+
+def longer(tar, member, data):
+    if member.name.endswith(".lit.png"):
+        data += bytes(1000)
+        member.size = len(data)
+    tar.addfile(member, io.BytesIO(data))
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (linked(tarfile.SYMTYPE, ""), "expected files of samples, got 'lens-"),
+        (linked(tarfile.SYMTYPE, "/etc/passwd"), "expected files of samples"),
+        (linked(tarfile.SYMTYPE, "../outside"), "expected files of samples"),
+        (linked(tarfile.LNKTYPE, "lens-0.lit.png"), "expected files of samples"),
+        (linked(tarfile.FIFOTYPE, ""), "expected files of samples"),
+        (sparse, "expected files of samples"),
+        (deep, "expected JSON"),
+        (other_bytes, "lit.png: expected the bytes of its checksum"),
+        (longer, "lit.png: expected at most"),
+    ],
+)
+def test_members_that_are_no_files_of_samples_are_refused(change, says, shards, tmp_path):
+    repacked(shards, change)
+    with pytest.raises(DatasetError) as refused:
+        list(read(shards, tmp_path / "scratch"))
+    assert says in str(refused.value)
+    assert ".tar: " in str(refused.value)
+
+
+def test_a_shard_is_a_regular_file_of_its_size(shards, tmp_path):
+    lines = json.loads((shards / "shards.json").read_bytes())
+    path = shards / lines["shards"][0]["path"]
+    path.rename(tmp_path / "elsewhere.tar")
+    path.symlink_to(tmp_path / "elsewhere.tar")
+    with pytest.raises(DatasetError, match="expected a regular file, got a link"):
+        list(read(shards, tmp_path / "scratch"))
+    path.unlink()
+    with path.open("wb") as file:
+        file.truncate(64 << 30)
+    with pytest.raises(DatasetError, match=r"expected \d+ bytes, got 68719476736"):
+        list(read(shards, tmp_path / "scratch"))
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, "5", '{"shards": 3}', '{"shards": [{"path": "../x.tar"}]}', ""]
+)
+def test_a_list_of_another_form_is_one_line(text, shards):
+    (shards / "shards.json").write_text(text)
+    with pytest.raises(DatasetError, match=r"shards\.json: expected a list of shards"):
+        read_list(shards)

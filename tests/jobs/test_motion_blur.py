@@ -1,0 +1,85 @@
+"""The number of instants of an exposure that is chosen by itself: enough, and not many more."""
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.cameras import create
+from omniscv.compose.files import read
+from omniscv.errors import ArgumentError
+from omniscv.geometry.motion import Motion, object_pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.job.file import load
+from omniscv.make import motion_blur, render
+from omniscv.make.moments import moments
+
+MANY = 127
+STILL = omniscv.Pose.from_angles((0, 0, 1.2))
+
+
+@pytest.mark.parametrize(("px", "count"), [(0, 3), (1, 9), (4, 17), (16, 33), (64, 129), (1e6, 999)])
+def test_twice_as_many_instants_as_pixels_of_motion(px, count):
+    assert motion_blur.instants(px) == count
+
+
+@pytest.mark.parametrize("px", [0.5, 2, 7, 16, 40])
+def test_the_mean_of_so_many_is_within_two_levels_of_a_full_edge(px):
+    """An edge of full contrast, seen through the box of a pixel, against its exact mean over the exposure."""
+    count, x = motion_blur.instants(px), np.linspace(-px, px, 20_001)
+
+    def seen(n):
+        shifts = px * ((np.arange(n) + 0.5) / n - 0.5)
+        return np.mean([np.clip(x - shift + 0.5, 0, 1) for shift in shifts], axis=0)
+
+    assert 255 * np.abs(seen(count) - seen(8192 // 4)).max() < 2
+
+
+def test_motion_is_measured_in_pixels():
+    camera = create("fisheye-equidistant", width=200, height=200, focal=60.0)
+    turned = omniscv.Pose.from_angles((0, 0, 1.2), yaw_deg=10)
+    assert motion_blur.motion_px(camera, (STILL, turned), (), (0, 1)) == pytest.approx(
+        60 * np.radians(10), rel=0.3
+    )
+    moved = omniscv.Pose.from_angles((0.1, 0, 1.2))
+    assert motion_blur.motion_px(camera, (STILL, moved), (), (0, 1)) == pytest.approx(6, rel=0.3)
+    slide = Motion(
+        Trajectory((object_pose((3.5, 0, 1.2), 0), object_pose((3.5, 1.2, 1.2), 0)), (0.0, 2.0)), "linear"
+    )
+    assert motion_blur.motion_px(camera, (STILL, STILL), (slide,), (0, 1)) == pytest.approx(60 * 0.2, rel=0.3)
+
+
+def job(out, instants, **more):
+    return load(
+        {
+            "source": "scene://workshop",
+            "cameras": {"eye": {"model": "fisheye-equidistant", "width": 48, "height": 48, "fov_deg": 160}},
+            "poses": [{"position": [0, 0, 1.2], "yaw_deg": 60 * time, "time": time} for time in (0, 1)],
+            "times": "poses", "face_size": 28, "out": str(out),
+            "exposure": {"seconds": 0.5, "instants": instants}, **more,
+        }
+    )  # fmt: skip
+
+
+def test_the_count_that_is_chosen_is_within_two_levels_of_many(tmp_path):
+    chosen = job(tmp_path / "auto", "auto")
+    (count,) = {len(moment.takes) for moment in moments(chosen)}
+    assert count == 25
+    render.run(chosen)
+    render.run(job(tmp_path / "many", MANY))
+    blurred = [read(tmp_path / name / "eye-0.lit.png", "lit").astype(int) for name in ("auto", "many")]
+    assert np.abs(blurred[0] - blurred[1]).max() <= 2
+
+
+def test_moving_objects_need_instants_too(tmp_path):
+    slide = [{"time": 0, "position": [-2, -0.6, 0.85]}, {"time": 1, "position": [-1.2, 0.8, 0.85]}]
+    poses = {"poses": [{"position": [0, 0, 1.2]}], "times": [0.5]}
+    counts = [
+        len(next(moments(job(tmp_path, "auto", **poses, **more))).takes)
+        for more in ({}, {"motions": {"Cabinet": slide}})
+    ]
+    assert counts[0] == 3 < counts[1]
+
+
+def test_another_word_is_refused(tmp_path):
+    with pytest.raises(ArgumentError, match=r"exposure\.instants: expected a whole number >= 3, got 'few'"):
+        job(tmp_path, "few")

@@ -1,0 +1,118 @@
+"""Noise is a function of what a frame is: known answers of Philox, distributions, tiles."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from omniscv.sensor import Sensor, noise
+
+NOISY = Sensor(
+    seed=5, electrons=2000, full_well=4000, read_noise=4, row_noise=2, prnu=0.02, dsnu=3, dark_current=50,
+    black_level=64, mosaic="rggb",
+)  # fmt: skip
+
+
+def counter_words(counter, key):
+    """The block of a counter by NumPy, which counts before it computes."""
+    before = (sum(word << 64 * k for k, word in enumerate(counter)) - 1) % (1 << 256)
+    state = [before >> 64 * k & (1 << 64) - 1 for k in range(4)]
+    return [f"{word:016x}" for word in np.random.Philox(key=key, counter=state).random_raw(4).tolist()]
+
+
+def test_philox_gives_the_words_of_random123():
+    ones = (1 << 64) - 1
+    zero = "16554d9eca36314c db20fe9d672d0fdc d7e772cee186176b 7e68b68aec7ba23b"
+    full = "87b092c3013fe90b 438c3c67be8d0224 9cc7d7c69cd777b6 a09caebf594f0ba0"
+    assert counter_words([0] * 4, 0) == zero.split()
+    assert counter_words([ones] * 4, (1 << 128) - 1) == full.split()
+
+
+def test_words_of_a_part_are_those_of_the_whole():
+    key = noise.key(1, "front", ["a", 2.5])
+    whole = noise.words(key, noise.PIXEL, 1, 0, 1000)
+    for start, count in ((0, 4), (1, 7), (399, 601), (998, 2)):
+        np.testing.assert_array_equal(
+            noise.words(key, noise.PIXEL, 1, start, count), whole[start : start + count]
+        )
+
+
+def test_keys_differ_by_all_that_they_name():
+    keys = {
+        tuple(noise.key(*each)) for each in [(1, "a", 1), (2, "a", 1), (1, "b", 1), (1, "a", 2), (1, "a")]
+    }
+    assert len(keys) == 5
+
+
+def test_normal_numbers_are_normal():
+    drawn = noise.normals(noise.key(0, ""), noise.DSNU, 0, 0, 200_000)
+    assert stats.kstest(drawn, "norm").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("mean", [0.3, 4.0, 9.99, 10.0, 30.0, 1000.0])
+def test_shot_noise_is_poisson(mean):
+    sensor = Sensor(electrons=4000, full_well=8000, gain=1, bits=16)
+    light = np.full((256, 256, 3), mean / 4000, np.float32)
+    drawn = sensor.expose(light).ravel()
+    mean = float(light[0, 0, 0]) * 4000
+    most = int(mean + 8 * np.sqrt(mean) + 8)
+    counted = np.bincount(drawn, minlength=most + 1)[: most + 1].cumsum() / drawn.size
+    due = stats.poisson.cdf(np.arange(most + 1), mean)
+    assert np.abs(counted - due).max() < 1.95 / np.sqrt(drawn.size) + 3e-4
+    assert drawn.mean() == pytest.approx(mean, abs=5 * np.sqrt(mean / drawn.size))
+
+
+def test_read_noise_is_normal_to_its_tails():
+    sensor = Sensor(electrons=1, full_well=1e6, read_noise=500, gain=1, bits=16, black_level=3e4)
+    codes = sensor.expose(np.zeros((512, 512, 3), np.float32)).ravel()
+    spread = codes - 3e4 + np.random.default_rng(3).uniform(-0.5, 0.5, codes.size)
+    assert stats.kstest(spread / 500, "norm").pvalue > 1e-3
+
+
+def picture(height=48, width=64):
+    return np.random.default_rng(2).random((height, width, 3), np.float32)
+
+
+@pytest.mark.parametrize("mosaic", ["rggb", "mono", "none"])
+def test_tiles_are_the_whole_to_the_bit(mosaic):
+    sensor = Sensor(**{**NOISY.to_dict(), "mosaic": mosaic})
+    light = picture()
+    whole = sensor.expose(light, "left", "f")
+    for top, bottom, left, right in ((0, 17, 0, 31), (17, 48, 0, 31), (0, 17, 31, 64), (17, 48, 31, 64)):
+        tile = sensor.expose(light[top:bottom, left:right], "left", "f", (top, left), 64)
+        np.testing.assert_array_equal(tile, whole[top:bottom, left:right])
+
+
+def test_threads_change_nothing(monkeypatch):
+    light = np.tile(picture(), (8, 8, 1))
+    alone = NOISY.expose(light)
+    monkeypatch.setattr("omniscv.parallel.cores", lambda: 7)
+    monkeypatch.setattr("omniscv.parallel.MIN_PARALLEL_ELEMENTS", 1)
+    np.testing.assert_array_equal(NOISY.expose(light), alone)
+
+
+@pytest.mark.parametrize(
+    "change", [{"sensor": {"seed": 6}}, {"camera": "right"}, {"frame": "g"}], ids=["seed", "camera", "frame"]
+)
+def test_another_seed_camera_or_frame_is_other_noise(change):
+    sensor = Sensor(**{**NOISY.to_dict(), "gain": 10, "bits": 16, **change.pop("sensor", {})})
+    light = np.full((64, 64, 3), 0.5, np.float32)
+    one = Sensor(**{**NOISY.to_dict(), "gain": 10, "bits": 16}).expose(light, camera="left", frame="f")
+    other = sensor.expose(light, **{"camera": "left", "frame": "f", **change})
+    assert (one != other).mean() > 0.99
+
+
+def test_frames_of_a_camera_share_fixed_patterns_alone():
+    light = np.full((128, 128, 3), 0.5, np.float32)
+    still = Sensor(electrons=2000, full_well=4000, prnu=0.05, gain=8, bits=16)
+    a, b = (still.expose(light, "c", frame)[..., 1].astype(float) / 8 for frame in "ab")
+    shared = np.cov(a.ravel(), b.ravel())
+    assert np.sqrt(shared[0, 1]) == pytest.approx(0.05 * 1000, rel=0.05)
+    temporal = (a - b) / np.sqrt(2)
+    assert temporal.var() == pytest.approx(1000, rel=0.05)
+    assert abs(np.corrcoef(temporal[:-1].ravel(), temporal[1:].ravel())[0, 1]) < 4 / 128
+
+
+def test_the_noise_of_a_frame_stays_the_same():
+    """Golden codes: a change of it changes every dataset that is resumed."""
+    codes = NOISY.expose(np.full((4, 8, 3), 0.25, np.float32), "front", ["pose", 1.5])
+    assert codes[0].tolist() == [535, 610, 580, 575, 563, 613, 583, 588]

@@ -1,0 +1,128 @@
+"""Lenses: shading by each projection's closed form, blur and glare of light, lateral colour."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omniscv
+from mock_server import load_scene
+from omniscv.cameras import create
+from omniscv.errors import ArgumentError
+from omniscv.sensor import Sensor, optics
+from omniscv.sources.scene import SceneSource
+
+POSE = omniscv.Pose.from_angles((0.1, 0, 1.5), yaw_deg=20)
+
+
+def at_degrees(camera, degrees, by="natural"):
+    """Natural shading at pixels so many degrees off the axis."""
+    shares = optics.shading(camera, by)
+    theta = np.degrees(np.arccos(np.clip(camera.unproject().directions[..., 2], -1, 1)))
+    near = np.nanargmin(np.abs(theta - degrees))
+    return shares.ravel()[near], np.radians(theta.ravel()[near])
+
+
+LAWS = {
+    "fisheye-equidistant": lambda t: np.sin(t) / t,
+    "fisheye-stereographic": lambda t: np.cos(t / 2) ** 4,
+    "fisheye-equisolid": lambda t: 1.0,
+    "fisheye-orthographic": lambda t: 1 / np.cos(t),
+    "pinhole": lambda t: np.cos(t) ** 4,
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_natural_shading_is_the_projections_own(name):
+    fov = {"pinhole": 100, "fisheye-orthographic": 170}.get(name, 230)
+    camera = create(name, width=201, height=201, fov_deg=fov)
+    for degrees in (1, 30, 45, 60, 80, 90, 110):
+        if degrees < fov / 2:
+            share, theta = at_degrees(camera, degrees)
+            assert share == pytest.approx(LAWS[name](theta), rel=2e-4)
+
+
+def test_equidistant_shading_has_its_known_values():
+    camera = create("fisheye-equidistant", width=401, height=401, focal=100)
+    shares, degrees = optics.shading(camera, "natural")[200], np.degrees((np.arange(401) - 200) / 100)
+    shown = np.interp([30, 60, 90, 110], degrees, shares)
+    assert shown == pytest.approx([0.9549, 0.8270, 0.6366, 0.4895], abs=1e-4)
+
+
+def test_a_table_is_interpolated():
+    camera = create("fisheye-equidistant", width=101, height=101, fov_deg=180)
+    share, theta = at_degrees(camera, 40, ((0.0, 1.0), (90.0, 0.1)))
+    assert share == pytest.approx(1 - np.degrees(theta) / 100, abs=1e-3)
+
+
+def test_a_panorama_has_no_natural_shading():
+    with pytest.raises(ArgumentError, match=r"shading: expected a fisheye .* got equirectangular"):
+        optics.shading(create("equirectangular", width=16, height=8), "natural")
+
+
+def test_blur_keeps_light_and_has_its_width():
+    valid = np.ones((65, 65), bool)
+    point = np.zeros((65, 65, 3), np.float32)
+    point[32, 32] = 1
+    blurred = optics.blur(point, (2.0,), valid)[..., 0]
+    x = np.arange(65) - 32
+    assert blurred.sum() == pytest.approx(1, rel=1e-5)
+    assert (blurred.sum(axis=0) * x**2).sum() == pytest.approx(4, rel=0.02)
+
+
+def test_blur_of_an_even_field_is_the_field():
+    camera = create("fisheye-equidistant", width=64, height=64, fov_deg=180)
+    valid = camera.valid()
+    even = np.repeat(np.float32(0.4) * valid[..., None], 3, axis=-1).astype(np.float32)
+    for sigmas in ((1.5,), (0.0, 1.0, 3.0)):
+        np.testing.assert_allclose(optics.blur(even, sigmas, valid), even, atol=1e-6)
+
+
+def test_black_in_a_white_field_reads_the_glare():
+    light = np.ones((100, 100, 3), np.float32)
+    light[50, 50] = 0
+    shown = optics.glare(light, 0.03, np.ones((100, 100), bool))
+    assert shown[50, 50] == pytest.approx(0.03, rel=1e-3)
+    assert shown[0, 0] == pytest.approx(1, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [("fisheye-equidistant", {"fov_deg": 170}), ("pinhole", {"focal": 40.0}),
+     ("kannala-brandt", {"fx": 40.0, "fy": 41.0, "cx": 31.0, "cy": 33.0, "k": [0.01, 0, 0, 0]})],
+)  # fmt: skip
+def test_lateral_colour_is_three_exact_images(name, parameters):
+    camera = create(name, width=64, height=64, **parameters)
+    sensor = Sensor(lateral=(0.004, -0.003), electrons=1e9, full_well=4e9, bits=16, gain=6e-5)
+    cameras = sensor.lateral_cameras(camera)
+    with SceneSource(load_scene("four-wall"), lit="float32") as source:
+        green, *others = (
+            omniscv.render(each, POSE, source, filter="bilinear") for each in (camera, *cameras)
+        )
+    for share, other in zip(sensor.lateral, cameras, strict=True):
+        ray = np.array([0.1, 0.2, 1.0])
+        (seen, _), (moved, _) = camera.project(ray), other.project(ray)
+        centre, _ = camera.project(np.array([0.0, 0.0, 1.0]))
+        np.testing.assert_allclose(moved - centre, (seen - centre) * (1 + share), rtol=1e-9)
+    image = sensor.apply(green, lateral=others)
+    exact = np.stack([others[0].lit[..., 0], green.lit[..., 1], others[1].lit[..., 2]], axis=-1)
+    exact = np.where(np.stack([o.valid for o in (others[0], green, others[1])], axis=-1), exact, green.lit)
+    due = sensor.apply(replace(green, layers={"lit": exact.astype(np.float32)}))
+    np.testing.assert_array_equal(image["sensor"], due["sensor"])
+
+
+def test_lateral_colour_needs_a_focal_length():
+    with pytest.raises(ArgumentError, match=r"lateral: expected a lens with a focal length"):
+        Sensor(lateral=(0.001, 0)).lateral_cameras(create("equirectangular", width=16, height=8))
+
+
+def test_a_rolling_shutter_has_its_lens():
+    base = {"model": "pinhole", "fov_deg": 80}
+    camera = create(
+        "rolling-shutter", width=64, height=48, readout=0.03, angular_velocity_deg=[0, 30, 0], base=base
+    )
+    plain = create("pinhole", width=64, height=48, fov_deg=80)
+    np.testing.assert_array_equal(optics.shading(camera, "natural"), optics.shading(plain, "natural"))
+    longer = optics.magnified(camera, 0.01)
+    assert longer.base.focal == pytest.approx(1.01 * plain.focal)
+    assert (longer.readout, longer.to_dict()["angular_velocity_deg"]) == (0.03, [0, 30, 0])

@@ -1,0 +1,102 @@
+"""A game that is started again with another scene: captures of two scenes never come together."""
+
+import threading
+from contextlib import ExitStack
+
+import pytest
+from support.faces import face_requests
+from support.games import waited_for
+
+import mock_server
+import omniscv
+from omniscv.errors import SceneChangedError
+from omniscv.sources.recording.inspection import verify
+
+DIALECTS = {"1.x": {}, "0.3.10": {"size": (16, 16)}}
+MODES = ("lit", "object_mask", "depth")
+REQUESTS = [request for x in range(10) for request in face_requests(16, MODES, (0.1 * x, 0.0, 1.5))]
+"""Two thirds of them are more than one turn of the source."""
+
+
+class Game:
+    """A server at one port, in which another scene can be opened."""
+
+    def __init__(self, dialect, **options):
+        self._options = {"dialect": dialect, **DIALECTS[dialect], **options}
+        self.server = mock_server.serve("four-wall", **self._options)
+
+    def start_again(self, scene):
+        self.server.stop()
+        self.server = mock_server.serve(scene, port=self.server.port, **self._options)
+
+
+@pytest.fixture(params=DIALECTS)
+def game(request):
+    with ExitStack() as running:
+        game = Game(request.param)
+        running.callback(lambda: game.server.stop())
+        yield game
+
+
+def midway(game, requests, scene="six-wall"):
+    """Yields requests; before the last third of them the game is started again."""
+    for index, request in enumerate(requests):
+        if index == 2 * len(requests) // 3:
+            game.start_again(scene)
+        yield request
+
+
+def test_another_scene_in_mid_image_is_refused_and_nothing_of_it_is_recorded(game, tmp_path):
+    path = tmp_path / "room.sqlite"
+    live = omniscv.open_source(game.server.uri)
+    got = []
+    says = r"expected the scene 'four-wall'.*, got 'six-wall'.*; open the source again"
+    with omniscv.record(live, path) as source, pytest.raises(SceneChangedError, match=says):
+        got.extend(source.capture(midway(game, REQUESTS)))
+    assert 0 < len(got) < len(REQUESTS)
+    found = verify(path)
+    assert (found.captures, found.faults) == (len(got), [])
+    assert {capture.provenance["scene"] for capture in got} == {"four-wall"}
+
+
+def test_a_restart_while_a_turn_is_captured_mixes_nothing(game, tmp_path):
+    path = tmp_path / "room.sqlite"
+    first = game.server
+    with omniscv.open_source(first.uri) as live, omniscv.record(live, path) as source:
+        restart = threading.Thread(
+            target=lambda: (
+                waited_for(lambda: first.statistics.total("vget /camera/") > 30)
+                and game.start_again("six-wall")
+            )
+        )
+        restart.start()
+        with pytest.raises(SceneChangedError):
+            list(source.capture(REQUESTS))
+        restart.join()
+    found = verify(path)
+    assert found.ok
+    with omniscv.open_source("mock://four-wall") as truth, omniscv.open_source(path) as replay:
+        assert replay.scene_identity.name == truth.scene_identity.name
+
+
+def test_another_scene_names_no_objects(game):
+    with omniscv.open_source(game.server.uri) as source:
+        game.start_again("six-wall")
+        with pytest.raises(SceneChangedError):
+            source.objects()
+        with pytest.raises(SceneChangedError):
+            source.geometry()
+
+
+def test_the_same_scene_is_taken_up(game):
+    with omniscv.open_source(game.server.uri) as source:
+        assert len(list(source.capture(midway(game, REQUESTS, "four-wall")))) == len(REQUESTS)
+
+
+def test_another_level_behind_the_same_connection_is_refused(game):
+    """The game goes on, and so does the connection: only its level is another."""
+    with omniscv.open_source(game.server.uri) as source:
+        list(source.capture(REQUESTS[:6]))
+        game.server.world.scene = mock_server.load_scene("six-wall")
+        with pytest.raises(SceneChangedError):
+            list(source.capture(REQUESTS[6:12]))
