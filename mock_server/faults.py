@@ -64,11 +64,19 @@ KINDS = {
     "mask-gamma": Kind("masks: 8-bit linear vertex colours, dark ones collide (always so in dialect 0.3.10)"),
     "half-depth": Kind("depth is rounded to half floats, also with depth='float32'"),
     "sky-dome": Kind("the sky is the object SkyDome, a sphere of VALUE metres around the camera", 500.0),
+    "bloom": Kind(
+        "lit: VALUE of the light is spread, in each image alone; ended by 'r.BloomQuality 0'", 0.2, 1.0
+    ),
+    "tone": Kind("lit: srgb, film or linear codes; exposure, vignette and bloom act on light", "srgb"),
+    "gloss": Kind("lit: VALUE (the last object) mirrors what it faces, with half of the light", ""),
+    "glass": Kind("VALUE (the last object) is half transparent in lit, and missing in all other modes", ""),
     "object-missing": Kind("VALUE (the last object) is in lit and normals only, until its colour is set", ""),
 }
 """All faults by name. A fault is ended by a console command, after ``vrun``."""
 
-PERMANENT = ("vignette", "mask-gamma", "half-depth", "sky-dome", "object-missing")
+PERMANENT = (
+    "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "half-depth", "sky-dome", "object-missing"
+)  # fmt: skip
 """Faults that are active from the start, without a probability."""
 
 

@@ -9,12 +9,14 @@ import math
 import re
 from collections import OrderedDict, deque
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mock_server import pixels
 from mock_server.faults import Faults
+from mock_server.light import Film, mixed
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
 from mock_server.render import ViewHits, pinhole_rays, render_view
 from mock_server.scene import LATEST_S, Scene
@@ -22,7 +24,6 @@ from mock_server.settings import Settings
 
 Array = NDArray[np.float64]
 
-_MIDDLE_GREY = 0.5
 _KEPT_VIEWS = 8
 _KEPT_PIXELS = 1 << 23  # of 80 bytes
 _MOST_PIXELS = 1 << 24
@@ -96,7 +97,7 @@ class World:
     moves one of them lasts until the clock advances.
 
     Raises:
-        ValueError: the object of the fault ``object-missing`` does not exist.
+        ValueError: the object of a fault does not exist, or its tone.
     """
 
     def __init__(self, scene: Scene, settings: Settings, faults: Faults) -> None:
@@ -114,14 +115,10 @@ class World:
         self._dome_radius = dome.amount() if dome else math.inf
         if dome:
             self.things.by_name[self._dome.name] = self._dome
-        if missing := faults.get("object-missing"):
-            name = str(missing.value or "".join(scene.objects[-1:]))
-            if name not in scene.objects:
-                known = ", ".join(scene.objects)
-                raise ValueError(f"fault object-missing: expected one of {known}; got {name!r}")
-            self.objects[name].annotated = False
-        self._gain, self._depth_scale = 1.0, 1.0
-        self._vignette, self._adapts = faults.get("vignette"), True
+        if missing := self._object_with("object-missing"):
+            self.objects[missing].annotated = False
+        self._glass, self._gloss = self._object_with("glass"), self._object_with("gloss")
+        self._film, self._depth_scale = Film(faults), 1.0
         self._shown: dict[int | str, Pose] = {}
         self._lag: dict[int | str, int] = {}
 
@@ -131,6 +128,16 @@ class World:
         self._touched = True
         self.things.follow()
         return self.things.by_name
+
+    def _object_with(self, fault: str) -> str:
+        """Return the key of a fault's object; an empty text without the fault."""
+        if fault not in self.faults:
+            return ""
+        name = str(self.faults[fault].value or "".join(self.scene.objects[-1:]))
+        if name not in self.scene.objects:
+            known = ", ".join(self.scene.objects)
+            raise ValueError(f"fault {fault}: expected one of {known}; got {name!r}")
+        return name
 
     def placed(self) -> Scene:
         """Return the scene at this moment."""
@@ -193,10 +200,7 @@ class World:
 
     def on_command(self, text: str) -> None:
         """Look at a command before it is answered: some end a fault."""
-        if re.fullmatch(r"vrun r\.Tonemapper\.Quality [01]\s*", text):
-            self._vignette = None
-        if re.fullmatch(r"vrun r\.EyeAdaptationQuality 0\s*", text):
-            self._adapts, self._gain = False, 1.0
+        self._film.on_command(text)
         if slomo := _SLOMO.fullmatch(text):
             self._slomo = min(max(float(slomo[1]), _SLOWEST), _FASTEST)
 
@@ -213,10 +217,17 @@ class World:
         camera = dataclasses.replace(camera, location=location, rotation=rotation)
         if narrow := self.faults.strike("narrow-fov"):
             camera.fov = max(1.0, camera.fov - narrow.amount())
-        view = self._traced(camera, moment, moment.hidden)
+        hidden = moment.hidden
+        view = self._traced(camera, moment, hidden)
+        if self._glass and self._glass not in hidden:
+            hidden |= {self._glass}
+            behind = self._traced(camera, moment, hidden)
+            view = dataclasses.replace(behind, paint=partial(_blended, view, behind))
         if moment.missing:
-            rest = self._traced(camera, moment, moment.hidden | moment.missing)
+            rest = self._traced(camera, moment, hidden | moment.missing)
             view = dataclasses.replace(rest, paint=view.paint, normal=view.normal)
+        if self._gloss:
+            view = dataclasses.replace(view, paint=partial(_mirrored, view, camera, moment, self._gloss))
         if self._dome_radius < math.inf and not self._dome.hidden:
             view = _domed(view, camera, self._dome_radius, len(self.things.scene.objects) + 1)
         return view
@@ -230,21 +241,7 @@ class World:
             return shown[view.label]
         if mode == "normal":
             return pixels.normals(view.normal)
-        return pixels.gray_depth(view.depth) if mode == "depth" else self._lit(view)
-
-    def _lit(self, view: ViewHits) -> pixels.Bytes:
-        drift = self.faults.strike("exposure-drift")
-        if drift is not None and self._adapts:
-            wanted = _MIDDLE_GREY / max(1 / 255, float(view.color.mean()) / 255)
-            self._gain += drift.amount() * (wanted - self._gain)
-        if self._gain == 1.0 and self._vignette is None:
-            return view.color
-        light = view.color * self._gain
-        if self._vignette is not None:
-            y, x = ((np.arange(n) + 0.5 - n / 2) / (n / 2) for n in view.label.shape)
-            squared_radius = (x[None, :] ** 2 + y[:, None] ** 2) / 2  # 1 in the corners
-            light *= 1 - self._vignette.amount() * squared_radius[..., None]
-        return np.clip(np.round(light), 0, 255).astype(np.uint8)
+        return pixels.gray_depth(view.depth) if mode == "depth" else self._film.expose(view.color)
 
     def depth(self, view: ViewHits, along_ray: bool) -> Array:
         """Return (H, W) metres along the ray, or along the optical axis."""
@@ -288,6 +285,27 @@ class World:
         del self._lag[key]
         self._shown[key] = pose
         return pose
+
+
+def _blended(pane: ViewHits, behind: ViewHits) -> Array:
+    """Return (H, W, 3) colours through a half transparent pane."""
+    return np.where(
+        (pane.label != behind.label)[..., None], mixed(pane.paint(), behind.paint()), pane.paint()
+    )
+
+
+def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Array:
+    """Return (H, W, 3) colours where an object mirrors what it faces, with half of the light."""
+    color, scene = view.paint(), moment.shown
+    at = view.label == scene.label(name)
+    rays, normal = (
+        pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size)[0][at],
+        view.normal[at],
+    )
+    points = MIRROR @ camera.location / 100.0 + rays * view.distance[at][:, None]
+    away = rays - 2 * (rays * normal).sum(axis=-1, keepdims=True) * normal
+    color[at] = mixed(color[at], scene.trace(points + 1e-6 * normal, away, moment.hidden).color)
+    return color
 
 
 def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:

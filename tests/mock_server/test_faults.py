@@ -68,6 +68,9 @@ def test_the_help_lists_every_fault(capsys):
         ("missing=1", "expected no value"),
         ("vignette@0.5", "expected no probability"),
         ("object-missing=Elephant", "expected one of Ball"),
+        ("glass=Elephant", "expected one of Ball"),
+        ("gloss=Elephant", "expected one of Ball"),
+        ("tone=sepia", "expected one of srgb, film, linear; got 'sepia'"),
     ],
 )
 def test_a_fault_that_is_none_is_refused_with_what_was_expected(text, message):
@@ -257,7 +260,90 @@ def test_exposure_drifts_to_middle_grey_and_the_console_ends_it(faulty, sound):
     assert np.array_equal(pixels(client.ask(IMAGE)), true)
 
 
-@pytest.mark.parametrize("fault", ["vignette", "exposure-drift"])
+# Codes of light by the film curve and sRGB, and of sRGB alone: known answers of the engine's defaults.
+FILM = {0.02: 16.41, 0.05: 43.66, 0.1: 77.86, 0.18: 117.65, 0.3: 156.53, 0.5: 190.58, 1: 221.04}
+SRGB = {0.02: 38.67, 0.05: 63.44, 0.1: 88.94, 0.18: 117.65, 0.3: 148.83, 0.5: 187.52, 1: 255}
+
+
+@pytest.mark.parametrize("tone", ["film", "linear", "srgb"])
+def test_tone_shows_light_by_its_curve(faulty, sound, tone):
+    true, shown = (pixels(client.ask(IMAGE)).ravel() for client in (sound, faulty(f"tone={tone}")))
+    light = np.interp(true, list(SRGB.values()), list(SRGB))  # roughly, between known answers
+    expected = {
+        "film": np.interp(light, list(FILM), list(FILM.values())),
+        "linear": 255 * light,
+        "srgb": true,
+    }
+    # Chords of the curves are off by up to 4 levels between their ends.
+    assert np.abs(shown - expected[tone])[true > 39].max() <= {"film": 4, "linear": 9, "srgb": 0}[tone]
+
+
+def test_the_tone_curve_comes_after_the_vignette(faulty, sound):
+    true, shown = (pixels(client.ask(IMAGE)) / 255 for client in (sound, faulty("tone=srgb", "vignette=0.5")))
+    x = (np.arange(24) + 0.5) / 12 - 1
+    fall = 1 - 0.5 * (x[None, :] ** 2 + x[:, None] ** 2) / 2
+    ratio = ((shown + 0.055) / (true + 0.055)) ** 2.4  # of light, for codes above 11
+    assert np.abs(ratio - fall[..., None])[true.min(axis=-1) > 0.2].max() < 0.03  # rounding of dark codes
+
+
+def test_bloom_spreads_light_in_each_image_alone_and_the_console_ends_it(faulty, sound):
+    true = pixels(sound.ask(IMAGE)).astype(float)
+    client = faulty("bloom=1")
+    glare = pixels(client.ask(IMAGE)).astype(float)
+    assert np.abs(glare.mean() - true.mean()) < 3  # light is spread, not made
+    assert glare.std() < 0.9 * true.std()
+    assert client.text("vrun r.BloomQuality 0") == "ok"
+    assert np.array_equal(pixels(client.ask(IMAGE)), true)
+    assert client.ask(DEPTH) == sound.ask(DEPTH)
+
+
+def half_of_each(first, second):
+    """Codes of the mean light of two pictures."""
+    return np.interp((light_of(first) + light_of(second)) / 2, light_of(np.arange(256)), np.arange(256))
+
+
+def light_of(codes):
+    return ((codes / 255 + 0.055) / 1.055) ** 2.4  # of sRGB codes above 10; nothing is darker here
+
+
+def shows(client, name, mask=None):
+    """Pixels where a mask shows an object."""
+    color = re.findall(r"\d+", client.text(f"vget /object/{name}/color"))[:3]
+    return (pixels(mask or client.ask(MASK)) == list(map(int, color))).all(-1)
+
+
+def test_gloss_mirrors_what_the_object_faces(faulty, sound):
+    # The wall at x = 3 m mirrors what a camera at x = 6 m sees through it, left and right swapped.
+    def look(client, mode="lit", place="0 0 140", turn="0 0 0"):
+        client.text("vset /cameras/spawn")
+        client.text(f"vset /camera/1/location {place}")
+        client.text(f"vset /camera/1/rotation {turn}")
+        return client.ask(f"vget /camera/1/{mode} png")
+
+    wall = shows(sound, "Layout_Wall_2", look(sound, "object_mask"))
+    true, shown = pixels(look(sound)), pixels(look(faulty("gloss=Layout_Wall_2")))
+    sound.text("vset /object/Layout_Wall_2/hide")
+    mirrored = pixels(look(sound, place="600 0 140", turn="0 180 0"))[:, ::-1]
+    assert wall.sum() > 50
+    assert np.abs(shown - half_of_each(true, mirrored))[wall].max() <= 1  # rounded three times
+    assert np.array_equal(shown[~wall], true[~wall])
+
+
+def test_glass_is_seen_in_colour_alone(faulty, sound):
+    client, pane = faulty("glass=Table"), shows(sound, "Table")
+    true = pixels(sound.ask(IMAGE))
+    sound.text("vset /object/Table/hide")
+    behind = [sound.ask(command) for command in (IMAGE, DEPTH, MASK)]
+    assert pane.any()
+    assert [client.ask(command) for command in (DEPTH, MASK)] == behind[1:]
+    shown = pixels(client.ask(IMAGE))
+    assert np.abs(shown - half_of_each(true, pixels(behind[0]))).max() <= 1
+    assert np.array_equal(shown != true, (pixels(behind[0]) != true) & pane[..., None])
+    client.text("vset /object/Table/hide")
+    assert client.ask(IMAGE) == behind[0]
+
+
+@pytest.mark.parametrize("fault", ["vignette", "exposure-drift", "bloom", "gloss", "tone=film"])
 def test_light_leaves_depth_and_masks_alone(faulty, sound, fault):
     client = faulty(fault)
     assert client.ask(IMAGE) != sound.ask(IMAGE)
