@@ -21,8 +21,9 @@ Transfer = Literal["srgb", "linear", "film", "unknown"]
 
 TRANSFERS: tuple[str, ...] = get_args(Transfer)
 
-FileForm = Literal["picture", "png", "exr"]
-"""How a layer is written: ``picture`` in the user's format (EXR for floats), PNG, or EXR."""
+FileForm = Literal["picture", "png", "exr", "bound"]
+"""How a layer is written: ``picture`` in the user's format (EXR for floats), PNG, EXR; ``bound``: EXR of half
+floats that are rounded up."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,11 @@ class Modality:
     marked_by: str = ""
     aliases: tuple[str, ...] = ()
     doc: str = ""
+
+    @property
+    def mark(self) -> bool:
+        """Whether its pixels are marked or not."""
+        return self.dtypes == ("bool",)
 
     @property
     def truth(self) -> bool:
@@ -155,7 +161,7 @@ for _row in (
              doc="id of the object's class; 0 background, or no class"),
     Modality("normals_from_depth", ("float32",), 3, "plane", captured=False, captured_as="depth",
              doc="in place of normals, for sources whose normals have 8 bits"),
-    Modality("depth_error", ("float32",), 0, "surface", "exr", ("Z",),
+    Modality("depth_error", ("float32",), 0, "surface", "bound", ("Z",),
              {**_DISTANCE, "kind": "how far the distance along the ray may be off"}, captured=False,
              doc="metres that depth may be off; +inf where nothing bounds it"),
     Modality("label_edge", ("bool",), 0, "nearest", "png", captured=False,

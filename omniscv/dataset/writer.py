@@ -18,7 +18,7 @@ import numpy as np
 from omniscv import storage
 from omniscv.arguments import optional_number, shown, stem
 from omniscv.cameras import Camera
-from omniscv.compose.files import check_format, write_json, write_layers
+from omniscv.compose.files import blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import folder, manifest, spherical_metadata
 from omniscv.dataset.classes import class_rules
@@ -92,7 +92,9 @@ class Writer:
         if frame.key not in self._frames:
             self.keep([frame.key])
         written = self._frames.get(frame.key)
-        return written is not None and written.to_dict() == replace(frame, files=written.files).to_dict()
+        if written is None:
+            return False
+        return written.to_dict() == replace(frame, files=written.files, blank=written.blank).to_dict()
 
     def add(
         self,
@@ -178,6 +180,7 @@ class Writer:
                     f"key: expected one that no other frame has, got {shown(frame.key)} again"
                 )
             self._written.add(frame.key)
+        frame = replace(frame, blank=tuple(blank(image.layers)))
         with ExitStack() as stack:
             scratch = stack.enter_context(folder.scratch(self._folder))
             files = write_layers(image.layers, scratch, frame.key, self._image_format, image.transfer)

@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import optional_number, shown, stem, within
+from omniscv import modalities
+from omniscv.arguments import one_of, optional_number, shown, stem, within
 from omniscv.cameras import Camera
 from omniscv.compose.files import read
 from omniscv.errors import ArgumentError, DatasetError
@@ -56,6 +57,7 @@ class Frame:
         split: ``train``, ``val``, ``test``, ...; empty without splits.
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
+        blank: marks that no pixel has: layers without a file.
     """
 
     key: str
@@ -70,6 +72,7 @@ class Frame:
     split: str = ""
     scene: str = ""
     state: str = ""
+    blank: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         split = f", {self.split}" if self.split else ""
@@ -82,6 +85,8 @@ class Frame:
             ArgumentError: the frame has no such layer, or the file of an image in no dataset is damaged.
             DatasetError: the file is missing, or no such layer.
         """
+        if name in self.blank:
+            return np.zeros((self.camera.height, self.camera.width), np.bool_)
         if name not in self.files:
             kinds = ", ".join(self.files) or "none"
             raise ArgumentError(
@@ -93,7 +98,7 @@ class Frame:
 
     def layers(self, *names: str) -> dict[str, NDArray[Any]]:
         """Return the layers of these names that the frame has, as :meth:`layer` does."""
-        return {name: self.layer(name) for name in names if name in self.files}
+        return {name: self.layer(name) for name in names if name in {*self.files, *self.blank}}
 
     @cached_property
     def truth(self) -> Mapping[str, Any]:
@@ -155,6 +160,7 @@ class Frame:
             "scene": self.scene,
             **({"state": self.state} if self.state else {}),
             "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},
+            **({"blank": sorted(self.blank)} if self.blank else {}),
         }
 
     @classmethod
@@ -192,6 +198,7 @@ class Frame:
                 files=FrameFiles(
                     folder, _entries(key, camera, data["files"], endings), (camera.width, camera.height)
                 ),
+                blank=tuple(one_of("blank", name, _marks()) for name in data.get("blank", ())),
                 instances=instances or {},
                 classes=classes,
                 time=optional_number("time", data["time"]),
@@ -225,6 +232,10 @@ def _entries(
         if entry.bytes > most:
             raise ArgumentError(f"{entry.path}: expected at most {most} bytes, got {entry.bytes}")
     return entries
+
+
+def _marks() -> list[str]:
+    return [row.name for row in modalities.layers() if row.mark]
 
 
 def _text(name: str, value: object) -> str:

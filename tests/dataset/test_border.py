@@ -37,6 +37,12 @@ def enter(out, key, kind):
 # -- what a dataset may hold: each changes one, and returns what every reader says --------------------------
 
 
+def blank_colours(out):
+    """Layers without a file are marks that no pixel has."""
+    listed(out, lambda lines: [{**line, "blank": ["lit"]} for line in lines])
+    return "blank: expected one of label_edge, occluded, relit, unsure; got 'lit'"
+
+
 def swap_labels(out):
     """Two frames' labels, exchanged."""
     a, b = out / "pano-0.labels.png", out / "pano-1.labels.png"
@@ -105,6 +111,7 @@ def tiff_as_png(out):
 
 
 FAULTS = [
+    blank_colours,
     swap_labels,
     link_to_a_private_file,
     link_to_zeros,

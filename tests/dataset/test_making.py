@@ -66,7 +66,7 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
     lines = (whole / "dataset" / "frames.jsonl").read_text(encoding="utf-8").splitlines()
     rows = [json.loads(line) for line in lines]
     assert [row["key"] for row in rows] == [f"{name}-{i}" for name in ("lens", "pano") for i in range(3)]
-    fields = {"key", "camera", "pose", "time", "place", "split", "scene", "files"}
+    fields = {"key", "camera", "pose", "time", "place", "split", "scene", "files", "blank"}
     for row in rows:
         assert set(row) == fields
         assert {"lit", "labels", "classes", "depth", "normals", "image"} <= set(row["files"])

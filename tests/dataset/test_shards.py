@@ -15,7 +15,7 @@ from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import DatasetError
 from omniscv.frame import FileEntry
 
-KINDS = ("lit", "labels", "depth", "truth", "layout")
+KINDS = ("lit", "labels", "depth", "depth_error", "unsure", "truth", "layout")
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +71,8 @@ def test_samples_are_the_frames_of_the_dataset(packed, whole, tmp_path):
         assert frame.to_dict()["pose"] == frames[frame.key].to_dict()["pose"]
         for name, pixels in layers.items():
             np.testing.assert_array_equal(pixels, frames[frame.key].layer(name))
+        assert layers["unsure"].shape == layers["labels"].shape  # blank: without a file
+        assert not layers["unsure"].any()
 
 
 def linked(type, target):

@@ -42,7 +42,7 @@ def names(frame: Frame) -> list[str]:
 def form(name: str) -> str:
     """Return the form of a layer."""
     row = modalities.get(name)
-    if row.dtypes == ("bool",):
+    if row.mark:
         return "marks"
     if row.dtypes == ("uint16",):
         return "ids"
