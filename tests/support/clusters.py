@@ -16,6 +16,8 @@ import traceback
 from contextlib import suppress
 from pathlib import Path
 
+import psutil
+
 PATIENCE_S = 30.0  # longer than anything takes on a busy machine
 
 
@@ -34,7 +36,7 @@ class Cluster:
     def __exit__(self, *error):
         try:
             for pid in list(self._pids):
-                with suppress(ProcessLookupError):  # it has ended by itself
+                with suppress(ProcessLookupError, psutil.NoSuchProcess):  # it has ended by itself
                     self.kill(pid)
         finally:
             self._parent.kill()
@@ -56,8 +58,10 @@ class Cluster:
         return pid, waited_for(said)
 
     def kill(self, pid):
-        """Kill a process, and what it has started."""
+        """Kill a process, and what it has started, and wait until it has released its port."""
+        process = psutil.Process(pid)
         os.killpg(pid, signal.SIGKILL)
+        process.wait(PATIENCE_S)
         self._pids.discard(pid)
 
 
@@ -98,9 +102,17 @@ def worker(said, address, name):
 
         from omniscv.cluster.workers import RESOURCE
 
-        async with Worker(address, nthreads=1, name=name, resources=RESOURCE, host="127.0.0.1") as started:
-            say(said, started.address)
-            await started.finished()
+        until = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                started = await Worker(address, nthreads=1, name=name, resources=RESOURCE, host="127.0.0.1")
+                break
+            except RuntimeError as refused:  # the name of a killed worker is free once its death is noticed
+                if "name taken" not in str(refused.__cause__) or time.monotonic() > until:
+                    raise
+                await asyncio.sleep(0.1)
+        say(said, started.address)
+        await started.finished()
 
     asyncio.run(run())
 

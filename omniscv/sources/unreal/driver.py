@@ -105,7 +105,7 @@ class CameraDriver(ABC):
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()
-        self.spawned = 0
+        self.spawned, self._prepared = 0, False
         self._restore: list[str] = []  # the commands that leave the game as it was
         self.one_tick = False
         self._aimed: View | None = None

@@ -42,7 +42,6 @@ class LegacyDriver(CameraDriver):
 
     def attach(self) -> None:
         self.forget()
-        self._prepare()
         # A click in the window would send a message that belongs to no request.
         self.connection.texts(["vset /action/input/disable", LIT_VIEW_MODE])
         status = self.connection.text("vget /unrealcv/status")
@@ -67,6 +66,7 @@ class LegacyDriver(CameraDriver):
         self._size = self._checked_size(pictures["lit"])
         self._window = self._checked_size(pictures.get("object_mask", pictures["lit"]))
         self.capabilities = replace(self.capabilities, modes=frozenset(pictures), image_size=self._size)
+        self._prepare()  # last: a game that has started again in between shows other mask colours
 
     def cover(self, view: View) -> tuple[View, ...]:
         # Where the plugin limits pitch, the picture is tilted and misses a sliver on one side. The view that

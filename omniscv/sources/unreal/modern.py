@@ -43,10 +43,12 @@ class ModernDriver(CameraDriver):
         if count == 0:  # numbers of cameras would start at one that does not exist
             raise self._refused(f"the player's camera from {_CAMERAS!r}, got no camera; start the game")
         if not self._restore or self.camera >= count:
-            self._prepare()
-            self.camera = count
+            self.camera, self._prepared = count, False
             self.spawned += 1
             self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
+        if not self._prepared:  # after the camera: a game that starts again in between lacks it, and is found
+            self._prepare()
+            self._prepared = True
 
     def aim(self, before: View | None, view: View) -> list[str]:
         known = {} if before is None else _settings(before)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import accumulate, groupby
 from types import MappingProxyType
+from typing import TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, SceneChangedError, ServerRefusedError, SourceError
@@ -38,6 +39,8 @@ from omniscv.sources.unreal.modern import ModernDriver
 from omniscv.sources.unreal.replies import Reply
 from omniscv.sources.unreal.world import UnrealWorld
 from omniscv.sources.world import Freeze, World
+
+T = TypeVar("T")
 
 # The starts of replies to commands that a dialect does not know.
 _UNKNOWN = re.escape("error Can not find a handler for URI '")
@@ -82,9 +85,7 @@ class UnrealSource(Source):
 
     def objects(self) -> ObjectTable:
         with self._journal.turn():
-            table = object_table(self._connection, self._driver.table.vertex_colors)
-            self._connection.check_scene()
-            return table
+            return self._steady(lambda: object_table(self._connection, self._driver.table.vertex_colors))
 
     def cover(self, view: View) -> tuple[View, ...]:
         return self._driver.cover(view)
@@ -92,8 +93,7 @@ class UnrealSource(Source):
     def geometry(self) -> SceneGeometry:
         """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
         with self._journal.turn():
-            known = boxes(self._connection, list(colors(self._connection)))
-            self._connection.check_scene()
+            known = self._steady(lambda: boxes(self._connection, list(colors(self._connection))))
             return SceneGeometry(MappingProxyType(known))
 
     def without(self, objects: Iterable[str]) -> Source:
@@ -169,6 +169,15 @@ class UnrealSource(Source):
             self._world.set_again()
             self._attached = self._connection.client
         return self._attached
+
+    def _steady(self, read: Callable[[], T]) -> T:
+        """Return what one connection reads: a game that starts again in between has other mask colours."""
+        while True:
+            client = self._client()
+            result = read()
+            self._connection.check_scene()
+            if client is self._connection.client:
+                return result
 
     def _captures_of_turn(self, requests: list[Request]) -> Iterator[Capture]:
         """Yield a turn's captures; those from before a fault are kept, and progress resets the retries."""

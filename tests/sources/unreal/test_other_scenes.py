@@ -1,5 +1,6 @@
 """A game that is started again with another scene: captures of two scenes never come together."""
 
+import pkgutil
 import threading
 from contextlib import ExitStack
 
@@ -9,6 +10,7 @@ from support.games import waited_for
 
 import mock_server
 import omniscv
+from omniscv.compose.labels import labels_of
 from omniscv.errors import SceneChangedError
 from omniscv.sources.recording.inspection import verify
 
@@ -91,6 +93,29 @@ def test_another_scene_names_no_objects(game):
 def test_the_same_scene_is_taken_up(game):
     with omniscv.open_source(game.server.uri) as source:
         assert len(list(source.capture(midway(game, REQUESTS, "four-wall")))) == len(REQUESTS)
+
+
+@pytest.mark.parametrize("step", ["driver.paint", "source.object_table"])
+def test_a_restart_while_colours_are_read_leaves_no_objects_out(step, game, monkeypatch):
+    """A game that has just started shows one object in black, until it is painted."""
+    name = f"omniscv.sources.unreal.{step}"
+    with omniscv.open_source(game.server.uri) as source:
+        table = source.objects()
+    original, restarts = pkgutil.resolve_name(name), [True]
+
+    def restarted(*arguments):
+        if step == "driver.paint":
+            original(*arguments)
+        if restarts.pop() if restarts else False:
+            game.start_again("four-wall")
+        return original(*arguments) if step == "source.object_table" else None
+
+    monkeypatch.setattr(name, restarted)
+    with omniscv.open_source(game.server.uri) as source:
+        assert source.objects() == table
+        (capture,) = source.capture(face_requests(16, ("object_mask",), (0.0, 0.0, 1.5))[:1])
+        assert labels_of(capture.pixels, table)[1] == {}
+    assert not restarts
 
 
 def test_another_level_behind_the_same_connection_is_refused(game):
