@@ -32,9 +32,9 @@ _COLMAP_FILES = ("cameras.txt", "rigs.txt")
 
 
 class _Format(NamedTuple):
-    """How a format is recognised by a file's text, read and written."""
+    """How a format is recognised by a file's text (None: by ``opencv.model_of``), read and written."""
 
-    recognises: Callable[[str], object]
+    recognises: Callable[[str], object] | None
     read: Callable[..., dict[str, Camera]]
     write: Callable[..., str]
 
@@ -45,19 +45,9 @@ def _matches(pattern: str) -> Callable[[str], object]:
 
 _FORMATS: dict[str, _Format] = {
     "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), common.read_json, common.write_json),
-    "opencv": _Format(
-        lambda text: opencv.model_of(text) == "opencv", opencv.read_opencv, opencv.write_opencv
-    ),
-    "opencv-fisheye": _Format(
-        lambda text: opencv.model_of(text) == "opencv-fisheye",
-        opencv.read_opencv_fisheye,
-        opencv.write_opencv_fisheye,
-    ),
-    "opencv-omnidir": _Format(
-        lambda text: opencv.model_of(text) == "opencv-omnidir",
-        opencv.read_opencv_omnidir,
-        opencv.write_opencv_omnidir,
-    ),
+    "opencv": _Format(None, opencv.read_opencv, opencv.write_opencv),
+    "opencv-fisheye": _Format(None, opencv.read_opencv_fisheye, opencv.write_opencv_fisheye),
+    "opencv-omnidir": _Format(None, opencv.read_opencv_omnidir, opencv.write_opencv_omnidir),
     "kalibr": _Format(_matches(r"^[ \t]*camera_model[ \t]*:"), kalibr.read_kalibr, kalibr.write_kalibr),
     "colmap": _Format(
         _matches(rf"^[ \t]*\d+[ \t]+({'|'.join(colmap.NAMES)})[ \t]"), colmap.read_colmap, colmap.write_colmap
@@ -111,10 +101,15 @@ def load(
 
 def _format_of(text: str) -> str:
     """Return the format that a file's content shows."""
-    matches = [name for name, known in _FORMATS.items() if known.recognises(text)]
+    opencv_model = opencv.model_of(text)  # parses the file, so only once
+    matches = [
+        name
+        for name, known in _FORMATS.items()
+        if (known.recognises(text) if known.recognises else name == opencv_model)
+    ]
     if len(matches) == 1:
         return matches[0]
-    if opencv.model_of(text) == opencv.EITHER:
+    if opencv_model == opencv.EITHER:
         raise ArgumentError(
             "expected to know which lens four coefficients describe: give format opencv (k1 k2 p1 p2 of the "
             "plain model) or opencv-fisheye (k1 k2 k3 k4), such as --set camera.format=opencv"
