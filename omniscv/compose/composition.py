@@ -35,6 +35,7 @@ class Composition:
         source: where captures come from.
         sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and whether they are
             the rays of the whole image.
+        mend: closes the seams of colours, which masks of the same views keep from outlines.
         report: called after each viewpoint, and when the image is done.
     """
 
@@ -44,7 +45,7 @@ class Composition:
         modes: tuple[str, ...],
         source: Source,
         sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
-        mend: Callable[[Sequence[Capture]], Mended],
+        mend: Callable[[Sequence[Capture], Sequence[Capture]], Mended],
         report: Report,
     ) -> None:
         self._task, self._source = task, source
@@ -119,7 +120,8 @@ class Composition:
             if is_surface:
                 parallax, seen = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
-                self._put_values(row, viewpoint, sampler, of_mode, parallax, seen)
+                colors = self._mended(row, viewpoint, sampler, of_mode, captures.get("object_mask", ()))
+                self._put_values(row, viewpoint, sampler, of_mode, colors, parallax, seen)
             self._provenance = of_mode[0].provenance
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
@@ -160,22 +162,33 @@ class Composition:
         self._image.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return depth.parallax, seen
 
+    def _mended(
+        self,
+        row: modalities.Modality,
+        viewpoint: Viewpoint,
+        sampler: Sampler,
+        captures: Sequence[Capture],
+        masks: Sequence[Capture],
+    ) -> list[NDArray[Any]]:
+        """Return the pixels of a modality; of colours with their seams closed, if the options ask for it."""
+        if row.name != "lit" or self._task.options.seams == "keep":
+            return [capture.pixels for capture in captures]
+        mended = self._mend(captures, masks)
+        self._image.put_part("relit", viewpoint.pixels, sampler.sample("nearest", mended.relit))
+        self._seams.append(mended.report)
+        return [*mended.pixels]
+
     def _put_values(
         self,
         row: modalities.Modality,
         viewpoint: Viewpoint,
         sampler: Sampler,
         captures: Sequence[Capture],
+        faces: Sequence[NDArray[Any]],
         parallax: Floats | None,
         seen: SeenPoints | None,
     ) -> None:
         """Sample another modality, and mark where its values may be a neighbour's."""
-        faces = [capture.pixels for capture in captures]
-        if row.name == "lit" and self._task.options.seams != "keep":
-            mended = self._mend(captures)
-            faces = [*mended.pixels]
-            self._image.put_part("relit", viewpoint.pixels, sampler.sample("nearest", mended.relit))
-            self._seams.append(mended.report)
         sample, transfer = SAMPLE[row.interpolation], self._source.capabilities.transfer
         if row.name == "lit" and self._filter == "area" and light.known(transfer, faces[0]):
             decoded = [light.decode(face, transfer) for face in faces]

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from functools import cached_property, partial
 from typing import Any, Unpack
@@ -16,7 +17,7 @@ from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
 from omniscv.compose.seams import Mended, mend
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.planning import (
@@ -31,7 +32,7 @@ from omniscv.planning import (
 )
 from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
-from omniscv.sources.base import Capture, Source, View, check_modes
+from omniscv.sources.base import Capture, Request, Source, View, check_modes
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28
@@ -199,7 +200,7 @@ class Renderer:
                 modes,
                 source,
                 partial(self._sampler_of, plan.task.rays),
-                partial(self._mended, options.seams),
+                partial(self._mended, plan.task.options),
                 meter.part(),
             )
             drive(plan.rounds(), composition.capture)
@@ -212,16 +213,35 @@ class Renderer:
         in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
         return ImageRays(camera, self._tile_bytes if in_blocks else None)
 
-    def _mended(self, method: str, captures: Sequence[Capture]) -> Mended:
-        """Return captured colours whose seams are mended; kept if they are a recording's."""
+    def _mended(
+        self, options: RenderOptions, captures: Sequence[Capture], masks: Sequence[Capture]
+    ) -> Mended:
+        """Return captured colours whose seams are mended; kept if they are a recording's.
+
+        Of a recording its masks count also where the image has none.
+        """
 
         def make() -> Mended:
             views, pixels = zip(*((capture.view, capture.pixels) for capture in captures), strict=True)
-            return mend(views, pixels, method, self.source.capabilities.transfer)
+            of_objects = [
+                mask.pixels for mask in masks or self._recorded_masks(captures, options.truth_scale)
+            ]
+            return mend(views, pixels, options.seams, self.source.capabilities.transfer, of_objects)
 
         if self._recorded is None:
             return make()
-        return self._cache.get(("seams", method, *(capture.request for capture in captures)), make)
+        of_captures = (capture.request for capture in captures)
+        return self._cache.get(("seams", options.seams, options.truth_scale, *of_captures), make)
+
+    def _recorded_masks(self, captures: Sequence[Capture], scale: int) -> Sequence[Capture]:
+        if self._recorded is None or "object_mask" not in self.source.capabilities.modes:
+            return ()
+        requests = [
+            Request(capture.view.scaled(scale), "object_mask", capture.request.state) for capture in captures
+        ]
+        with suppress(MissingCaptureError):
+            return list(self._captures.capture(requests))
+        return ()
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:

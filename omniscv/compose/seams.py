@@ -5,7 +5,7 @@ at their edges. The step of an edge is the mean difference across it, less that 
 Exposure multiplies light, so gains are estimated in the logarithm of light, robustly, and count only where
 they explain the steps. What is left is closed by a membrane: the smoothest correction that removes the steps,
 falls off within a tenth of a face and stops at outlines. It is cosmetic: colours become continuous, not
-truer.
+truer. Where masks show another object across an edge, the step is an outline, and stays.
 
 Sources: M. Brown, D. G. Lowe, IJCV 74, 2007 (gains); M. J. Black, A. Rangarajan, IJCV 19, 1996 (graduated
 non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman et al., 2009 (membranes).
@@ -14,7 +14,7 @@ non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -63,15 +63,22 @@ class Cube:
         views: of 90 degrees, at one centre, in any orientation.
         pixels: (6, s, s, 3) uint8.
         border: px that were captured beyond the 90 degrees on every side, and are left out.
+        labels: (6, s, s) of the objects; all 0 without masks.
     """
 
     views: tuple[View, ...]
     pixels: NDArray[np.uint8]
-    border: int = 0
+    border: int
+    labels: NDArray[np.int64]
 
     @classmethod
-    def of(cls, views: Sequence[View], pixels: Sequence[NDArray[Any]]) -> Cube | None:
-        """Return the cube that views and their pixels are; None for other views, and for floats."""
+    def of(
+        cls, views: Sequence[View], pixels: Sequence[NDArray[Any]], masks: Sequence[NDArray[Any]] = ()
+    ) -> Cube | None:
+        """Return the cube that views, their pixels and object masks are; None for other views and floats.
+
+        Masks, (h, w) ids or (h, w, 3) colours, may have other sizes than colours; they show the same views.
+        """
         alike = {(view.width, view.height, round(view.fov_deg, 3)) for view in views}
         if len(views) != 6 or len(alike) > 1 or any(each.dtype != np.uint8 for each in pixels):
             return None
@@ -81,7 +88,12 @@ class Cube:
             return None
         inner = slice(border, border + size)
         faces = tuple(View(view.pose, 90, size, size) for view in views)
-        cube = cls(faces, np.stack([each[inner, inner] for each in pixels]), border)
+        labels = np.zeros((6, size, size), np.int64)
+        for of_face, mask in zip(labels, masks, strict=False):
+            rows = (np.arange(border, border + size) + 0.5) * len(mask) // views[0].width
+            colors = np.atleast_3d(mask)[np.ix_(rows.astype(int), rows.astype(int))].astype(np.int64)
+            of_face[:] = colors @ (1 << 16 * np.arange(colors.shape[-1]))
+        cube = cls(faces, np.stack([each[inner, inner] for each in pixels]), border, labels)
         return cube if len(cube.edges) == 12 else None
 
     @cached_property
@@ -112,14 +124,26 @@ class Cube:
         a, b = (1.5 * lines[0] - 0.5 * lines[1] for lines in self.lines(edge))
         return a, b
 
+    def continuous(self, edge: Edge) -> NDArray[np.bool_]:
+        """Return (s,) where both faces show one object, in the order of :meth:`lines`."""
+        a, b = np.rot90(self.labels[edge.a], edge.side_a), np.rot90(self.labels[edge.b], edge.side_b)
+        return np.asarray(a[0] == b[0, ::-1])
+
     def steps(self) -> Array:
-        """Return (12,) the step across each edge, levels, less what pixels beside it differ by."""
+        """Return (12,) the step across each edge, levels, less what pixels beside it differ by.
+
+        Outlines that lie on an edge are left out; an edge of nothing else has no step.
+        """
         steps = []
         for edge in self.edges:
-            a, b = self.lines(edge)
-            inside = (np.abs(a[0] - a[1]).mean() + np.abs(b[0] - b[1]).mean()) / 2
-            steps.append(np.abs(a[0] - b[0]).mean() - inside)
+            a, b = (lines[:, self.continuous(edge)] for lines in self.lines(edge))
+            inside = np.abs(a[0] - a[1]) / 2 + np.abs(b[0] - b[1]) / 2
+            steps.append((np.abs(a[0] - b[0]) - inside).mean() if inside.size else 0.0)
         return np.array(steps)
+
+    def repainted(self, pixels: NDArray[np.uint8]) -> Cube:
+        """Return the cube with other colours."""
+        return replace(self, pixels=pixels)
 
 
 class Gains(NamedTuple):
@@ -142,6 +166,7 @@ def estimate_gains(cube: Cube, transfer: str) -> Gains:
     for edge in cube.edges:
         a, b = cube.at_edge(edge)
         usable = np.all((np.minimum(a, b) > _CODES[0]) & (np.maximum(a, b) < _CODES[1]), axis=-1)
+        usable &= cube.continuous(edge)
         light_a, light_b = (light_of_codes(np.clip(codes, 1, 255), transfer) for codes in (a, b))
         ratio = np.log(light_a / light_b).mean(axis=-1)
         for block in np.array_split(np.arange(len(ratio)), min(_BLOCKS, len(ratio))):
@@ -202,7 +227,13 @@ class Mended:
         return sum(each.nbytes for each in (*self.pixels, *self.relit))
 
 
-def mend(views: Sequence[View], pixels: Sequence[NDArray[Any]], method: str, transfer: str) -> Mended:
+def mend(
+    views: Sequence[View],
+    pixels: Sequence[NDArray[Any]],
+    method: str,
+    transfer: str,
+    masks: Sequence[NDArray[Any]] = (),
+) -> Mended:
     """Return the colours of one place, with gains or closed where it is a cube; else as captured.
 
     Args:
@@ -210,8 +241,9 @@ def mend(views: Sequence[View], pixels: Sequence[NDArray[Any]], method: str, tra
         pixels: (h, w, 3) of each.
         method: ``gains`` or ``close``.
         transfer: of the colours; gains need to know it.
+        masks: of the objects in each view, whose outlines are no seams.
     """
-    cube = Cube.of(views, pixels)
+    cube = Cube.of(views, pixels, masks)
     if cube is None:
         return _refused(pixels, "expected six 8-bit faces of a cube")
     gains = estimate_gains(cube, transfer)
@@ -219,14 +251,14 @@ def mend(views: Sequence[View], pixels: Sequence[NDArray[Any]], method: str, tra
     report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
     mended = cube
     if gains.proven and known:
-        mended = Cube(cube.views, apply_gains(cube.pixels, gains.gains, transfer))
+        mended = cube.repainted(apply_gains(cube.pixels, gains.gains, transfer))
         report["gains"] = gains.gains.round(4).tolist()
     elif method == "gains":
         return _refused(
             pixels, f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}", report
         )
     if method == "close":
-        mended = Cube(cube.views, close(mended))
+        mended = cube.repainted(close(mended))
     if np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
         return _refused(pixels, "expected smaller steps, got larger ones", report)
     border = cube.border
@@ -266,7 +298,7 @@ def close(cube: Cube) -> NDArray[np.uint8]:
     fade = np.clip(1 - np.arange(min(_FADE_PX, size // 2)) / _FADE_PX, 0, 1)[:, None, None] ** 2
     left = np.zeros_like(corrected)
     for edge in cube.edges:
-        half = _left_over(corrected, edge) / 2
+        half = _left_over(corrected, edge, cube.continuous(edge)) / 2
         np.rot90(left[edge.a], edge.side_a)[: len(fade)] -= fade * half
         np.rot90(left[edge.b], edge.side_b)[: len(fade)] += fade * half[::-1]
     return np.asarray(np.clip(np.rint(corrected + left), 0, 255), np.uint8)
@@ -285,21 +317,24 @@ def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
         ]
     )
     index = np.arange(6 * cells * cells).reshape(6, cells, cells)
+    middles = ((np.arange(cells) + 0.5) * cube.pixels.shape[1] / cells).astype(int)
+    labels = cube.labels[:, middles[:, None], middles]
     pairs, weights = list[NDArray[np.int64]](), list[Array]()
     for axis in (1, 2):
         first, second = (np.take(index, np.arange(s, cells - 1 + s), axis=axis).ravel() for s in (0, 1))
         change = np.abs(np.diff(means, axis=axis)).max(axis=-1).ravel()
         pairs.append(np.stack([first, second]))
-        weights.append(1 / (1 + (change / _OUTLINE) ** 2))
+        alike = np.diff(labels, axis=axis).ravel() == 0
+        weights.append(alike / (1 + (change / _OUTLINE) ** 2))
     pull = np.zeros((index.size, 3))
     for edge in cube.edges:
         a = np.rot90(index[edge.a], edge.side_a)[0]
         b = np.rot90(index[edge.b], edge.side_b)[0][::-1]
-        step = _steps_of_cells(cube, edge, cells)
+        step, share = _steps_of_cells(cube, edge, cells)
         pairs.append(np.stack([a, b]))
-        weights.append(np.full(cells, _COUPLING))
-        np.add.at(pull, a, -_COUPLING * step)
-        np.add.at(pull, b, _COUPLING * step)
+        weights.append(_COUPLING * share)
+        np.add.at(pull, a, -_COUPLING * share[:, None] * step)
+        np.add.at(pull, b, _COUPLING * share[:, None] * step)
     (i, j), w = np.concatenate(pairs, axis=1), np.concatenate(weights)
     off = coo_array((-w, (i, j)), (index.size, index.size)).tocsr()
     off = off + off.T
@@ -310,23 +345,30 @@ def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
     return np.asarray(solved.solve(pull), np.float32).reshape(6, cells, cells, 3)
 
 
-def _steps_of_cells(cube: Cube, edge: Edge, cells: int) -> Array:
-    """(cells, 3) median step a - b, 0 where it is no more than texture."""
+def _steps_of_cells(cube: Cube, edge: Edge, cells: int) -> tuple[Array, Array]:
+    """(cells, 3) median step a - b, 0 where it is no more than texture; (cells,) share without outlines."""
     a, b = cube.at_edge(edge)
-    blocks = np.array_split(a - b, cells)
+    clear = cube.continuous(edge)
+    blocks = [(a - b)[block[clear[block]]] for block in np.array_split(np.arange(len(a)), cells)]
+    share = np.array([len(block) for block in blocks]) * cells / len(a)
+    blocks = [block if len(block) else np.zeros((1, 3)) for block in blocks]
     medians = np.array([np.median(block, axis=0) for block in blocks])
     spread = np.array([np.median(np.abs(block - np.median(block, axis=0)), axis=0) for block in blocks])
-    error = 1.4826 * spread * np.sqrt(np.pi / 2 / (len(a) / cells))
+    counts = np.array([len(block) for block in blocks])[:, None]
+    beside = np.maximum(*(np.abs(lines[0] - lines[1]) for lines in cube.lines(edge)))
+    inside = np.array([np.median(block, axis=0) for block in np.array_split(beside, cells)])
+    error = 1.4826 * spread * np.sqrt(np.pi / 2 / counts) + inside / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         sure = np.where(medians == 0, 0, np.maximum(0, 1 - (_SURE * error / medians) ** 2))
-    return np.asarray(medians * sure)
+    return np.asarray(medians * sure), share
 
 
-def _left_over(corrected: NDArray[Any], edge: Edge) -> Array:
-    """(s, 3) what is left of the step a - b, smoothed along the edge; in the order of a."""
+def _left_over(corrected: NDArray[Any], edge: Edge, continuous: NDArray[np.bool_]) -> Array:
+    """(s, 3) what is left of the step a - b, smoothed along the edge; in the order of a; 0 at outlines."""
     import cv2
 
     a = np.rot90(corrected[edge.a], edge.side_a)
     b = np.rot90(corrected[edge.b], edge.side_b)[:, ::-1]
-    step = (1.5 * a[0] - 0.5 * a[1]) - (1.5 * b[0] - 0.5 * b[1])
-    return np.asarray(cv2.blur(step[None], (_SMOOTH_PX, 1), borderType=cv2.BORDER_REPLICATE)[0])
+    step = ((1.5 * a[0] - 0.5 * a[1]) - (1.5 * b[0] - 0.5 * b[1])) * continuous[:, None]
+    smooth = cv2.blur(step[None], (_SMOOTH_PX, 1), borderType=cv2.BORDER_REPLICATE)[0]
+    return np.asarray(smooth * continuous[:, None])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
 import omniscv
@@ -20,17 +20,18 @@ CENTER = (-0.5, 0.6, 1.2)
 GAINS = np.array([0.8, 1.25, 1.0, 0.9, 1.1, 1.02])
 
 
-def views(edge, turned=None):
+def views(edge, turned=None, center=CENTER):
     """The six faces; one of them turned by a rotation vector, degrees."""
     for name, R_w_c in cube_rotations():
         turn = np.radians(turned[1]) if turned and turned[0] == name else np.zeros(3)
-        yield View(Pose(CENTER, Rotation.from_rotvec(turn).as_matrix() @ R_w_c), 90, edge, edge)
+        yield View(Pose(center, Rotation.from_rotvec(turn).as_matrix() @ R_w_c), 90, edge, edge)
 
 
-def faces(edge=256, smooth=2, turned=None, scene="four-wall"):
-    """Pictures of a room, (6, s, s, 3) uint8, averaged over the pixel as engines do."""
+def faces(edge=256, smooth=2, turned=None, scene="four-wall", center=CENTER, mode="lit"):
+    """Pictures of a room, (6, s, s, 3) uint8, averaged over the pixel as engines do; masks are not."""
+    smooth = smooth if mode == "lit" else 1
     with open_scene(f"scene://{scene}") as source:
-        requests = [Request(view.scaled(smooth), "lit") for view in views(edge, turned)]
+        requests = [Request(view.scaled(smooth), mode) for view in views(edge, turned, center)]
         pictures = np.stack([capture.pixels for capture in source.capture(requests)]).astype(np.float64)
     return np.uint8(pictures.reshape(6, edge, smooth, edge, smooth, 3).mean(axis=(2, 4)) + 0.5)
 
@@ -107,6 +108,40 @@ def test_light_that_is_added_is_no_gain(room):
         assert error[1] <= 1.05 * error[0]
 
 
+def drawn(edge=256):
+    """A corner of two walls that lies exactly on a vertical edge of the cube, and a floor without outlines
+    on edges: faces (6, s, s, 3) uint8, and masks (6, s, s) of ids."""
+    x = (np.arange(edge) + 0.5) * 2 / edge - 1
+    rays = np.stack([*np.meshgrid(x, x), np.ones((edge, edge))], axis=-1)
+    d = np.stack([rays @ R_w_c.T for _, R_w_c in cube_rotations()])
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    corner = (d[..., 0] > d[..., 1]).astype(int)  # at 45 degrees to the left of the front
+    masks = np.where(d[..., 2] < -0.8, 3, 1 + corner)
+    shade = np.array([0, 70, 130, 100])[masks] + 20 * d[..., 2]
+    return np.repeat(np.uint8(shade + 0.5)[..., None], 3, axis=-1), masks.astype(np.uint16)
+
+
+@pytest.mark.parametrize("scene", ["drawn", (0.5, 0, 1.4), (1, 0.5, 1.2)])
+def test_an_outline_along_an_edge_is_no_seam(scene):
+    """Corners of walls lie on edges of these cubes: with masks they stay, and what light adds is closed."""
+    if scene == "drawn":
+        true, masks = drawn()
+        shown = true.copy()
+        shown[0] += 8
+    else:
+        name = "four-wall" if scene[1] == 0 else "six-wall"
+        true, masks = (faces(scene=name, center=scene, mode=mode) for mode in ("lit", "object_mask"))
+        halo = [gaussian_filter(face.astype(float), (32, 32, 0), mode="nearest") for face in true]
+        shown = np.uint8(0.95 * true + 0.05 * np.stack(halo) + 0.5)
+    blind, closed = (
+        np.stack(mend([*views(256)], [*shown], "close", "unknown", some).pixels) for some in ((), masks)
+    )
+    before, without, after = (np.abs(each.astype(float) - true).mean() for each in (shown, blind, closed))
+    assert without > 1.3 * before
+    assert after <= 1.05 * before
+    assert np.abs(Cube.of([*views(256)], [*closed], masks).steps()).max() < 0.5
+
+
 def test_a_turned_face_slips():
     """Where its edges have texture; faces that are not turned have no slip."""
     found = slips(cube(faces(1024, turned=("down", (0.12, 0, 0)))))
@@ -148,6 +183,9 @@ def test_an_image_is_mended_in_colour_alone(uneven):
     assert mended["relit"][change > 4].mean() > 0.99  # it is the nearest pixel's, colours are of four
     (report,) = mended.provenance["seams"]
     assert report["steps_after"]["median"] < 0.5 < report["steps"]["median"]
+    with RecordedSource(uneven) as source:
+        alone = omniscv.render(camera, pose, source, seams="close")
+    np.testing.assert_array_equal(alone.lit, mended.lit)  # the recording's masks count, asked for or not
     # A camera that sees one face gets the colours of the whole cube.
     np.testing.assert_allclose(front.lit[32, 32].astype(float), mended.lit[64, 160].astype(float), atol=12)
     assert front["relit"].any()
