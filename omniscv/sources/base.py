@@ -40,6 +40,7 @@ class Capabilities:
         modes: the modalities that it can capture.
         can_set_size, can_set_fov: whether views may differ from ``image_size`` and ``fov_deg``.
         can_set_tall: whether views may be higher than wide.
+        can_set_exposure: whether colours can be captured at other exposures (:attr:`Request.stops`).
         image_size: (width, height) of every view, where it cannot be set.
         fov_deg: horizontal field of view of every view, where it cannot be set.
         min_size: the smallest width and height of a view, px.
@@ -53,6 +54,7 @@ class Capabilities:
     can_set_size: bool = True
     can_set_fov: bool = True
     can_set_tall: bool = True
+    can_set_exposure: bool = False
     image_size: tuple[int, int] | None = None
     fov_deg: float | None = None
     min_size: int = 1

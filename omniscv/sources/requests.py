@@ -21,6 +21,7 @@ _POSE_DECIMALS = 7
 ten-thousandth of a pixel at f = 1024; servers print three decimals of a centimetre."""
 
 LONGEST_STATE = 100  # characters
+MOST_STOPS = 20.0
 
 
 class ViewKey(NamedTuple):
@@ -104,18 +105,23 @@ class Request:
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
         again: whether it repeats a capture to compare the two; such a capture is neither taken from a
             recording nor added to it.
+        stops: of colours, exposed for 2^stops times as long as the source's own exposure; None for that one.
 
     Raises:
-        ArgumentError: an unknown modality, or a state that is no short text.
+        ArgumentError: an unknown modality, a state that is no short text, or stops of another modality.
     """
 
     view: View
     mode: str
     state: str = ""
     again: bool = False
+    stops: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", *modalities.chosen((self.mode,)))
+        if self.stops is not None and (self.mode != "lit" or not abs(self.stops) <= MOST_STOPS):
+            expected = f"expected none, or {-MOST_STOPS:g} to {MOST_STOPS:g} of lit"
+            raise ArgumentError(f"stops: {expected}, got {shown(self.stops)} of {self.mode}")
         if not isinstance(self.state, str) or len(self.state) > LONGEST_STATE:
             expected = f"expected a text of at most {LONGEST_STATE} characters"
             raise ArgumentError(f"state: {expected}, got {shown(self.state)}")

@@ -162,6 +162,8 @@ def _write_folder(store: Store, folder: Path) -> int:
             entry["asked"] = object_from_json(row.asked)
         if row.state:
             entry["state"] = row.state
+        if row.stops is not None:
+            entry["stops"] = row.stops
         entries.append(entry)
     objects = store.objects()
     _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in objects.colors.items()})
@@ -237,11 +239,12 @@ class _Entry:
     encoding: str = checked(_word, default="")
     provenance: Mapping[str, Any] = checked(mapping, default_factory=lambda: {"server": "imported"})
     state: str = checked(_word, default="")
+    stops: float | None = checked(optional_number, default=None)
 
     @property
     def request(self) -> Request:
         """What was requested; ArgumentError for a mode that is unknown."""
-        return Request(self.asked or self.view, self.mode, self.state)
+        return Request(self.asked or self.view, self.mode, self.state, stops=self.stops)
 
     def default_encoding(self) -> str:
         """Return the encoding by the file's name; ArgumentError for other images than PNG and NPY."""

@@ -5,6 +5,7 @@ Anybody may have written a file: values are checked when they are read.
 
 import contextlib
 import json
+import re
 import secrets
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
@@ -34,6 +35,7 @@ _LONGEST = {
 }
 _LONGEST_JSON = 1 << 25  # characters of boxes and poses: enough for MOST_OBJECTS
 _LONGEST_CAUSE = 150  # characters of an error about a part of a capture
+_STOPS = re.compile(r'\["lit@(-?\d+(?:\.\d+)?(?:e-\d+)?)"', re.ASCII)
 
 
 def checksum(values: Iterable[str | int | bytes]) -> int:
@@ -105,11 +107,17 @@ class Row(NamedTuple):
             if crc != self.payload_checksum:
                 raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
 
+    @property
+    def stops(self) -> float | None:
+        """The stops of its exposure, as its key says; None for the source's own."""
+        match = _STOPS.match(self.key)
+        return float(match[1]) if match else None
+
     def description(self) -> tuple[Request, View, dict[str, Any]]:
         """Return request, captured view and provenance; DamagedRecordingError for other values."""
         self._check_texts()
         with self._named():
-            request = Request(view_from_json(self.asked), self.mode, self.state)
+            request = Request(view_from_json(self.asked), self.mode, self.state, stops=self.stops)
             if self.key != key_of(request):
                 raise ArgumentError("expected the key of its view, mode and state, got another")
             return request, view_from_json(self.captured), object_from_json(self.provenance)
@@ -332,8 +340,9 @@ def key_of(request: Request) -> str:
     """Return the key of a request: equal requests have equal keys."""
     width, height, position, rotation, fov_deg = request.view.key()
     state = (request.state,) if request.state else ()
+    mode = request.mode if request.stops is None else f"{request.mode}@{request.stops:.15g}"
     numbers = width, height, *position, *rotation, fov_deg
-    return json.dumps([request.mode, *numbers, *state], separators=(",", ":"))
+    return json.dumps([mode, *numbers, *state], separators=(",", ":"))
 
 
 def view_to_json(view: View) -> str:

@@ -52,7 +52,10 @@ class CameraTable:
     def capabilities(self, dialect: str) -> Capabilities:
         """Return what servers of a dialect can do, as far as it is known before one is connected."""
         modes = frozenset(self.images)
-        return Capabilities(modes, self.can_set_size, can_set_tall=False, dialect=dialect)
+        exposes = dialect == "N2"
+        return Capabilities(
+            modes, self.can_set_size, can_set_tall=False, can_set_exposure=exposes, dialect=dialect
+        )
 
     @property
     def depth(self) -> tuple[str, str]:

@@ -132,6 +132,8 @@ class CameraDriver(ABC):
     def check(self, request: Request) -> None:
         """Raise ArgumentError for a view higher than wide, ServerRefusedError for a mode without pictures."""
         view, modes = request.view, sorted(self.capabilities.modes)
+        if request.stops is not None and not self.capabilities.can_set_exposure:
+            raise self._refused(f"a plugin that sets exposure, N2 or later, for {request.stops:g} stops")
         if view.height > view.width:
             raise ArgumentError(
                 f"size: expected a view at least as wide as high, got {view.width} x {view.height}: engines "

@@ -33,6 +33,8 @@ class ModernDriver(CameraDriver):
     """Spawns a camera: straight up and down are exact, no pose lags, size and field of view can be set."""
 
     table = MODERN
+    _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
+    _exposed = False  # whether its exposure was ever set
 
     def attach(self) -> None:
         self.forget()
@@ -45,6 +47,7 @@ class ModernDriver(CameraDriver):
         if not self._restore or self.camera >= count:
             self.camera, self._prepared = count, False
             self.spawned += 1
+            self._exposed, self._stops = False, 0.0
             self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
         if not self._prepared:  # after the camera: a game that starts again in between lacks it, and is found
             self._prepare()
@@ -54,6 +57,18 @@ class ModernDriver(CameraDriver):
         known = {} if before is None else _settings(before)
         changed = [(key, value) for key, value in _settings(view).items() if known.get(key) != value]
         return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed]
+
+    def forget(self) -> None:
+        super().forget()
+        self._stops = None if self._exposed else 0.0
+
+    def expose(self, before: float | None, stops: float | None) -> list[str]:
+        """Return the commands that change the exposure: from the first one on, it is set by hand."""
+        if stops == before:
+            return []
+        self._exposed = True
+        by_hand = ("exposure_method manual", "physical_exposure 0", f"exposure_bias {stops:.8f}")
+        return [f"vset /camera/{self.camera}/{setting}" for setting in by_hand]
 
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         """Yield captures until a frame may be stale.
@@ -79,8 +94,8 @@ class ModernDriver(CameraDriver):
                 capture = self._capture(step.request, step.request.view, reply)
                 frame = {capture.mode: capture.payload or b""}
                 if fresh and step.use == "reference":
-                    self.stale_frames.note(capture.view, frame)
-                elif fresh and (fresh := self.stale_frames.accepts(capture.view, frame)):
+                    self.stale_frames.note(_sight(step.request), frame)
+                elif fresh and (fresh := self.stale_frames.accepts(_sight(step.request), frame)):
                     complete = capture
         self._expect(self._version, VERSION, next(replies))
         if complete is not None:
@@ -88,12 +103,14 @@ class ModernDriver(CameraDriver):
 
     def _captures_of_one_tick(self, client: Client, requests: Requests) -> list[Capture]:
         """Return the captures of all requests, answered in one tick, in which no frame becomes fresher."""
-        aimed, steps = self._aimed, list[Step]()
+        aimed, stops, steps = self._aimed, self._stops, list[Step]()
         for request in requests:
-            steps += [Step(command, "check") for command in self.aim(aimed, request.view)]
+            wanted = _stops_of(request, stops)
+            commands = self.aim(aimed, request.view) + self.expose(stops, wanted)
+            steps += [Step(command, "check") for command in commands]
             steps.append(Step(self.table.image(self.camera, request.mode), "keep", request))
-            aimed = request.view
-        self._aimed = None
+            aimed, stops = request.view, wanted
+        self.forget()
         batch = [f"vbatch {len(steps) + 1}", *(step.command for step in steps), VERSION]
         first, *replies, version = client.stream(batch)
         self._expect("ok", "vbatch", first)
@@ -105,8 +122,8 @@ class ModernDriver(CameraDriver):
             else:
                 captures.append(self._capture(step.request, step.request.view, reply))
         for capture in captures:
-            self.stale_frames.note(capture.view, {capture.mode: capture.payload or b""})
-        self._aimed = aimed
+            self.stale_frames.note(_sight(capture.request), {capture.mode: capture.payload or b""})
+        self._aimed, self._stops = aimed, stops
         return captures
 
     def _steps(self, requests: Requests) -> list[Step]:
@@ -115,31 +132,47 @@ class ModernDriver(CameraDriver):
         Before a move there must be a frame of the same mode and size, to compare the next one with.
         """
         steps: list[Step] = []
-        aimed, in_doubt = self._aimed, self.stale_frames.in_doubt
+        aimed, stops, in_doubt = self._aimed, self._stops, self.stale_frames.in_doubt
         states, skips = dict(self.stale_frames.states), self.stale_frames.skips()
 
         def picture(use: Literal["skip", "reference", "keep"], request: Request, count: int = 1) -> None:
             steps.extend([Step(self.table.image(self.camera, request.mode), use, request)] * count)
 
-        def move(view: View) -> None:
-            nonlocal aimed
-            steps.extend(Step(command, "check") for command in self.aim(aimed, view))
-            aimed = view
+        def move(request: Request) -> None:
+            nonlocal aimed, stops
+            wanted = _stops_of(request, stops)
+            commands = self.aim(aimed, request.view) + self.expose(stops, wanted)
+            steps.extend(Step(command, "check") for command in commands)
+            aimed, stops = request.view, wanted
 
         for request in requests:
             view, mode = request.view, request.mode
-            if in_doubt or aimed != view:
-                before = view if aimed is None else replace(view, pose=aimed.pose)
-                if before != view and (in_doubt or states.get(mode) != before):
+            if in_doubt or aimed != view or stops != _stops_of(request, stops):
+                before = request
+                if aimed is not None:
+                    shown = stops if mode == "lit" else None
+                    before = replace(request, view=replace(view, pose=aimed.pose), stops=shown)
+                if _sight(before) != _sight(request) and (in_doubt or states.get(mode) != _sight(before)):
                     move(before)
-                    picture("skip", Request(before, mode), SETTLED if in_doubt else 0)
-                    picture("reference", Request(before, mode))
-                move(view)
+                    picture("skip", before, SETTLED if in_doubt else 0)
+                    picture("reference", before)
+                move(request)
                 picture("skip", request, skips)
                 skips = self.stale_frames.lag
             picture("keep", request)
-            states[mode] = view
+            states[mode] = _sight(request)
+        self._stops = stops
         return steps
+
+
+def _stops_of(request: Request, before: float | None) -> float | None:
+    """Return the exposure of a request's picture, given the one before: it shows in colours alone."""
+    return (request.stops or 0.0) if request.mode == "lit" else before
+
+
+def _sight(request: Request) -> tuple[View, float]:
+    """Return what a picture of a request shows: its view at its exposure."""
+    return request.view, request.stops or 0.0
 
 
 def _settings(view: View) -> dict[str, str]:
