@@ -26,6 +26,11 @@ from omniscv.geometry.arrays import Floats, Pixels, run
 
 _BINS = 1 << 12
 """Bins of light from 0 to 1 that a search for a code starts at: of sRGB each holds two codes at most."""
+_CHOSEN = 80
+"""Pixels of each picture by which a response is solved."""
+_JUDGED, _NAMED, _LEAST = (20, 235), 0.03, 1e-9
+"""Codes by which a response is compared with named ones, how far the logarithm of light may be off, and the
+least light that has one."""
 _SLOPE, _TOE, _SHOULDER, _BLACK_CLIP, _WHITE_CLIP, _GREY = 0.88, 0.55, 0.26, 0.0, 0.04, 0.18
 """The film curve's defaults, as the engine's documentation of FilmStockSettings gives them."""
 
@@ -63,8 +68,15 @@ def film_curve(light: Any) -> NDArray[np.float64]:
     return np.asarray(np.clip(low + (high - low) * share, 0, None))
 
 
-def light_of_codes(codes: Any, transfer: str) -> NDArray[np.float64]:
-    """Return light of codes 0..255, which need not be whole; of ``unknown`` as if they were linear."""
+def light_of_codes(codes: Any, transfer: str | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return light of codes 0..255, which need not be whole; of ``unknown`` as if they were linear.
+
+    Args:
+        codes: (...)
+        transfer: a name, or the light (256,) of each code.
+    """
+    if not isinstance(transfer, str):
+        return np.asarray(np.interp(codes, np.arange(256), transfer))
     values = np.asarray(codes, np.float64) / 255
     if transfer == "srgb":
         return srgb_to_light(values)
@@ -93,7 +105,7 @@ def encode(light: Floats, transfer: str) -> NDArray[np.uint8]:
 
 
 def merge(
-    pictures: Sequence[NDArray[np.uint8]], stops: Sequence[float], transfer: str
+    pictures: Sequence[NDArray[np.uint8]], stops: Sequence[float], transfer: str | NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Return light (H, W, 3) at exposure 0 of pictures of one scene at several exposures.
 
@@ -105,23 +117,51 @@ def merge(
     Args:
         pictures: (H, W, 3) codes.
         stops: exposure of each, powers of two.
-        transfer: of the codes.
+        transfer: of the codes, as :func:`light_of_codes` takes it.
     """
     light = light_of_codes(np.arange(256), transfer)
     step = np.diff(light_of_codes(np.arange(257) - 0.5, transfer))
-    order = np.argsort(stops)[::-1]
+    step[[0, 255]] = np.inf  # of no weight; a response ends there
     total, weights = np.zeros(pictures[0].shape), np.zeros(pictures[0].shape)
-    fallback = np.zeros(pictures[0].shape)
-    for i in order:
+    fallback = (light / 2.0 ** max(stops))[pictures[int(np.argmax(stops))]]
+    for i in np.argsort(stops)[::-1]:
         codes, time = pictures[i], 2.0 ** stops[i]
-        shown = light[codes] / time
-        bright = (codes == 255).any(axis=-1)
-        usable = ~bright & (codes > 0).all(axis=-1)
-        weight = (time / step[codes]) ** 2 * usable[..., None]
+        shown = (light / time)[codes]
+        bright = (codes == 255).any(axis=-1, keepdims=True)
+        weight = ((time / step) ** 2)[codes] * ~(bright | (codes == 0).any(axis=-1, keepdims=True))
         total, weights = total + weight * shown, weights + weight
-        longest = i == order[0]
-        fallback = shown if longest else np.where(bright[..., None], shown, fallback)
+        fallback = np.where(bright, shown, fallback)
     return np.asarray(np.where(weights > 0, total / np.maximum(weights, 1e-300), fallback), np.float32)
+
+
+def solve(pictures: Sequence[NDArray[np.uint8]], stops: Sequence[float]) -> str | NDArray[np.float64]:
+    """Return the transfer of one still scene's pictures at known exposures.
+
+    Its name, if a known one is within 3 %; else light (256,) of each code, in a unit of its own: its mean
+    logarithm is that of sRGB. Source: Debevec, Malik, Recovering high dynamic range radiance maps from
+    photographs, 1997.
+
+    Args:
+        pictures: (...) codes, all of one shape.
+        stops: exposure of each, powers of two.
+    """
+    import cv2  # slow to load
+
+    flat = np.stack([np.ravel(codes) for codes in pictures])
+    firsts = [np.unique(codes, return_index=True)[1] for codes in flat]  # of every code, one pixel
+    chosen = np.unique([at[i * len(at) // _CHOSEN] for at in firsts for i in range(_CHOSEN)])
+    debevec = cv2.createCalibrateDebevec(len(chosen), 10.0, False)
+    solved = debevec.process([*flat[:, None, chosen]], np.exp2(np.array(stops, np.float32)))
+    logs = np.log(np.clip(np.ravel(solved).astype(np.float64), _LEAST, 1 / _LEAST))
+    seen = np.unique(flat[:, chosen].clip(*_JUDGED))
+    apart = {
+        name: (logs - np.log(np.maximum(light_of_codes(np.arange(256), name), _LEAST)))[seen]
+        for name in ("srgb", "film", "linear")
+    }
+    nearest = min(apart, key=lambda name: float(apart[name].std()))
+    if apart[nearest].std() <= _NAMED:
+        return nearest
+    return np.asarray(np.maximum.accumulate(np.exp(logs - apart["srgb"].mean())))
 
 
 def known(transfer: str, colors: Pixels) -> bool:

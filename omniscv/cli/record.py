@@ -33,6 +33,12 @@ OPTIONS = {
         False,
         "Switch off vignette and auto exposure.",
     ),
+    "brackets": JobOption(
+        lambda text: dict([options.setting(f"brackets=[{text}]")]),
+        str | None,
+        None,
+        "Stops of exposure, such as -2,0,2: colours are captured at each, and merged to light.",
+    ),
     "out": JobOption(key("record"), str | None, None, "The recording; else the job's, or capture.sqlite."),
     **OLD,
     "strategy": OLD["strategy"]._replace(default="cube"),

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
-from omniscv.arguments import Reader, flag, number, one_of, shown, text, texts, whole_number, within
+from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text, texts, whole_number, within
 from omniscv.calibration import load as load_cameras
 from omniscv.calibration import load_rig
 from omniscv.cameras import Camera, from_dict
@@ -36,6 +36,7 @@ from omniscv.records import checked, help_of, key_of, listed, mapping, nested, o
 from omniscv.records import read as read_record
 from omniscv.sensor import Sensor
 from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
+from omniscv.sources.requests import MOST_STOPS
 from omniscv.sources.world import Freeze
 from omniscv.storage import bounded, is_url, without_secrets
 
@@ -123,6 +124,15 @@ def _source_options(name: str, value: object) -> dict[str, Any]:
     }
 
 
+def _brackets(name: str, value: object) -> tuple[float, ...]:
+    """Return stops in increasing order; none if there are none."""
+    stops = numbers(name, value, (None,)).tolist() if isinstance(value, list | tuple) and value else []
+    if (value and len(stops) < 2) or stops != sorted(set(stops)) or any(abs(s) > MOST_STOPS for s in stops):
+        wanted = f"expected two or more increasing stops within {MOST_STOPS:g}, such as [-2, 0, 2]"
+        raise ArgumentError(f"{name}: {wanted}; got {shown(value)}")
+    return tuple(stops)
+
+
 _freeze: Reader = partial(one_of, words=get_args(Freeze))
 _OPTION_READERS: dict[object, Reader] = {
     Transfer: partial(one_of, words=TRANSFERS),
@@ -163,6 +173,9 @@ class _Keys:
     )
     freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is kept at an instant")
     exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
+    brackets: tuple[float, ...] = checked(
+        _brackets, default=(), help="stops of exposures, which are merged to floating-point light"
+    )
     sensor: Sensor | None = checked(
         optional(nested(Sensor)), default=None, help="noise and lens of the cameras"
     )
@@ -318,6 +331,7 @@ def read(description: object, folder: Path) -> Job:
         **posed._asdict(),
         clock=keys.times is not None,
         exposure=keys.exposure,
+        brackets=keys.brackets,
         sensor=None if keys.sensor is None else keys.sensor.relative_to(folder),
     )
 

@@ -46,6 +46,7 @@ class Job:
         clock: whether images show the world at the times of the poses.
         exposure: of every image.
         assumed: of the file of its poses, in one line; empty for nothing.
+        brackets: stops of the exposures that colours are merged from, to light; empty for one exposure.
         sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
 
     Raises:
@@ -72,6 +73,7 @@ class Job:
     exposure: Exposure = field(default_factory=Exposure)
     assumed: str = ""
     sensor: Sensor | None = None
+    brackets: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))

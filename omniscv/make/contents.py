@@ -168,6 +168,8 @@ class Contents:
         options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
         if job.exposure != Exposure():
             options["exposure"] = asdict(job.exposure)
+        if job.brackets:
+            options["brackets"] = list(job.brackets)
         if job.sensor is not None:
             options["sensor"] = job.sensor.to_dict()
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}

@@ -27,6 +27,7 @@ from omniscv.planning import ImageRays, Kept, Plan, Round, Task, drive
 from omniscv.planning.cost import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.sources.base import Request, Source, View, check_modes
+from omniscv.sources.brackets import exposed
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 
@@ -136,7 +137,7 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                     plans = planning.share_captures(views, modes)
                     capturing = _Capturing(plans, modes, needed, report)
                     needed |= planning.verify_still(renderer_then.source, modes, capturing)
-    return len(needed)
+    return sum(len(exposed(request, job.brackets)) if job.brackets else 1 for request in needed)
 
 
 def _check_face_size(job: Job, source: Source) -> None:

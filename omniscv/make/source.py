@@ -20,6 +20,7 @@ from omniscv.job import Job
 from omniscv.job.sampling import SampledPoses
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source, SourceView
+from omniscv.sources.brackets import bracketed
 from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, open_sources
 
@@ -47,10 +48,10 @@ def open_source(job: Job, live: Source | None = None) -> Source:
         live: the job's source without its recording, which stays open; opened if not given.
     """
     source = open_sources(job.sources, **source_options(job)) if live is None else SourceView(live)
-    if job.record is None:
-        return source
     try:
-        return record(source, job.record)
+        if job.brackets:
+            return bracketed(source, job.brackets, job.record)
+        return source if job.record is None else record(source, job.record)
     except BaseException:
         source.close()
         raise

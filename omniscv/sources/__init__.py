@@ -10,6 +10,7 @@ from omniscv.sources.base import (
     SourceWrapper,
     View,
 )
+from omniscv.sources.brackets import bracketed
 from omniscv.sources.pictures import from_faces
 from omniscv.sources.registry import open_source, register, schemes
 
@@ -22,6 +23,7 @@ __all__ = [
     "Source",
     "SourceWrapper",
     "View",
+    "bracketed",
     "from_faces",
     "open_source",
     "register",

@@ -16,7 +16,8 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import TRANSFERS
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
-from omniscv.sources.recording.rows import WorldState, sizes_of
+from omniscv.sources.brackets import exposed, merged, response_of
+from omniscv.sources.recording.rows import WorldState, object_from_json, sizes_of
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state
 
@@ -33,6 +34,10 @@ class RecordedSource(Source):
         path: the file, or its URL: it is then fetched once into the local cache.
         state: of the world, in which images are planned; requests of any other are replayed too. If no
             capture is of the still world, the state that was found where none was to be set.
+
+    Attributes:
+        stops: of the exposures that colours are merged from; empty where they are replayed as captured.
+        response: of these exposures.
 
     Raises:
         RecordingError: the file is not there, is something else, newer, or damaged, or lacks the state.
@@ -54,12 +59,19 @@ class RecordedSource(Source):
         except BaseException:
             self._store.close()
             raise
+        exposures = [row for row in rows if row.stops is not None]
+        self.stops = tuple(sorted({row.stops for row in exposures if row.stops is not None}))
+        self.response = response_of(object_from_json(exposures[0].provenance)) if exposures else None
         modes = frozenset[str]().union(*(held.modes for held in self._views.values()))
-        found = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit"}
+        found = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit" and row.stops is None}
         transfers = {match[1] if match else "unknown" for match in found}
         transfer: Any = transfers.pop() if len(transfers) == 1 else "unknown"
         self._capabilities = Capabilities(
-            modes=modes, can_set_tall=tall, dialect="recording", transfer=transfer
+            modes=modes,
+            can_set_tall=tall,
+            can_set_exposure=bool(exposures),
+            dialect="recording",
+            transfer="linear" if exposures else transfer,
         )
 
     def __repr__(self) -> str:
@@ -154,6 +166,8 @@ class RecordedSource(Source):
     def _replay(self, request: Request) -> Capture:
         if capture := self._store.get(request):
             return capture
+        if len(exposures := exposed(request, self.stops)) > 1:
+            return merged(request, [self._replay(each) for each in exposures])
         advice = (
             f"'omniscv recording places {self._name}' lists what is there, 'omniscv record' adds captures"
         )
@@ -161,7 +175,8 @@ class RecordedSource(Source):
 
     def _explain(self, request: Request) -> str:
         """Return what is missing, and what is there."""
-        expected = f"expected a {request.mode} capture of {in_words(request.view)}"
+        at = "" if request.stops is None else f" at {request.stops:+g} stops"
+        expected = f"expected a {request.mode} capture{at} of {in_words(request.view)}"
         held = self._views.get(request.state)
         if held is None:
             state = f" in state {shown(request.state)}" if request.state else ""
