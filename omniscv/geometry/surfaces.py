@@ -47,12 +47,14 @@ class Precision(NamedTuple):
         digits: significant binary digits: 11 of half floats, 24 of floats.
         along_ray: whether distances to the optical centre were stored, not planar depth.
         largest_m: farther surfaces are stored as no surface.
+        middle_px: how far from the middle of its pixel a depth may have been taken, across and down.
     """
 
     unit_m: float = 1.0
     digits: int = 24
     along_ray: bool = False
     largest_m: float = math.inf
+    middle_px: float = 0.0
 
 
 class Point(NamedTuple):
@@ -166,7 +168,7 @@ def interpolated(cell: Cell, a: float, b: float, length: float, size: int, preci
     bent_across = max(_bend(w0, i00, i01, e0, a, noise), _bend(w1, i10, i11, e1, a, noise))
     bent_down = max(_bend(n0, i00, i10, s0, b, noise), _bend(n1, i01, i11, s1, b, noise))
     bend = bent_across + bent_down
-    placed = (abs(across) + abs(down)) * _FLOAT32 * size  # coordinates are float32
+    placed = (abs(across) + abs(down)) * (_FLOAT32 * size + precision.middle_px)  # coordinates are float32
     return Point(inverse if one_surface else 0.0, across, down, stored + bend + placed, 0.0)
 
 
@@ -227,13 +229,14 @@ def rounding(z: float, length: float, precision: Precision) -> float:
 def _bend(before: float, a: float, b: float, after: float, at: float, noise: float) -> float:
     """Return how far a curve or a crease may lie off the chord from a to b, ``at`` the way along it; all 1/z.
 
-    The second differences on both sides bound it, less what rounding makes of them. Where one is unknown,
-    because the surface ends there, the curve may go on from the other side as far as it likes. Where both
-    are, the surface is as narrow as the step.
+    The second differences on both sides bound a crease, less what rounding makes of them. They are eight
+    times what a curve is off in the middle, so a quarter of them bounds it, more what rounding hides. Where
+    one is unknown, because the surface ends there, the curve may go on from the other side as far as it
+    likes. Where both are, the surface is as narrow as the step.
     """
     left = abs(2.0 * a - b - before) if before > 0.0 else 0.0
     right = abs(2.0 * b - a - after) if after > 0.0 else 0.0
-    both = at * (1.0 - at) * max(0.0, left + right - noise)
+    both = at * (1.0 - at) * max(left + right - noise, 0.25 * (left + right + noise))
     one = at * left + (1.0 - at) * right + noise
     near = max(a, b)
     none = (CONTINUED_M * near + CONTINUED_RELATIVE) * near
@@ -260,6 +263,7 @@ def _continued(
     limited = min(max(inverse, 1.0 / (z + most)), 1.0 / max(z - most, 0.5 * z))
     length = stored_length(r, c, face.shape, focal, precision)
     error = 3.0 * rounding(z, length, precision) / (z * z) + abs(inverse - limited)
+    error += (abs(across) + abs(down)) * precision.middle_px
     if not (known_across and known_down):
         error += most / (z * z)
     return Point(limited, across, down, error, jump)

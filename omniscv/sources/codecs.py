@@ -3,6 +3,7 @@
 Encodings of every source
     ``png``   modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
     ``npy``   pixels as they are: any modality, any dtype of numbers
+    ``npy 0.005 px``  the same, of depth taken within 0.005 px of the pixels' middles
 
 Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`.
 """
@@ -28,6 +29,8 @@ Decoder = Callable[[bytes, str, View], NDArray[Any]]
 
 MAX_PIXELS = 1 << 27
 """The most pixels that are decoded, 16384 x 8192: a byte of PNG can stand for a thousand."""
+
+NEAR_MIDDLE = "npy 0.005 px"
 
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
@@ -122,7 +125,8 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
         raise BadReplyError(f"expected {row.name} of {dtypes}, shape {shape}; got {got}")
     if row.interpolation == "surface":
         check_depth(pixels)
-    return encode(pixels)
+    payload, encoding = encode(pixels)
+    return payload, NEAR_MIDDLE if capture.encoding == NEAR_MIDDLE else encoding
 
 
 def picture_size(payload: bytes) -> tuple[int, int]:
@@ -218,5 +222,6 @@ def _first_bytes(payload: bytes) -> str:
 _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
+register(NEAR_MIDDLE, _npy_pixels, ("depth",), Precision(middle_px=0.005))
 _MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.replies")
 """Modules that register encodings, by encoding; imported when one is decoded first."""

@@ -151,7 +151,7 @@ class Capture:
             masks are RGB colours, or uint16 (H, W) instance ids that the source's :class:`ObjectTable` names.
         provenance: server, scene, command, time: plain JSON values.
         payload: the bytes as received, for sources with a wire.
-        encoding: the codec of :mod:`omniscv.sources.codecs` that decodes ``payload`` to ``pixels``.
+        encoding: the codec of :mod:`omniscv.sources.codecs` that decodes ``payload`` to ``pixels``, or would.
     """
 
     request: Request

@@ -9,8 +9,9 @@ A record, as :func:`project_layout` returns it, has ``version``, ``source``, ``r
 ``edges``    ``id``, ``kind`` (floor, ceiling, vertical), ``corners`` (two ids), ``planes`` (two names), and
              ``pieces`` of the curve: ``pixels`` at most 0.5 px apart, ``visible_room``, ``visible``
 
-``visible_room`` is false behind a wall of the room. ``visible`` is also false behind anything else, and null
-without depth.
+``visible_room`` is false behind a wall of the room, exactly. ``visible`` is also false behind anything else,
+and null without depth. A pixel has one depth, so that the place of a silhouette is known to a pixel: samples
+within one of it may be wrong.
 """
 
 from __future__ import annotations

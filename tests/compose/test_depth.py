@@ -10,12 +10,14 @@ from mock_server.scene import Scene
 from omniscv.cameras import create
 from omniscv.chart.truth import traced
 from omniscv.geometry import Pose
+from omniscv.geometry.surfaces import Precision, surface_point
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 ROOMS = {name: float_source(load_scene(name)) for name in ("four-wall", "six-wall")}
 CENTRAL = {name: camera for name, camera in cameras_at(128).items() if camera.central}
 
+HALF_FLOATS_CM = Precision(0.01, 11, along_ray=False, largest_m=655.04)
 
 IN_BOTH_ROOMS = ("fisheye-equidistant",)
 
@@ -147,3 +149,26 @@ def test_a_depth_of_zero_is_no_fault(normals):
     for strategy in ("strips", "adaptive"):
         image = omniscv.render(camera, POSE, Near(), modes, strategy=strategy, face_size=32, normals=normals)
         assert (image.depth[image.valid] < 1).all()
+
+
+def test_a_curve_that_rounding_hides_is_within_its_bound():
+    """Upright pillars in half floats of centimetres, against their exact depth between the pixels.
+
+    Where a step of the half floats is as large as what a curve bends in a pixel, the pixels look flat.
+    """
+    rng, focal = np.random.default_rng(4), 196.0
+    for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (80, 2)):
+        inside = int(0.6 * radius / away * focal)
+
+        def planar(x, radius=radius, away=away):
+            """Planar depth z at x px from the middle: z^2 u^2 + (z - away)^2 = radius^2."""
+            square = 1 + (x / focal) ** 2
+            return (away - np.sqrt(away**2 - square * (away**2 - radius**2))) / square
+
+        columns = np.arange(-inside, inside) + 0.5
+        stored = (np.float16(100 * planar(columns)) / np.float32(100)).astype(np.float32)
+        face = np.broadcast_to(stored, (8, len(stored))).copy()
+        for x in rng.uniform(3, 2 * inside - 3, 100):
+            point = surface_point(face, x, 4.2, focal, HALF_FLOATS_CM)
+            true = 1 / planar(x - inside)
+            assert abs(point.inverse - true) <= point.error, (radius, away, x)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
 from omniscv.chart.truth import traced
 from omniscv.compose.image import OmniImage
 
@@ -55,15 +55,16 @@ class Errors:
     Attributes:
         depth_m: (H, W) the error of depth; 0 where both are +inf, +inf where one is.
         label: (H, W) whether the label is another one.
-        uncovered: (H, W) wrong and not marked; ``thin``: the same, of thin objects.
+        uncovered: (H, W) wrong and not marked; ``thin``: the same, of objects that have a solid narrower than
+            a capture's pixel there: it may fall between pixels.
 
     Args:
         image: with depth and object masks.
         scene: what it shows.
-        thin: names of objects that are thinner than a capture's pixel.
+        focal_px: of the faces of a cube that it was captured with; None: nothing is too narrow for them.
     """
 
-    def __init__(self, image: OmniImage, scene: Scene, thin: Sequence[str] = ()) -> None:
+    def __init__(self, image: OmniImage, scene: Scene, focal_px: float | None = None) -> None:
         hits = traced(scene, image.camera, image.pose)
         depth, bound, labels = image.depth, image.depth_error, image.labels
         assert depth is not None
@@ -78,8 +79,11 @@ class Errors:
             self.label = labels != hits.label
             off = self.depth_m > bound
         unmarked = image.valid & ~image.unsure & (off | (self.label & ~image.label_edge))
-        of_thin = [scene.label(name) for name in thin]
-        hidden = np.isin(hits.label, of_thin) | np.isin(labels, of_thin)
+        hidden = np.zeros(unmarked.shape, np.bool_)
+        if focal_px is not None:
+            planar = np.abs(image.camera.unproject().directions @ image.pose.R_w_c.T).max(axis=-1)
+            for label, distance in ((hits.label, hits.distance), (labels, depth)):
+                hidden |= _narrowest_m(scene)[label] * focal_px < planar * distance
         self.uncovered, self.thin = unmarked & ~hidden, unmarked & hidden
 
     def judgement(self) -> Judgement:
@@ -111,6 +115,15 @@ class Errors:
             label_edge=float(image.label_edge[valid].mean()),
             tightness=float(most / least) if least > 0 else float("inf"),
         )
+
+
+def _narrowest_m(scene: Scene) -> NDArray[np.float64]:
+    """Return the width of the narrowest solid of each label, metres; +inf of the sky."""
+    sizes = {RECTANGLE: (14, 15), BOX: (14, 15, 16), SPHERE: (14,), CYLINDER: (14, 16)}
+    widths = np.full(len(scene.objects) + 1, np.inf)
+    for label, row in zip(scene._labels[1:], scene.solids, strict=True):
+        widths[label] = min(widths[label], 2 * row[[*sizes[int(row[0])]]].min())
+    return widths
 
 
 def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:

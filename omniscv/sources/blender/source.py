@@ -17,6 +17,7 @@ import numpy as np
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.sources import codecs
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -96,7 +97,8 @@ class BlenderSource(Source):
                     same_view = (later for later in window[index:] if later.view == request.view)
                     held.update({each: pixels[each.mode] for each in same_view if each.mode in pixels})
                 picture = held[request] if request in window[index + 1 :] else held.pop(request)
-                yield Capture(request, request.view, picture, self._provenance(request))
+                encoding = codecs.NEAR_MIDDLE if request.mode == "depth" else None
+                yield Capture(request, request.view, picture, self._provenance(request), encoding=encoding)
 
     def objects(self) -> ObjectTable:
         self._check_open()

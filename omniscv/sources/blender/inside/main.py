@@ -138,7 +138,7 @@ class World:
         self.camera.matrix_world = pose
 
     def set_data(self) -> None:
-        """One sample at the centre of every pixel, without light."""
+        """One sample at the centre of every pixel, without light; Blender knows no filter below 0.01 px."""
         cycles = self.scene.cycles
         self.use_passes("z", "normal", "object_index")
         cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = 1, False, False
