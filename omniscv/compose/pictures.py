@@ -50,10 +50,8 @@ def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
 
 
 def uint8_colors(colors: NDArray[Any]) -> Picture:
-    """Return colours (...) as uint8: floats from 0 to 1 become 0 to 255, NaN becomes 0."""
-    if colors.dtype == np.uint8:
-        return colors
-    return np.asarray(np.round(255 * np.clip(np.nan_to_num(colors), 0, 1)), np.uint8)
+    """Return colours (...) as uint8: floats are light, and become sRGB; NaN becomes 0."""
+    return colors if colors.dtype == np.uint8 else light.encode(colors, "srgb")
 
 
 def _plain(values: NDArray[Any]) -> Picture:
@@ -81,16 +79,20 @@ def farthest(depth: NDArray[np.float32]) -> float:
     return float(np.quantile(seen, 0.99)) if seen.size else 1.0
 
 
-def _resized(image: OmniImage, layer: str, size: tuple[int, int]) -> Picture:
-    """Return a layer's picture at another size (width, height); of colours the mean of light, if known."""
+def transfer_shown(image: OmniImage) -> str:
+    """Return what the codes of an image's colours say of light, as :func:`picture` shows them."""
+    return image.transfer if image["lit"].dtype == np.uint8 else "srgb"
+
+
+def resized(picture: Picture, size: tuple[int, int], transfer: str) -> Picture:
+    """Return a picture (H, W, 3) at another size (width, height): the mean of light, where that is known."""
     import cv2
     from PIL import Image
 
-    shown = picture(image, layer)
-    if layer == "lit" and light.known(image.transfer, image[layer]):
-        small = cv2.resize(light.decode(shown, image.transfer), size, interpolation=cv2.INTER_AREA)
-        return light.encode(np.asarray(small, np.float32), image.transfer)
-    return np.asarray(Image.fromarray(shown).resize(size, Image.Resampling.LANCZOS))
+    if light.known(transfer, picture):
+        small = cv2.resize(light.decode(picture, transfer), size, interpolation=cv2.INTER_AREA)
+        return light.encode(np.asarray(small, np.float32), transfer)
+    return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS))
 
 
 def sheet(image: OmniImage) -> Image:
@@ -107,6 +109,7 @@ def sheet(image: OmniImage) -> Image:
     for k, layer in enumerate(image.layers):
         left, top = _MARGIN_PX + k % columns * across, k // columns * down
         draw.text((left, top + 2), layer, _INK, font)
-        shown = Image.fromarray(_resized(image, layer, tile))
-        page.paste(shown, (left, top + _CAPTION_PX))
+        transfer = transfer_shown(image) if layer == "lit" else "unknown"
+        shown = resized(picture(image, layer), tile, transfer)
+        page.paste(Image.fromarray(shown), (left, top + _CAPTION_PX))
     return page

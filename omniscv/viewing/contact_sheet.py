@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from omniscv.compose.image import OmniImage
-from omniscv.compose.pictures import colored_depth, farthest, picture
+from omniscv.compose.pictures import colored_depth, farthest, picture, resized, transfer_shown
 from omniscv.sources.base import ObjectTable
 
 _Picture = NDArray[np.uint8]
@@ -48,7 +48,8 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     for heading, columns in _SECTIONS.items():
         if heading in sections:
             sheet.heading(heading, 1.3)
-            sheet.grid({name: tile(image, most) for name, image in sections[heading].items()}, columns)
+            tiles = {name: tile(image, most) for name, image in sections[heading].items()}
+            sheet.grid(tiles, columns, transfer_shown(next(iter(images.values()))))
     sheet.depth_bar(most)
     sheet.legend(objects, {int(label) for image in images.values() for label in np.unique(image["labels"])})
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -126,10 +127,10 @@ class _Sheet:
         """Add a line of small type."""
         self._block(2 * self._em).text((self._gap, self._em // 2), text, _FAINT, self._font())
 
-    def grid(self, tiles: Mapping[str, _Picture], columns: int) -> None:
-        """Add pictures in rows, each below its caption, scaled to the columns."""
+    def grid(self, tiles: Mapping[str, _Picture], columns: int, transfer: str) -> None:
+        """Add pictures in rows, each below its caption, scaled to the columns as their transfer asks for."""
         cell = (self._inner - (columns - 1) * self._gap) // columns
-        scaled = [(name, _scaled(pixels, cell)) for name, pixels in tiles.items()]
+        scaled = [(name, _scaled(pixels, cell, transfer)) for name, pixels in tiles.items()]
         for start in range(0, len(scaled), columns):
             row, caption = scaled[start : start + columns], 2 * self._em
             block = self._block(caption + max(image.height for _, image in row) + self._gap // 2)
@@ -173,6 +174,6 @@ class _Sheet:
         return page
 
 
-def _scaled(pixels: _Picture, width: int) -> Image.Image:
+def _scaled(pixels: _Picture, width: int, transfer: str) -> Image.Image:
     height = round(pixels.shape[0] * width / pixels.shape[1])
-    return Image.fromarray(pixels).resize((width, height), Image.Resampling.LANCZOS)
+    return Image.fromarray(resized(pixels, (width, height), transfer))

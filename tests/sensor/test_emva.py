@@ -50,21 +50,30 @@ def test_the_standards_software_measures_what_was_set(tmp_path, monkeypatch):
         dsnu=4,
         mosaic="mono",
     )
-    results = measured(sensor, np.linspace(0, 9_000, 13), tmp_path)
+    results = measured(sensor, [*np.linspace(0, 9_000, 13), 9_600, 9_700, 9_800, 10_500], tmp_path)
     assert pytest.approx(0.2, rel=0.01) == results.K
     assert results.sigma_d == pytest.approx(5, rel=0.02)
     assert pytest.approx(50, rel=0.01) == results.QE
     assert results.sigma_y_dark**2 == pytest.approx(1.08333, rel=0.02)
     assert pytest.approx(1.0, rel=0.03) == results.PRNU1288
     assert pytest.approx(4, rel=0.03) == results.DSNU1288
+    assert results.u_p_min == pytest.approx(11.408, rel=0.02)
+    # Saturation is the level of most variance: the well clips noise from 3 standard deviations below it on.
+    assert results.DR_dB() == pytest.approx(64.88, abs=0.4)
+    assert results.SNR_max_dB() == pytest.approx(40, abs=0.2)
 
 
-@pytest.mark.parametrize(("electrons", "variance"), [(100, 5.0833), (1000, 41.083), (9000, 361.083)])
-def test_temporal_variance_is_the_standards(electrons, variance):
+@pytest.mark.parametrize(
+    ("electrons", "variance", "snr"),
+    [(100, 5.0833, 8.871), (1000, 41.083, 31.203), (10_000, 401.083, 99.865)],
+)
+def test_temporal_variance_is_the_standards(electrons, variance, snr):
     sensor = Sensor(electrons=10_000, full_well=20_000, read_noise=5, gain=0.2, black_level=20, mosaic="mono")
     a, b = (each.astype(float) for each in frames(sensor, electrons, 2))
-    assert (a - b).var() / 2 == pytest.approx(variance, rel=4 * np.sqrt(2) / SIZE)
+    measured = (a - b).var() / 2
+    assert measured == pytest.approx(variance, rel=4 * np.sqrt(2) / SIZE)
     assert a.mean() == pytest.approx(20 + 0.2 * electrons, rel=1e-3)
+    assert (a.mean() - 20) / np.sqrt(measured) == pytest.approx(snr, rel=3 * np.sqrt(2) / SIZE)
 
 
 def test_dark_current_adds_its_own_shot_noise():

@@ -47,8 +47,10 @@ def test_the_film_curve_has_its_published_values():
 
 
 @pytest.mark.parametrize(
-    ("codes", "mean"), [((0, 255), 188), ((0, 0, 0, 255), 137), ((0, 255, 255, 255), 225), ((64, 192), 146)]
-)
+    ("codes", "mean"),
+    [((0, 255), 188), ((0, 0, 0, 255), 137), ((0, 255, 255, 255), 225), ((64, 192), 146), ((100, 156), 132),
+     ((108, 148), 130)],
+)  # fmt: skip
 def test_means_are_of_light(codes, mean):
     average = light.decode(np.array(codes, np.uint8), "srgb").mean(dtype=np.float64)
     assert light.encode(np.array([average], np.float32), "srgb") == [mean]

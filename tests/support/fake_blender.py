@@ -45,6 +45,7 @@ def answer(asked, path, faults):
         about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "lights": 0, "metres": 1.0, "camera": None}
         return {
             **about,
+            "transfer": "unknown",
             "world": faults.get("world", True),
             "libraries": [],
             "missing": faults.get("missing", []),

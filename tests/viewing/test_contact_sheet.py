@@ -1,11 +1,14 @@
 """The sheet of many images: what its tiles show, read from the file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
 import omniscv
 from omniscv import cameras
+from omniscv.compose.pictures import uint8_colors
 from omniscv.demo import demo_cameras
 from omniscv.viewing.contact_sheet import contact_sheet, tile, truths
 
@@ -54,6 +57,24 @@ def test_the_sheet_holds_every_image(room, tmp_path):
     for image in images.values():  # pictures are scaled to fit: their mean colours are somewhere on the page
         mean = image.lit[image.valid].mean(axis=0)
         assert np.abs(page - mean).max(axis=2).min() < 24
+
+
+@pytest.mark.parametrize(("transfer", "mean"), [("srgb", 188), ("unknown", 128)])
+def test_pictures_are_made_smaller_in_light(room, tmp_path, transfer, mean):
+    """Stripes of black and white, a pixel wide, are grey in the picture of a lens."""
+    images, objects = room
+    image = images["fisheye-equidistant"]
+    stripes = np.zeros_like(image.lit)
+    stripes[:, ::2] = 255
+    image = replace(image, layers={**image.layers, "lit": stripes}, transfer=transfer)
+    page = np.asarray(Image.open(contact_sheet({"a": image}, objects, tmp_path / "a.png", "a")))
+    grey = page[(np.ptp(page, axis=2) == 0) & (page[..., 0] > 90) & (page[..., 0] < 225)]
+    assert abs(np.median(grey) - mean) <= 8
+
+
+def test_light_is_shown_as_srgb():
+    values = np.array([[[0.5, 0.18, np.nan], [2.0, -1.0, 0.75]]], np.float32)
+    assert uint8_colors(values).tolist() == [[[188, 118, 0], [255, 0, 225]]]
 
 
 def test_an_image_without_normals_is_refused(room, tmp_path):

@@ -19,7 +19,7 @@ from typing import IO, Any, TypeVar
 
 import numpy as np
 
-from omniscv.arguments import flag, number, numbers, shown, text, whole_number
+from omniscv.arguments import flag, number, numbers, one_of, shown, text, whole_number
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -29,6 +29,7 @@ from omniscv.errors import (
     SourceError,
 )
 from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.records import checked, listed, named, optional, read, record
 from omniscv.sources.blender.settings import Settings
 from omniscv.storage.local import last_line
@@ -65,6 +66,7 @@ class Opened:
         world: whether it has one.
         lights: number of lamps.
         metres: of a unit of the scene.
+        transfer: what 8-bit colours say of light, by the scene's view transform.
         camera: where the scene's own camera is, metres; None without one.
         libraries, missing: the files that it links, and those of them and of its textures that are not there.
     """
@@ -75,6 +77,7 @@ class Opened:
     world: bool = checked(flag)
     lights: int = checked(whole_number, least=0)
     metres: float = checked(number, above=0)
+    transfer: Transfer = checked(one_of, words=TRANSFERS)
     camera: tuple[float, ...] | None = checked(optional(listed(number)))
     libraries: tuple[str, ...] = checked(listed(text))
     missing: tuple[str, ...] = checked(listed(text))

@@ -67,7 +67,8 @@ class BlenderSource(Source):
     @property
     def capabilities(self) -> Capabilities:
         """Those of Blender; floating-point colours are light, those of 8 bits passed a view transform."""
-        return replace(CAPABILITIES, transfer="linear") if self._settings.lit == "float32" else CAPABILITIES
+        is_light = self._settings.lit == "float32"
+        return replace(CAPABILITIES, transfer="linear" if is_light else self._blender.scene.transfer)
 
     @property
     def scene_identity(self) -> SceneIdentity:

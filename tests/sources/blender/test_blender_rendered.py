@@ -169,6 +169,9 @@ def test_linear_floats_are_the_colours_before_the_view_transform(scenes):
         omniscv.open_source(scenes("lit", "samples=4&lit=float32")) as linear,
     ):
         shown, light = captured(source, view, "lit")[0], captured(linear, view, "lit")[0]
+        assert (source.capabilities.transfer, linear.capabilities.transfer) == ("srgb", "linear")
+    with omniscv.open_source(scenes("sets")) as source:
+        assert source.capabilities.transfer == "unknown"  # AgX, which mixes channels
     with omniscv.open_source(scenes("lit", "samples=4&seed=1")) as seeded:
         (other,) = captured(seeded, view, "lit")
     assert light.dtype == np.float32

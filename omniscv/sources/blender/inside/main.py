@@ -84,10 +84,18 @@ class World:
             "world": self.scene.world is not None,
             "lights": len(lights),
             "metres": self.metres,
+            "transfer": self.transfer(),
             "camera": None if self.viewer is None else [self.metres * x for x in self.viewer],
             "libraries": sorted(filter(os.path.isfile, paths)),
             "missing": sorted({path for path in (*paths, *textures) if not os.path.isfile(path)}),
         }
+
+    def transfer(self) -> str:
+        """Return what 8-bit colours say of light: known of view transforms that change no contrast."""
+        view, display = self.scene.view_settings, self.scene.display_settings.display_device
+        changed = view.look != "None" or view.gamma != 1 or view.use_curve_mapping or display != "sRGB"
+        known = {} if changed else {"Standard": "srgb", "Raw": "linear"}
+        return known.get(view.view_transform, "unknown")
 
     def prepare(self) -> None:
         """Set what all renders have in common: pictures as they are, without anything drawn over them."""
