@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from mock_server.faults import KINDS
-from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS, scene_names
+from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS, SHARED_MEMORY, scene_names
 from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 300
@@ -79,8 +79,9 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add = parser.add_argument_group("server").add_argument
     add("--port", type=int, default=9000, help="0 takes any free port (default 9000)")
     add("--host", help="the address to listen on (default 127.0.0.1)")
-    add("--dialect", help=f"one of {', '.join(DIALECTS)} (default 1.x)")
+    add("--dialect", help=f"one of {', '.join(DIALECTS)} (default N3)")
     add("--platform", help=f"one of {', '.join(PLATFORMS)} (default windows)")
+    add("--shared-memory", help=f"one of {', '.join(SHARED_MEMORY)} (default unlisted)")
     add("--latency-ms", type=float, help="delay of every reply, ms")
     add("--paced", action="store_true", help="requests wait for the next of 60 frames a second")
     add("--folder", type=Path, help="where file commands write (default a temporary one)")

@@ -47,6 +47,7 @@ KINDS = {
         "lit: the gain goes VALUE of the way to middle grey; ended by 'r.EyeAdaptationQuality 0'", 0.3, 1.0
     ),
     "narrow-fov": Kind("images span VALUE degrees less than the camera's field of view", 10.0, 178.0),
+    "lit-normals": Kind("images of normals are the lit ones, as of branch 5.2 before 2026-03-11"),
     "ray-depth": Kind("dialects 1.x send the depth of 0.3.10: metres along the ray"),
     "moving-world": Kind("depth grows by the share VALUE from each depth image to the next", 0.1),
     "refuse-mask": Kind("requests for an object mask are answered by an error"),
@@ -57,7 +58,9 @@ KINDS = {
     ),
     "ignore-pause": Kind("for each frame: the clock advances though the game is paused"),
     "falling": Kind("for each frame: the player sinks by VALUE cm", 1.0),
+    "authentication": Kind("for each command: it is refused, because the client has not authenticated"),
     # The world, permanent.
+    "dark-manual": Kind("lit: manual exposure is VALUE stops darker than the scene describes", 2.0, 20.0),
     "vignette": Kind(
         "lit: darker by VALUE in the corners (squared radius); ended by 'r.Tonemapper.Quality 1'", 0.4, 1.0
     ),
@@ -75,7 +78,8 @@ KINDS = {
 """All faults by name. A fault is ended by a console command, after ``vrun``."""
 
 PERMANENT = (
-    "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "half-depth", "sky-dome", "object-missing"
+    "dark-manual", "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "half-depth", "sky-dome",
+    "object-missing",
 )  # fmt: skip
 """Faults that are active from the start, without a probability."""
 

@@ -48,16 +48,18 @@ class Film:
         if re.fullmatch(r"vrun r\.EyeAdaptationQuality 0\s*", text):
             self._adapts, self._gain = False, 1.0
 
-    def expose(self, color: Bytes) -> Bytes:
-        """Return (H, W, 3) codes of a picture without faults."""
-        drift = self._faults.strike("exposure-drift")
+    def expose(self, color: Bytes, manual: bool = False, bias: float = 0.0) -> Bytes:
+        """Return (H, W, 3) codes of a picture without faults, at a bias in stops; manual exposure holds."""
+        drift = None if manual else self._faults.strike("exposure-drift")
         light = to_light(color / 255) if self._tone else color / 255
         if drift is not None and self._adapts:
             wanted = _MIDDLE_GREY[self._tone] / max(1 / 255, float(light.mean()))
             self._gain += drift.amount() * (wanted - self._gain)
-        if self._tone in ("", "srgb") and self._gain == 1.0 and not (self._vignette or self._bloom):
+        dark = self._faults.get("dark-manual") if manual else None
+        gain = (1.0 if manual else self._gain) * 2 ** (bias - (dark.amount() if dark else 0.0))
+        if self._tone in ("", "srgb") and gain == 1.0 and not (self._vignette or self._bloom):
             return color
-        light = light * self._gain
+        light = light * gain
         if self._vignette is not None:
             y, x = ((np.arange(n) + 0.5 - n / 2) / (n / 2) for n in color.shape[:2])
             squared_radius = (x[None, :] ** 2 + y[:, None] ** 2) / 2  # 1 in the corners

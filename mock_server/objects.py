@@ -182,13 +182,13 @@ class Objects:
         self.by_name = {name if other is actor else key: other for key, other in self.by_name.items()}
         actor.name = name
 
-    def spawn_cube(self, name: str = "") -> SceneObject | None:
-        """Add a cube of one metre at the origin, annotated once it has a colour; None: too many."""
+    def spawn_cube(self, name: str = "", location: Triple = _ORIGIN) -> SceneObject | None:
+        """Add a cube of one metre, annotated once it has a colour; None: too many."""
         if self._spawned == _MOST_SPAWNED:
             return None
         key = f"{_LAST}{self._spawned:06}"
         self._unscaled = self._unscaled.joined(key, _CUBE)
-        cube = SceneObject(name or f"CubeActor_{self._spawned}", next(self._palette), key, _ORIGIN)
+        cube = SceneObject(name or f"CubeActor_{self._spawned}", next(self._palette), key, location)
         cube.annotated, cube.class_name = False, "CubeActor"
         self._spawned += 1
         self._actors.append(cube)

@@ -43,16 +43,19 @@ def pinhole_rays(
     *,
     rows: slice = slice(None),
     where: NDArray[np.bool_] | None = None,
+    center: tuple[float, float] | None = None,
 ) -> tuple[Array, Array]:
     """Return (H, W, 3) unit directions in the world frame, and (H, W) ray lengths per metre of depth.
 
     They are of a view of ``size`` (width, height), or of some ``rows`` of it. With ``where`` (height, width),
-    only of its N True pixels, row by row: (N, 3) and (N,).
+    only of its N True pixels, row by row: (N, 3) and (N,). ``center`` is the principal point, px; None for
+    the middle.
     """
     width, height = size
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
-    x = (np.arange(width) + 0.5 - width / 2) / focal
-    y = ((np.arange(height) + 0.5 - height / 2) / focal)[rows]
+    cx, cy = center or (width / 2, height / 2)
+    x = (np.arange(width) + 0.5 - cx) / focal
+    y = ((np.arange(height) + 0.5 - cy) / focal)[rows]
     length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     if where is not None:
         down, across = np.nonzero(where[rows])
@@ -73,6 +76,7 @@ def render_view(
     width: int,
     height: int,
     hidden: Iterable[str] = frozenset(),
+    center: tuple[float, float] | None = None,
 ) -> ViewHits:
     """Trace the ray of each pixel's centre.
 
@@ -83,7 +87,10 @@ def render_view(
         fov_deg: horizontal field of view.
         width, height: px.
         hidden: names of objects to leave out.
+        center: (x, y) the principal point, px; None for the middle.
     """
-    directions, length = pinhole_rays(np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height))
+    directions, length = pinhole_rays(
+        np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height), center=center
+    )
     hits = scene.trace(t_w_c, directions, hidden)
     return ViewHits(hits.label, hits.distance / length, hits.distance, hits.normal, hits.paint)

@@ -39,6 +39,7 @@ class Server:
         world: cameras and objects.
         faults: active faults; they can be started and stopped while the server runs.
         statistics: counts of the commands received.
+        regions: by name, the shared memory of dialect N3 with ``shared_memory="serving"``.
         fault: why it has ended by itself; empty if it has not.
 
     Raises:
@@ -59,6 +60,7 @@ class Server:
         self.host, self.port = self._tcp.getsockname()[:2]
         self._files = OutputFolder(settings.folder)
         self._dialect = BY_NAME[settings.dialect](self.world, settings, self.port, self._files)
+        self.regions: dict[str, bytearray] = getattr(self._dialect, "regions", {})
         self._stopping = threading.Event()
         self._connection: socket.socket | None = None
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
@@ -170,7 +172,7 @@ class Server:
         requests.end()
 
 
-def serve(scene: Scene | str | Path, port: int = 0, dialect: DialectName = "1.x", **options: Any) -> Server:
+def serve(scene: Scene | str | Path, port: int = 0, dialect: DialectName = "N3", **options: Any) -> Server:
     """Start a server. Use it as a context manager, or call ``stop``.
 
     Args:

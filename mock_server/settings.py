@@ -8,15 +8,17 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-DialectName = Literal["1.x", "0.3.10", "L", "M", "N1", "N2"]
-"""Dialects by name. ``1.x`` is any of the modern ones; the letters are those of the protocol reference."""
+DialectName = Literal["N3", "1.x", "0.3.10", "L", "M", "N1", "N2"]
+"""Dialects by name. The letters are those of the protocol reference; ``1.x`` is the newest of them."""
 
 Depth = Literal["half", "float32"]
 Platform = Literal["windows", "linux"]
+SharedMemory = Literal["unlisted", "refusing", "serving"]
 
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
+SHARED_MEMORY: tuple[SharedMemory, ...] = get_args(SharedMemory)
 
 SCENES = Path(__file__).parent / "scenes"
 
@@ -45,8 +47,10 @@ class Settings:
         dialect: one of ``DIALECTS``.
         host: the address to listen on.
         depth: ``half``: depth is rounded to half floats as in the engine; ``float32``: it is not.
-        platform: ``linux``: dialects N1 and N2 listen on a Unix socket in place of TCP once their first
+        platform: ``linux``: dialects N1 and later listen on a Unix socket in place of TCP once their first
             client has left.
+        shared_memory: whether N3 lists its commands for shared memory: ``unlisted``; ``refusing``, as a game
+            on Linux does; ``serving``, into buffers of this process, :attr:`Server.regions`.
         latency_ms: delay of every reply after its request; pipelined requests share it, as they share an
             engine's tick.
         size: width and height of new cameras, px.
@@ -66,10 +70,11 @@ class Settings:
     """
 
     port: int = 0
-    dialect: DialectName = "1.x"
+    dialect: DialectName = "N3"
     host: str = "127.0.0.1"
     depth: Depth = "half"
     platform: Platform = "windows"
+    shared_memory: SharedMemory = "unlisted"
     latency_ms: float = 0.0
     size: tuple[int, int] = (640, 480)
     fov_deg: float = 90.0
@@ -82,7 +87,12 @@ class Settings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for key, words in (("dialect", DIALECTS), ("depth", DEPTHS), ("platform", PLATFORMS)):
+        for key, words in (
+            ("dialect", DIALECTS),
+            ("depth", DEPTHS),
+            ("platform", PLATFORMS),
+            ("shared_memory", SHARED_MEMORY),
+        ):
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
             fits = _within(getattr(self, key), least, most)

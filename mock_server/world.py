@@ -8,13 +8,14 @@ import itertools
 import math
 import re
 from collections import OrderedDict, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mock_server import pixels
+from mock_server.cine import Cine
 from mock_server.faults import Faults
 from mock_server.light import Film, mixed
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
@@ -69,7 +70,10 @@ def _limited(angle: float) -> float:
 
 @dataclass
 class Camera:
-    """A capture camera; ``actor`` is the name of its actor if it was spawned."""
+    """A capture camera; ``actor`` is the name of its actor if it was spawned.
+
+    ``manual`` is whether its exposure is; ``bias`` is of its exposure, in stops.
+    """
 
     name: str
     location: Triple  # cm
@@ -77,14 +81,23 @@ class Camera:
     fov: float = 90.0  # along the longer side, degrees
     size: tuple[int, int] = (640, 480)  # width and height, px
     actor: str = ""
+    manual: bool = False
+    bias: float = 0.0
+    cine: Cine = field(default_factory=Cine)
 
     def has_pixels(self) -> bool:
         """Return whether captures have pixels: size and field of view are possible and fit in memory."""
         return 0 < self.size[0] * self.size[1] <= _MOST_PIXELS and 0 < self.fov < 180
 
+    def center(self) -> tuple[float, float] | None:
+        """Return the principal point, px; None for the middle."""
+        return self.cine.projection(*self.size)[1:] if self.cine.enabled else None
+
     def fov_h_deg(self) -> float:
         """Return the horizontal field of view, degrees: the engine applies ``fov`` to the longer side."""
         width, height = self.size
+        if self.cine.enabled:
+            return math.degrees(2 * math.atan(width / 2 / self.cine.projection(width, height).focal))
         if width >= height:
             return self.fov
         return math.degrees(2 * math.atan(math.tan(math.radians(self.fov) / 2) * width / height))
@@ -232,16 +245,19 @@ class World:
             view = _domed(view, camera, self._dome_radius, len(self.things.scene.objects) + 1)
         return view
 
-    def image(self, view: ViewHits, mode: str) -> pixels.Bytes:
-        """Return (H, W, 3) a view in a view mode; modes that the mock lacks look like ``lit``."""
+    def image(self, view: ViewHits, mode: str, camera: Camera | None = None) -> pixels.Bytes:
+        """Return (H, W, 3) a camera's view in a view mode; modes that the mock lacks look like ``lit``."""
         if mode == "object_mask":
             colors = [(0, 0, 0), *self.things.colors(), self._dome.color]
             table = np.array(colors, dtype=np.uint8)
             shown = pixels.through_vertex_colors(table) if "mask-gamma" in self.faults else table
             return shown[view.label]
-        if mode == "normal":
+        if mode == "normal" and not self.faults.strike("lit-normals"):
             return pixels.normals(view.normal)
-        return pixels.gray_depth(view.depth) if mode == "depth" else self._film.expose(view.color)
+        if mode == "depth":
+            return pixels.gray_depth(view.depth)
+        manual = camera is not None and camera.manual
+        return self._film.expose(view.color, manual, camera.bias if camera else 0.0)
 
     def depth(self, view: ViewHits, along_ray: bool) -> Array:
         """Return (H, W) metres along the ray, or along the optical axis."""
@@ -255,11 +271,13 @@ class World:
 
     def _traced(self, camera: Camera, moment: Moment, hidden: frozenset[str]) -> ViewHits:
         """Return a view, cached for requests of other modes."""
-        view = (camera.location, camera.rotation, camera.fov, camera.size)
+        view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.center(), camera.size)
         key = (*view, moment.scene, moment.time_s, moment.placed, hidden)
         if key not in self._views:
             pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
-            self._views[key] = render_view(moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden)
+            self._views[key] = render_view(
+                moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden, camera.center()
+            )
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
             len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _KEPT_PIXELS
@@ -299,7 +317,9 @@ def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Arra
     color, scene = view.paint(), moment.shown
     at = view.label == scene.label(name)
     rays, normal = (
-        pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size)[0][at],
+        pinhole_rays(
+            camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size, center=camera.center()
+        )[0][at],
         view.normal[at],
     )
     points = MIRROR @ camera.location / 100.0 + rays * view.distance[at][:, None]
@@ -310,7 +330,8 @@ def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Arra
 
 def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
     """Return the view with a sphere around the camera as background."""
-    rays, length = pinhole_rays(camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size)
+    R_w_c = camera_to_world(camera.rotation)
+    rays, length = pinhole_rays(R_w_c, camera.fov_h_deg(), camera.size, center=camera.center())
     sky = view.distance > radius_m
     return dataclasses.replace(
         view,

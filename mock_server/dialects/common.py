@@ -161,6 +161,8 @@ class Dialect(ABC):
 
     def answer(self, text: str) -> Reply:
         """Return the reply to a command; an empty one is sent as ``ok``."""
+        if self.world.faults.strike("authentication"):
+            return "error Authentication required, use: vset /unrealcv/auth <token>"
         for command in reversed(self.commands):  # templates registered later win
             arguments = self.match(command, text)
             if arguments is not None:

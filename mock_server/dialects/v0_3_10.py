@@ -76,6 +76,7 @@ class Plugin0310(Dialect):
             ("vset /action/game/level [str]", "Opens a level", ok),
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
+            ("vset /action/eyes_distance [float]", "Distance of two eyes, cm", ok),
             ("vset /action/keyboard [str] [float]", "Presses a key", ok),
             *self.console_rows("vrun", 1, 3, ok),
             *self.console_rows("vexec", 2, 5, self.run_function),

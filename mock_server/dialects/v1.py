@@ -1,4 +1,4 @@
-"""The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 since 2026 (N2)."""
+"""The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 to 2026-04 (N2)."""
 
 import re
 from collections.abc import Callable
@@ -7,11 +7,11 @@ from typing import Any
 
 from mock_server import pixels
 from mock_server.dialects.common import THREE, Command, Dialect, Reply, Row, color, numbers, ok, paint, sets
-from mock_server.objects import SceneObject, through_quaternion
+from mock_server.objects import SceneObject, Triple, through_quaternion
 from mock_server.world import Camera
 
-_BAD_ARGUMENT = "error Argument Invalid"
-_MODES = ("lit", "depth", "normal", "object_mask", "seg")
+BAD_ARGUMENT = "error Argument Invalid"
+MODES = ("lit", "depth", "normal", "object_mask", "seg")
 _ENCODERS = {"png": pixels.png, "bmp": pixels.bmp}
 
 _LIT_SOURCES = ("ftc_hdr", "fc_hdr", "sc_hdr", "scna_hdr", "ldr",
@@ -20,10 +20,9 @@ _CHOICES = {
     "lit_source": ("lit source", _LIT_SOURCES),
     "reflection": ("reflection method", ("none", "lumen", "screen_space")),
     "illumination": ("global illumination method", ("none", "lumen", "screen_space", "plugin")),
-    "exposure_method": ("exposure method", ("histogram", "basic", "manual")),
 }
+_PROJECTIONS = ("perspective", "orthographic")
 _NUMBERS = {
-    "exposure_bias": "[float]",
     "auto_speed": "[float] [float]",
     "auto_brightness": "[float] [float]",
     "physical_exposure": "[uint]",
@@ -45,7 +44,7 @@ class Plugin1(Dialect):
     def rows(self) -> list[Row]:
         obj, at = self.with_object, "/object/[str]"
         camera, cam = self.with_camera, "/camera/[uint]"
-        strict = partial(camera, missing=_BAD_ARGUMENT)
+        strict = partial(camera, missing=BAD_ARGUMENT)
         return [
             ("vrun [str]", "Runs an alias", ok),
             ("vget /objects", "Names of the objects", lambda: "".join(f"{n} " for n in self.world.objects)),
@@ -82,7 +81,6 @@ class Plugin1(Dialect):
             *self.console_rows("vrun", 1, 6, ok),
             *self.console_rows("vexec", 2, 7, self._run_in_silence),
             *self.console_rows("vbp", 2, 11, self.run_function),
-            ("vbatch [uint]", "Announces requests that belong together", ok),
             ("vget /screenshot [str]", "What the window shows", self._screenshot),
             (
                 "vget /cameras",
@@ -95,13 +93,23 @@ class Plugin1(Dialect):
             (f"vset {cam}/moveto {THREE}", "Moves the player", camera(self._move_to)),
             (f"vget {cam}/rotation", "Pitch, yaw, roll", camera(self._rotation)),
             (f"vset {cam}/rotation {THREE}", "Turns it", camera(partial(self._set_pose, "rotation"))),
-            *((f"vget {cam}/{m} [str]", f"An image: {m}", camera(partial(self._image, m))) for m in _MODES),
+            *((f"vget {cam}/{m} [str]", f"An image: {m}", camera(partial(self._image, m))) for m in MODES),
             *self.viewmode_rows(),
             (f"vget {cam}/fov", "Field of view, degrees", strict(lambda c: f"{c.fov:f}")),
             (f"vset {cam}/fov [float]", "Sets it", strict(sets("fov"))),
+            (f"vset {cam}/ortho_width [float]", "Sets the width of parallel rays, cm", camera(ok)),
+            (f"vset {cam}/projection_type [str]", "Sets it", camera(_choose("camera mode", _PROJECTIONS))),
             (f"vset {cam}/size [uint] [uint]", "Sets width and height, px", strict(sets("size"))),
             (f"vget {cam}/size", "Width and height, px", strict(lambda c: "{} {}".format(*c.size))),
         ]
+
+    def answer(self, text: str) -> Reply:
+        """As in every dialect; the plugin takes ``vbatch`` out before commands are matched."""
+        return self.batch(text) if text.startswith("vbatch") else super().answer(text)
+
+    def batch(self, text: str) -> Reply:
+        """Reply to ``vbatch N``, which has no effect here."""
+        return None
 
     def _set_pose(self, attribute: str, camera: Camera, *values: float) -> None:
         """Set a camera's location or rotation; camera 0 follows the player."""
@@ -139,22 +147,22 @@ class Plugin1(Dialect):
         else:
             # The depth and normal view modes work through post-processing, which captures show too.
             window = mode == "screenshot" or (mode == "lit" and shown in ("depth", "normal"))
-            data = _ENCODERS[kind](self.world.image(view, shown if window else mode))
+            data = _ENCODERS[kind](self.world.image(view, shown if window else mode, camera))
         if form.lower() == kind:
             return data
         self.files.write(form, data)  # the plugin does not report a file that it cannot write
         return form
 
-    def _spawn_cube(self, _: str = "") -> Reply:
+    def _spawn_cube(self, *_: str) -> Reply:
         reply = str(self._spawn("CubeActor"))  # whatever the name
         return reply if reply.startswith("error") else None
 
-    def _spawn(self, class_name: str, name: str = "") -> Reply:
+    def _spawn(self, class_name: str, name: str = "", location: Triple = (0.0, 0.0, 0.0)) -> Reply:
         if name in self.world.objects:
             return f"error Failed to spawn {name}, {self.taken}."
         if class_name != "CubeActor":
             return f"error Can not find a class with name '{class_name}'"
-        cube = self.world.things.spawn_cube(name)
+        cube = self.world.things.spawn_cube(name, location)
         return "error Failed to spawn actor" if cube is None else cube.name
 
     def _class_of(self, o: SceneObject) -> str:
@@ -190,8 +198,9 @@ class Branch422(Plugin1):
     def rows(self) -> list[Row]:
         # The plugin bound the getter of the size, which is last, to the setter: its arguments are missing.
         rows, size = super().rows()[:-1], "vget /camera/[uint]/size"
-        size_row = (size, "Width and height, px", lambda _: _BAD_ARGUMENT)
-        return [*(row for row in rows if row[0] != "vget /level/name"), size_row]
+        size_row = (size, "Width and height, px", lambda _: BAD_ARGUMENT)
+        lacks = ("vget /level/name", "vset /camera/[uint]/ortho_width", "vset /camera/[uint]/projection_type")
+        return [*(row for row in rows if not row[0].startswith(lacks)), size_row]
 
 
 class Branch52(Plugin1):
@@ -217,26 +226,47 @@ class Branch52(Plugin1):
 
     def rows(self) -> list[Row]:
         rows = super().rows()
-        templates = [row[0] for row in rows]
-        alias, one_word, batch = 0, templates.index("vrun [str]", 1), templates.index("vbatch [uint]")
+        alias, one_word = 0, [row[0] for row in rows].index("vrun [str]", 1)
         rows[alias] = ("vrun [str]", "Runs an alias", "error Unrecognised alias '{}'".format)
         rows[one_word] = ("vcmd [str]", "Runs a console command of one word", ok)
-        rows[batch] = ("vbatch [uint]", "Holds that many requests, and answers them in one frame", self._hold)
-        strict, at = partial(self.with_camera, missing=_BAD_ARGUMENT), "vset /camera/[uint]"
+        strict, at = partial(self.with_camera, missing=BAD_ARGUMENT), "vset /camera/[uint]"
+        flow, level = partial(self._image, "optical_flow"), "vget /persistent_level"
         return [
             *rows,
+            (f"{level}/id", "Name of the level", lambda: "PersistentLevel"),
+            (f"{level}/level_script_actor/id", "Its script", lambda: f"{self.world.scene.name}_C_0"),
+            ("vget /camera/[uint]/optical_flow [str]", "An image: optical_flow", self.with_camera(flow)),
             *((f"{at}/{key} [str]", f"Sets the {c[0]}", strict(_choose(*c))) for key, c in _CHOICES.items()),
+            (f"{at}/exposure_method [str]", "Sets the exposure method", strict(_set_method)),
+            (f"{at}/exposure_bias [float]", "Sets it, stops", strict(partial(_expose, "bias"))),
             *((f"{at}/{key} {form}", f"Sets {key}", strict(ok)) for key, form in _NUMBERS.items()),
         ]
 
-    def _spawn_cube(self, name: str = "") -> Reply:
-        return self._spawn("CubeActor", name)
+    def _spawn_cube(self, *name: str) -> Reply:
+        return self._spawn("CubeActor", "".join(name))
 
     def _class_of(self, o: SceneObject) -> str:
         return o.class_name
 
-    def _hold(self, count: int) -> None:
-        self.held = count
+    def batch(self, text: str) -> Reply:
+        """Hold so many requests, and answer them in one frame."""
+        count = re.match(r"vbatch (\d{1,9})", text, re.ASCII)
+        self.held = int(count[1]) if count else 0
+        return None
+
+
+_METHODS = ("histogram", "basic", "manual")
+
+
+def _set_method(camera: Camera, word: str) -> Reply:
+    _expose("manual", camera, word.lower() == "manual")
+    return _choose("exposure method", _METHODS)(camera, word)
+
+
+def _expose(attribute: str, camera: Camera, value: float) -> None:
+    """Set a camera's exposure; while its cine model is on, it is rebuilt from what was set before."""
+    if not camera.cine.enabled:
+        setattr(camera, attribute, value)
 
 
 def _choose(what: str, words: tuple[str, ...]) -> Callable[..., Reply]:

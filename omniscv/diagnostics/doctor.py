@@ -24,6 +24,7 @@ from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.masks import colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.plugin import DIALECTS
 from omniscv.sources.unreal.replies import SKY
 
 _MODES = ("depth", "lit", "object_mask")
@@ -72,9 +73,10 @@ def examine_address(
             kind, meaning = depth_kind(pairs, camera)
             unit, scale = (camera.driver.table.depth[1], None) if quick else depth_unit(camera)
             version, scene = map(replies.name, connection.texts([VERSION, SCENE]))
-            dialect = camera.driver.capabilities.dialect
+            name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
+            dialect = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
             return [
-                Finding("dialect", f"{dialect}; reports version {version}, scene {scene}"),
+                Finding("dialect", dialect),
                 mode,
                 settled,
                 capabilities(camera),

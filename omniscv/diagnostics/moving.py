@@ -10,7 +10,7 @@ from omniscv.diagnostics.server import RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import LEGACY, VERSION
+from omniscv.sources.unreal.commands import IS_PAUSED, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.instants import clock_of, object_names, object_poses
 from omniscv.sources.unreal.masks import colors
@@ -59,7 +59,7 @@ class MovingWorld:
             self._can_stop = False
             value = f"no: {_listed(moving)} still moving"
             return Finding("world pauses", value, "bad", "--set freeze=batch, with branch 5.2; or stop them")
-        how = "toggles" if self._camera.driver.table is LEGACY else "pauses"
+        how = "pauses" if self._connection.supports(IS_PAUSED) else "toggles"
         return Finding("world pauses", f"yes, by a command that {how}")
 
     def _follows(self) -> Finding:

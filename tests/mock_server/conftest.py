@@ -68,8 +68,8 @@ def connect(monkeypatch):
 
 @pytest.fixture
 def raw(start, open_raw):
-    """A raw client of dialect 1.x."""
-    return open_raw(start())
+    """A raw client of dialect N1."""
+    return open_raw(start(dialect="N1"))
 
 
 @pytest.fixture

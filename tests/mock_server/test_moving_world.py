@@ -11,7 +11,7 @@ import mock_server
 
 SIZE, STEP = (20, 16), 0.05
 CENTER = (0, 0, 130)
-MODERN = ("M", "N1", "N2")
+MODERN = ("M", "N1", "N2", "N3")
 SCENE = mock_server.load_scene("workshop")
 FACES = [(0, 0, 0), (0, 90, 0), (0, 180, 0), (0, -90, 0), (80, 0, 0), (-80, 0, 0)]
 

@@ -29,7 +29,8 @@ def test_construction_asks_for_what_the_reference_says(server, api):
     asked = list(server.statistics.counts)
     assert asked[0] == "vget /unrealcv/commands"
     assert server.statistics.counts["vget /unrealcv/commands"] == 2
-    assert asked[1:6] == [
+    assert asked[1:7] == [
+        "vget /unrealcv/version",
         "vget /cameras",
         "vget /camera/0/location",
         "vget /camera/0/rotation",

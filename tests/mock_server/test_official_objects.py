@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 from support.wire import leave, official_api
 
-MODERN = ("M", "N1", "N2")
+MODERN = ("M", "N1", "N2", "N3")
 
 CALLS = [
     (("set_pause",), "vset /action/game/pause", "ok", None),
@@ -87,5 +87,9 @@ def test_objects_are_spawned(official, dialect):
     assert api.get_obj_size("Box") == [100, 100, 100]
     with pytest.warns(UserWarning, match="Can not find a class with name 'Cow'"):
         assert api.set_new_obj("Cow", "Daisy") is None
+    if dialect == "N3":
+        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) == "Far"
+        assert api.get_obj_location("Far") == [1, 2, 3]
+        return
     with pytest.warns(UserWarning, match="for URI 'vset /objects/spawn CubeActor Far 1.0 2.0 3.0'"):
-        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) is None  # no public branch knows a place
+        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) is None

@@ -62,7 +62,7 @@ def test_a_command_ends_at_a_line_feed_and_a_null_byte(raw):
     "header", [b"\0\0\0\0\x05\0\0\0", b"\xc1\x83\x2b\x9e\0\0\0\0", b"\xc1\x83\x2b\x9e\xff\xff\xff\xff"]
 )
 def test_a_bad_header_drops_the_connection_and_the_next_client_is_served(start, open_raw, header):
-    server = start()
+    server = start(dialect="N1")
     first = open_raw(server)
     first.socket.sendall(header)
     with pytest.raises(EOFError):
@@ -73,7 +73,7 @@ def test_a_bad_header_drops_the_connection_and_the_next_client_is_served(start, 
 def test_a_second_client_waits_for_its_greeting_until_the_first_leaves(start, open_raw):
     import socket
 
-    server = start()
+    server = start(dialect="N1")
     first = open_raw(server)
     second = socket.create_connection((server.host, server.port), timeout=0.3)
     with pytest.raises(TimeoutError):
@@ -254,7 +254,7 @@ def test_beyond_the_pole_the_camera_has_turned_round(camera):
 
 
 def test_the_official_client_pipelines_and_gets_text_and_bytes(start, connect):
-    client = connect(start())
+    client = connect(start(dialect="N1"))
     replies = client.request(["vget /unrealcv/version", "vget /cameras", "vget /camera/0/lit png"])
     assert replies[:2] == ["1.0.1", "PawnSensor "]
     assert isinstance(replies[2], bytes)
@@ -264,6 +264,6 @@ def test_the_official_client_pipelines_and_gets_text_and_bytes(start, connect):
 
 
 def test_the_official_client_may_leave_and_come_back(start, connect):
-    server = start()
+    server = start(dialect="N1")
     connect(server).disconnect()
     assert connect(server).request("vget /unrealcv/version") == "1.0.1"

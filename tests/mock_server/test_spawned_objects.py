@@ -5,7 +5,7 @@ import pytest
 from support.expected_views import npy, png
 
 SIZE = (20, 16)
-MODERN = ("M", "N1", "N2")
+MODERN = ("M", "N1", "N2", "N3")
 
 
 @pytest.fixture
@@ -26,20 +26,22 @@ def depth(client):
     return npy(client.ask("vget /camera/1/depth npy")) / 100
 
 
-@pytest.mark.parametrize(("dialect", "taken"), [("M", "exsit"), ("N1", "exsit"), ("N2", "exists")])
+@pytest.mark.parametrize(
+    ("dialect", "taken"), list(zip(MODERN, ["exsit", "exsit", "exists", "exists"], strict=True))
+)
 def test_objects_are_spawned_and_destroyed(world, dialect, taken):
     client = world(dialect)
     assert client.text("vset /objects/spawn CubeActor Box") == "Box"
     assert client.text("vget /objects").endswith(" Box ")
     assert client.text("vset /objects/spawn CubeActor Box") == f"error Failed to spawn Box, object {taken}."
     assert client.text("vset /objects/spawn CubeActor") == "CubeActor_1"
-    assert client.text("vset /objects/spawn_cube") == ("CubeActor_2" if dialect == "N2" else "ok")
+    assert client.text("vset /objects/spawn_cube") == ("CubeActor_2" if taken == "exists" else "ok")
     named = client.text("vset /objects/spawn_cube Dice")
     assert (named, "Dice" in client.text("vget /objects").split()) == (
-        ("Dice", True) if dialect == "N2" else ("ok", False)
+        ("Dice", True) if taken == "exists" else ("ok", False)
     )
     assert client.text("vget /object/Box/bounds") == "-50.00 -50.00 -50.00 50.00 50.00 50.00"
-    assert client.text("vget /object/Box/uclass_name") == ("CubeActor" if dialect == "N2" else "Actor")
+    assert client.text("vget /object/Box/uclass_name") == ("CubeActor" if taken == "exists" else "Actor")
     assert client.text("vget /object/Box/mobility") == "Movable"
     assert client.text("vset /object/Box/destroy") == "ok"
     assert "Box" not in client.text("vget /objects").split()

@@ -139,7 +139,7 @@ def test_an_instant_of_another_scene_is_refused():
         SceneSource(MOVING).at(Instant(time=2e9))
 
 
-@pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
+@pytest.mark.parametrize("dialect", ["M", "N1", "N2", "N3"])
 def test_a_server_whose_clock_stands_still_shows_the_same(dialect):
     requests = face_requests(16, ["depth"])
     with omniscv.open_source(f"mock://workshop?time_step_s=0&depth=float32&dialect={dialect}") as live:

@@ -7,7 +7,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
 
-DIALECTS = ("0.3.10", "M", "N1", "N2")
+DIALECTS = ("0.3.10", "M", "N1", "N2", "N3")
 SIZE = 24
 CENTER = (0.0, 0.0, 1.5)
 THINGS = {

@@ -13,9 +13,10 @@ from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.geometry.unreal_frame import position_from_unreal, rotation_from_unreal
 from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.client import Connection
+from omniscv.sources.unreal.commands import BOUNDS, VERTICES
 from omniscv.sources.unreal.replies import Reply
 
-_QUERIES = ("vertex_location", "bounds", "rotation")
+_QUERIES = {"vertex_location": VERTICES, "bounds": BOUNDS}
 _BATCH = 8  # objects that are queried together
 MOST_VERTICES = 2_000_000
 """Of all objects, about 80 MB; of one object, five times as many are read."""
@@ -32,16 +33,17 @@ def boxes(
 ) -> dict[str, ObjectBox]:
     """Return the boxes of objects by name; objects without a shape have none.
 
-    The plugin is probed with the first object. Vertices give a box in the object's own frame, or a turned
+    Vertices give a box in the object's own frame, or a turned
     one that is tighter; bounds give one along the world's axes. Meshes may have millions of vertices: after
     more than ``most_vertices``, bounds are used for the remaining objects.
 
     Raises:
         BadReplyError: a reply that is neither numbers nor an error.
     """
-    known = [what for what in _QUERIES if names and _knows(connection, names[0], what)]
-    if not {"vertex_location", "bounds"} & set(known):
+    known = [what for what, template in _QUERIES.items() if connection.supports(template)]
+    if not known:
         return {}
+    known.append("rotation")
     result: dict[str, ObjectBox] = {}
     vertices = 0
     for start in range(0, len(names), _BATCH):
@@ -68,12 +70,6 @@ def upright_box(bounds_cm: Array) -> ObjectBox | None:
         return None
     low, high = np.sort(_to_world(bounds_cm), axis=0)
     return ObjectBox((low + high) / 2, np.eye(3), high - low, "bounds")
-
-
-def _knows(connection: Connection, name: str, what: str) -> bool:
-    """Return whether a server has a command; it may still refuse it for some objects."""
-    (reply,) = connection.texts([f"vget /object/{name}/{what}"])
-    return not reply.startswith(("error Can not find a handler", "error No handler found"))
 
 
 def _numbers(command: str, reply: Reply) -> Array | None:

@@ -16,6 +16,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
 from typing import TypeVar
 
 import unrealcv
@@ -31,6 +32,7 @@ from omniscv.errors import (
     SourceError,
 )
 from omniscv.sources.unreal.commands import VERSION, is_repeatable
+from omniscv.sources.unreal.plugin import Plugin, identify
 from omniscv.sources.unreal.replies import Reply
 
 T = TypeVar("T")
@@ -40,6 +42,8 @@ TIMEOUT_S, PATIENCE_S, RETRIES = 15.0, 10.0, 5
 """Defaults of :class:`Connection`. A silent server is given up after at most the sum of both times, 25 s."""
 RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 """Faults after which a request is sent again over a new connection."""
+_NO_TOKEN = "error Authentication required"
+_NEEDS_TOKEN = "expected a server without authentication; empty AuthToken in unrealcv.ini"
 _UNREACHABLE = (ConnectionRefusedError, FileNotFoundError, socket.gaierror)
 
 MAGIC = 0x9E2B83C1
@@ -255,6 +259,15 @@ class Connection:
                 self._compare_scene(self.client.stream(list(self.scene)))
         return self.client
 
+    @cached_property
+    def plugin(self) -> Plugin:
+        """The server's plugin, asked for at the first use."""
+        return identify(self)
+
+    def supports(self, template: str) -> bool:
+        """Return whether the server has a command, such as ``vget /camera/[uint]/cine/enabled``."""
+        return self.plugin.supports(template)
+
     def check_scene(self) -> None:
         """Raise SceneChangedError if the server shows another scene than before."""
         self._compare_scene(self.texts(list(self.scene)))
@@ -300,6 +313,8 @@ class Connection:
                 before = len(results)
                 try:
                     for reply in self.connected().stream(commands[before:]):
+                        if isinstance(reply, str) and reply.startswith(_NO_TOKEN):
+                            raise ServerRefusedError(f"{self.address}: {_NEEDS_TOKEN}, got {shown(reply)}")
                         results.append(reader(commands[len(results)], reply))
                 except RETRIED as fault:
                     if len(results) > before:

@@ -14,6 +14,8 @@ LEVEL = "vget /level/name"
 OBJECTS = "vget /objects"
 LIT_VIEW_MODE = "vset /viewmode lit"
 IS_PAUSED = "vget /action/game/is_paused"
+BOUNDS, VERTICES = "vget /object/[str]/bounds", "vget /object/[str]/vertex_location"
+EXPOSURE_METHOD = "vset /camera/[uint]/exposure_method [str]"
 PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Switch vignette and auto exposure off (protocol reference, section 7.1)."""

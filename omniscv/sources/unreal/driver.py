@@ -85,7 +85,6 @@ class CameraDriver(ABC):
 
     Args:
         connection: to the game.
-        dialect: of its plugin.
         fix_exposure: whether to switch off vignette and auto exposure of the game.
 
     Attributes:
@@ -97,9 +96,9 @@ class CameraDriver(ABC):
 
     table: ClassVar[CameraTable]
 
-    def __init__(self, connection: Connection, dialect: str, fix_exposure: bool = False) -> None:
+    def __init__(self, connection: Connection, fix_exposure: bool = False) -> None:
         self.connection, self._fix_exposure = connection, fix_exposure
-        self.capabilities = self.table.capabilities(dialect)
+        self.capabilities = self.table.capabilities(connection.plugin.dialect)
         self.stale_frames = StaleFrames()
         self.camera = 0
         self.mask_fov_deg: float | None = None
@@ -168,8 +167,8 @@ class CameraDriver(ABC):
     def _prepare(self) -> None:
         """Read the game's identity, fix its exposure if requested, and make mask colours distinct."""
         self._version, scene = (name(self.connection.text(command)) for command in (VERSION, SCENE))
-        (level,) = self.connection.texts([LEVEL])  # unknown to some dialects
-        levels = {} if level.startswith("error") else {LEVEL: name(level)}
+        has_level = self.connection.supports(LEVEL)
+        levels = {LEVEL: name(self.connection.text(LEVEL))} if has_level else {}
         self.connection.scene = self.connection.scene or {SCENE: scene, **levels}
         self.scene_identity = SceneIdentity(scene, levels.get(LEVEL, ""))
         if self._fix_exposure:

@@ -20,7 +20,7 @@ from omniscv.geometry.unreal_frame import (
 )
 from omniscv.sources.base import closed_error
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import IS_PAUSED, LEGACY, OBJECTS, PAUSE, RESUME
+from omniscv.sources.unreal.commands import IS_PAUSED, OBJECTS, PAUSE, RESUME
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.replies import names, numbers
 
@@ -244,5 +244,5 @@ class TogglingClock(Clock):
 
 
 def clock_of(driver: CameraDriver) -> Clock:
-    """Return the clock of a driver's dialect."""
-    return TogglingClock(driver) if driver.table is LEGACY else Clock(driver)
+    """Return the clock that a driver's server has the commands for."""
+    return Clock(driver) if driver.connection.supports(IS_PAUSED) else TogglingClock(driver)

@@ -1,4 +1,4 @@
-"""The camera driver of plugin 1.x (dialects M, N1, N2): a spawned camera, commands in batches."""
+"""The camera driver of plugin 1.x (dialects M and N1 to N3): a spawned camera, commands in batches."""
 
 from collections.abc import Iterator
 from dataclasses import replace

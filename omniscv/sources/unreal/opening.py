@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 _Readers = dict[str, Callable[[str], Any]]
 _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
-_MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault"), str)
+_MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memory"), str)
 _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
-_MOCK_DIALECTS = {"1.x": "N1", "M": "M", "N1": "N1", "N2": "N2"}
-"""Dialects whose capabilities do not depend on settings; ``1.x`` is the mock server's default."""
+_MOCK_DIALECTS = {"1.x": "N3", "M": "M", "N1": "N1", "N2": "N2", "N3": "N3"}
+"""Dialects whose capabilities do not depend on settings; N3 is the mock server's default."""
 
 
 def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
@@ -100,7 +100,7 @@ class MockSource(HostedSource):
 def _mock_capabilities(address: str) -> Capabilities | None:
     """Return what the mock server can do, where starting it is not needed; None for plugin 0.3.10."""
     _, options = split_address(address, _MOCK_OPTIONS, repeatable=("fault",))
-    dialect = _MOCK_DIALECTS.get(options.get("dialect", "1.x"))
+    dialect = _MOCK_DIALECTS.get(options.get("dialect", "N3"))
     return None if dialect is None else MODERN.capabilities(dialect)
 
 

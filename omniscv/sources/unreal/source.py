@@ -1,10 +1,6 @@
-"""The live source: captures from a UE4/UE5 editor or packaged game, whatever the dialect of its plugin.
-
-The dialect is found by probing: versions do not identify it (protocol reference, section 0).
-"""
+"""The live source: captures from a UE4/UE5 editor or packaged game, whatever the dialect of its plugin."""
 
 import contextlib
-import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -13,8 +9,7 @@ from itertools import accumulate, groupby
 from types import MappingProxyType
 from typing import TypeVar
 
-from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, SceneChangedError, ServerRefusedError, SourceError
+from omniscv.errors import SceneChangedError, ServerRefusedError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -30,21 +25,16 @@ from omniscv.sources.base import (
 )
 from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
-from omniscv.sources.unreal.commands import LEVEL, checked
+from omniscv.sources.unreal.commands import checked
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.masks import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
-from omniscv.sources.unreal.replies import Reply
 from omniscv.sources.unreal.world import UnrealWorld
 from omniscv.sources.world import Freeze, World
 
 T = TypeVar("T")
-
-# The starts of replies to commands that a dialect does not know.
-_UNKNOWN = re.escape("error Can not find a handler for URI '")
-_UNKNOWN_N2 = re.escape("error No handler found for URI '")
 
 _TURN_REQUESTS = 96  # of a turn, at least: enough to hide latency, few enough for others to wait for
 _IN_FLIGHT_PX = 1 << 24  # pixels that are requested together; a larger picture is requested alone
@@ -287,29 +277,6 @@ def connect(connection: Connection, fix_exposure: bool = False, freeze: Freeze |
 
 
 def open_driver(connection: Connection, fix_exposure: bool = False) -> CameraDriver:
-    """Return the camera driver for a server's dialect, not yet attached; BadReplyError for an unknown one.
-
-    N2 has error texts of its own for unknown commands; only 0.3.10 knows the field of view by this name; M
-    does not know the level's name.
-    """
-    number = r"\d+\.\d+$"
-    if _first_match(connection, "vget /omniscv", _UNKNOWN, _UNKNOWN_N2) == _UNKNOWN_N2:
-        dialect = "N2"
-    elif _first_match(connection, "vget /camera/0/horizontal_fieldofview", _UNKNOWN, number) == number:
-        return LegacyDriver(connection, "0.3.10", fix_exposure)
-    else:
-        dialect = "M" if _first_match(connection, LEVEL, _UNKNOWN, "") == _UNKNOWN else "N1"
-    return ModernDriver(connection, dialect, fix_exposure)
-
-
-def _first_match(connection: Connection, command: str, *patterns: str) -> str:
-    """Return the first of some patterns that the reply to a command begins with."""
-
-    def match(command: str, reply: Reply) -> str:
-        for pattern in patterns:
-            if isinstance(reply, str) and re.match(pattern, reply, re.ASCII):
-                return pattern
-        expected = f"expected plugin 0.3.10 or 1.x to answer {command!r}"
-        raise BadReplyError(f"{connection.address}: {expected}, got {shown(reply[:100])}")
-
-    return connection.read([command], match)[0]
+    """Return the camera driver for a server's plugin, not yet attached; BadReplyError for an unknown one."""
+    driver = LegacyDriver if connection.plugin.dialect == "0.3.10" else ModernDriver
+    return driver(connection, fix_exposure)

@@ -15,7 +15,7 @@ from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import known_objects
 from omniscv.sources.unreal.boxes import upright_box
-from omniscv.sources.unreal.commands import LEGACY, changes_world
+from omniscv.sources.unreal.commands import BOUNDS, changes_world
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import (
     Journal,
@@ -29,6 +29,7 @@ from omniscv.sources.unreal.instants import (
     same_pose,
     set_commands,
 )
+from omniscv.sources.unreal.plugin import DIALECTS
 from omniscv.sources.unreal.replies import described, numbers
 from omniscv.sources.world import Freeze, World
 
@@ -58,7 +59,7 @@ class UnrealWorld(World):
         self._clock = clock_of(driver)
         self._stands = False  # whether it was paused here
         self.freeze = "puppet" if freeze == "auto" else freeze
-        if freeze == "batch" and driver.capabilities.dialect != "N2":
+        if freeze == "batch" and not self._connection.plugin.batches:
             raise self._cannot("answer a batch in one tick")
 
     def objects(self) -> list[str]:
@@ -70,7 +71,7 @@ class UnrealWorld(World):
             return object_poses(self._connection, [name])[name]
 
     def bounds(self, name: str) -> ObjectBox:
-        if self._driver.table is LEGACY:
+        if not self._connection.supports(BOUNDS):
             raise self._cannot("read the bounds of objects")
         with self._turn_for(name):
             reply = self._connection.text(f"vget /object/{name}/bounds")
@@ -282,9 +283,9 @@ class UnrealWorld(World):
             self._journal.undone(layer, key)
 
     def _cannot(self, what: str) -> ServerRefusedError:
-        plugin = f"plugin {'0.3.10' if self._driver.table is LEGACY else '1.x'}"
-        dialect = self._driver.capabilities.dialect
-        return ServerRefusedError(f"expected a server that can {what}, got {plugin}, dialect {dialect}")
+        dialect = self._connection.plugin.dialect
+        plugin = f"{DIALECTS[dialect].plugin}, dialect {dialect}"
+        return ServerRefusedError(f"expected a server that can {what}, got {plugin}")
 
 
 def _steps(layer: Layer) -> list[list[Key]]:

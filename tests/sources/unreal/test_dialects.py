@@ -13,7 +13,7 @@ from omniscv.sources import Capabilities, Request, View
 from omniscv.sources.registry import known_capabilities
 from omniscv.sources.unreal.opening import open_connection
 
-DIALECTS = ["0.3.10", "M", "N1", "N2"]
+DIALECTS = ["0.3.10", "M", "N1", "N2", "N3"]
 SIZE = 48
 ROOM = mock_server.load_scene("four-wall")
 FACES = face_requests(SIZE, MODES)
@@ -226,7 +226,7 @@ def test_the_player_is_where_it_was_afterwards():
 # What only plugin 1.x does.
 
 
-@pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
+@pytest.mark.parametrize("dialect", ["M", "N1", "N2", "N3"])
 def test_the_spawned_camera_leaves_with_the_source(dialect):
     """A game that is recorded again and again does not fill with cameras."""
     with serve(dialect) as server:
@@ -261,4 +261,4 @@ def test_a_source_that_is_closed_among_captures_stays_closed(dialect):
 @pytest.mark.parametrize("dialect", [*DIALECTS, "1.x"])
 def test_the_mocks_capabilities_are_known_without_a_server(dialect):
     known = known_capabilities(f"mock://no-such-scene?dialect={dialect}")
-    assert known == (None if dialect == "0.3.10" else capabilities("N1" if dialect == "1.x" else dialect))
+    assert known == (None if dialect == "0.3.10" else capabilities("N3" if dialect == "1.x" else dialect))

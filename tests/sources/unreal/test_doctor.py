@@ -67,7 +67,7 @@ def number(finding):
 def test_a_server_without_faults_is_ok():
     findings = examined()
     assert {finding.verdict for finding in findings.values()} == {"ok"}
-    assert findings["dialect"].value.startswith("N1")
+    assert findings["dialect"].value.startswith("N3: plugin 1.1.0")
     assert findings["depth is"].value.startswith("planar")
     assert findings["depth unit"].value.startswith("cm")
     assert findings["depth steps"].value.startswith("float16")

@@ -1,0 +1,134 @@
+"""Plugin 1.1.0, dialect N3: it lists its commands, and has cine cameras and shared memory on Windows."""
+
+import json
+import os
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+
+import cv2
+import numpy as np
+
+from mock_server import pixels
+from mock_server.dialects.common import THREE, OutputFolder, Reply, Row, ok
+from mock_server.dialects.v1 import BAD_ARGUMENT, MODES, Branch52
+from mock_server.objects import SceneObject
+from mock_server.settings import Settings
+from mock_server.world import Camera, World
+
+_CINE = {
+    "enabled [uint]": "enable",
+    "filmback [float] [float] [float] [float]": "set_filmback",
+    "lens [float] [float]": "set_lens",
+    "lens_settings [float] [float] [float] [float] [float] [float] [uint]": "set_lens_settings",
+    "focus [float]": "set_focus",
+    "focus_mode [str] [uint] [float] [float]": "set_focus_mode",
+    "focus_tracking [str] [float] [float] [float]": "set_tracking",
+    "crop [float] [float] [uint] [uint]": "set_crop",
+    "near_clip [uint] [float]": "set_near_clip",
+    "exposure [float] [float] [uint]": "set_exposure",
+}
+_SHARED = {mode: mode for mode in MODES} | {"seg": "object_mask"}
+"""What regions show, by the word of the command; both words for masks share one."""
+_NO_WINDOWS = "error Windows shared memory transport is only available on Windows"
+_LIFETIME = "until the game exits; the next capture of this camera and modality overwrites it"
+
+
+class Plugin11(Branch52):
+    """Plugin 1.1.0: the commands of branch 5.2, and those that the reference calls new since N2."""
+
+    version = "1.1.0"
+
+    def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
+        self.regions: dict[str, bytearray] = {}
+        self._versions: Counter[str] = Counter()
+        self._captures: Counter[str] = Counter()
+        super().__init__(world, settings, port, files)
+
+    def rows(self) -> list[Row]:
+        camera, cam = self.with_camera, "/camera/[uint]"
+        strict, bones = partial(camera, missing=BAD_ARGUMENT), self.with_object(_bones)
+        cine = f"{cam}/cine"
+        spawn, cube = "vset /objects/spawn", partial(self._spawn, "CubeActor")
+        rows: list[Row] = [
+            *super().rows()[1:],
+            ("vrun [str]", "Runs a console command", ok),
+            ("vget /unrealcv/commands", "Templates of all commands, one a line", self._list),
+            (f"vset {cam}/fov [float]", "Sets it, within 1 to 179", strict(_set_fov)),
+            (f"{spawn} [str] {THREE}", "Adds an object at a place", lambda c, *at: self._spawn(c, "", at)),
+            (f"{spawn} [str] [str] {THREE}", "With a name", lambda c, n, *at: self._spawn(c, n, at)),
+            (f"{spawn}_cube {THREE}", "Adds a cube at a place", lambda *at: cube("", at)),
+            (f"{spawn}_cube [str] {THREE}", "With a name", lambda name, *at: cube(name, at)),
+            *((f"vget /object/[str]/bones{words}", "Poses of bones", bones) for words in ("", *_BONES)),
+            *self.console_rows("vreflect", 2, 12, self.run_function),
+            (f"vget {cine}", "The cine camera", strict(lambda c: c.cine.model(*c.size))),
+            (f"vget {cine}/enabled", "Whether it is on", strict(lambda c: str(int(c.cine.enabled)))),
+            (f"vget {cine}/intrinsics", "Its projection", strict(lambda c: c.cine.intrinsics(*c.size))),
+            *(
+                (f"vset {cam}/cine/{end}", "Switches it on", strict(_cine(name)))
+                for end, name in _CINE.items()
+            ),
+        ]
+        if self.settings.shared_memory != "unlisted":
+            for word, mode in _SHARED.items():
+                share = camera(partial(self._share, mode))
+                rows.append((f"vget {cam}/{word}_shared", f"{word} in shared memory", share))
+        return rows
+
+    def _list(self) -> str:
+        return "\n".join(sorted({command.template for command in self.commands}))
+
+    def _share(self, mode: str, camera: Camera) -> Reply:
+        """Capture into a region, which is replaced by a larger one where the image does not fit."""
+        if self.settings.shared_memory == "refusing":
+            return _NO_WINDOWS
+        if not camera.has_pixels():
+            width, height = camera.size
+            return f"error Invalid {mode} dimensions or data size: {width}x{height}, samples=0"
+        view = self.world.capture(camera)
+        if mode == "depth":
+            depth = 100 * self.world.depth(view, along_ray=False)
+            image: np.ndarray = pixels.stored(depth, self.settings.depth == "half")
+        else:
+            image = cv2.cvtColor(self.world.image(view, mode, camera), cv2.COLOR_RGB2BGRA)
+        data, number = image.tobytes(), next(i for i, c in enumerate(self.world.cameras) if c is camera)
+        tail = f"{mode}_float32" if mode == "depth" else f"{mode}_bgra8"
+        stem = f"UnrealCV_{os.getpid()}_camera_{number}_{tail}"
+        if len(self.regions.get(f"{stem}_v{self._versions[stem]}", b"")) < len(data):
+            self.regions.pop(f"{stem}_v{self._versions[stem]}", None)
+            self._versions[stem] += 1
+            self.regions[f"{stem}_v{self._versions[stem]}"] = bytearray(len(data))
+        name = f"{stem}_v{self._versions[stem]}"
+        self.regions[name][: len(data)] = data
+        self._captures[mode] += 1
+        order = {} if mode == "depth" else {"channel_order": "BGRA"}
+        return json.dumps({
+            "transport": "windows_shared_memory", "modality": mode, "name": name, "num_bytes": len(data),
+            "version": self._versions[stem], "offset_bytes": 0, "shape": image.shape,
+            "dtype": image.dtype.name, "layout": "HWC" if order else "HW", **order,
+            "width": image.shape[1], "height": image.shape[0],
+            "frame": self._captures[mode], "lifetime": _LIFETIME,
+        }, indent="\t")  # fmt: skip
+
+
+_BONES = (" [str]", " [str] [str]")
+
+
+def _bones(_: SceneObject, names: str = "", space: str = "component") -> Reply:
+    if space not in ("component", "world"):
+        return "error Bone space must be component or world"
+    return "error No skeletal or poseable mesh component found"
+
+
+def _set_fov(camera: Camera, fov: float) -> None:
+    camera.fov = min(max(fov, 1.0), 179.0)
+
+
+def _cine(name: str) -> Callable[..., Reply]:
+    """Return a handler that calls a method of a camera's cine model."""
+
+    def handler(camera: Camera, *values: float) -> Reply:
+        reply: Reply = getattr(camera.cine, name)(*values)
+        return reply
+
+    return handler

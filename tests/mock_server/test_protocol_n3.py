@@ -1,0 +1,219 @@
+"""Dialect N3, plugin 1.1.0: texts as the reference's supplement gives them, and the official client on it."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support.expected_views import npy, png
+
+# Section 2.1 of the supplement: U is [uint], S [str], F [float]; the four templates of editors are left out.
+GROUPS = {
+    "vget /camera/U/": """location rotation fov size cine cine/enabled cine/intrinsics
+        lit=S depth=S normal=S object_mask=S seg=S optical_flow=S""",
+    "vset /camera/U/": """location=F=F=F rotation=F=F=F moveto=F=F=F fov=F size=U=U ortho_width=F
+        projection_type=S lit_source=S reflection=S illumination=S exposure_method=S exposure_bias=F
+        auto_speed=F=F auto_brightness=F=F physical_exposure=U motion_blur=F=F=F=U focal=F=F
+        cine/enabled=U cine/filmback=F=F=F=F cine/lens=F=F cine/lens_settings=F=F=F=F=F=F=U cine/focus=F
+        cine/focus_mode=S=U=F=F cine/focus_tracking=S=F=F=F cine/crop=F=F=U=U cine/near_clip=U=F
+        cine/exposure=F=F=U""",
+    "": """vget=/cameras vset=/cameras/spawn vget=/screenshot=S vget=/viewmode vset=/viewmode=S vget=/objects
+        vset=/objects/spawn=S vset=/objects/spawn=S=S vset=/objects/spawn=S=F=F=F
+        vset=/objects/spawn=S=S=F=F=F vset=/objects/spawn_cube
+        vset=/objects/spawn_cube=S vset=/objects/spawn_cube=F=F=F
+        vset=/objects/spawn_cube=S=F=F=F vget=/scene/name vget=/level/name vget=/persistent_level/id
+        vget=/persistent_level/level_script_actor/id vcmd=S""",
+    "vget /object/S/": """location rotation scale color mobility bounds vertex_location uclass_name bones
+        bones=S bones=S=S""",
+    "vset /object/S/": "location=F=F=F rotation=F=F=F scale=F=F=F color=U=U=U show hide destroy name=S",
+    "vset /action/": """game/pause game/resume game/level=S input/enable input/disable eyes_distance=F
+        keyboard=S=F""",
+    "vget /action/": "game/is_paused",
+    "vget /unrealcv/": "commands help status version echo=S",
+}
+SHARED = [f"vget /camera/[uint]/{m}_shared" for m in ("lit", "depth", "normal", "object_mask", "seg")]
+
+
+def expected_templates():
+    words = {"U": "[uint]", "S": "[str]", "F": "[float]"}
+    ends = [(start + end).replace("=", " ") for start, text in GROUPS.items() for end in text.split()]
+    for verb, least, most in (("vrun", 1, 6), ("vexec", 2, 7), ("vbp", 2, 11), ("vreflect", 2, 12)):
+        ends += [verb + " S" * count for count in range(least, most + 1)]
+    return [re.sub(r"(?<=[ /])[USF](?=[ /]|$)", lambda found: words[found[0]], end) for end in ends]
+
+
+@pytest.fixture
+def raw(start, open_raw):
+    client = open_raw(start(dialect="N3", size=(40, 30), depth="float32"))
+    assert client.text("vset /cameras/spawn") == "FusionCameraActor_0"
+    return client
+
+
+def test_the_list_is_the_plugins(start, open_raw, raw):
+    lines = raw.text("vget /unrealcv/commands").split("\n")
+    assert lines == sorted(expected_templates())
+    assert len(lines) + len(SHARED) + 4 == 133
+    assert raw.text("vget /unrealcv/help").split("\n")[::2].count("vget /unrealcv/commands") == 1
+    refusing = open_raw(start(shared_memory="refusing"))
+    assert set(refusing.text("vget /unrealcv/commands").split("\n")) - set(lines) == set(SHARED)
+
+
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        ("vget /unrealcv/version", "1.1.0"),
+        ("nonsense", "error No handler found for URI 'nonsense'"),
+        ("vget /cameras/ids", "error No handler found for URI 'vget /cameras/ids'"),
+        ("vget /camera/CID-Actor-00/fov", "error No handler found for URI 'vget /camera/CID-Actor-00/fov'"),
+        ("vget /camera/0/lit_shared", "error No handler found for URI 'vget /camera/0/lit_shared'"),
+        ("vbatch 1", "ok"),
+        ("vrun DisableAllScreenMessages", "ok"),
+        ("vset /camera/7/ortho_width 100", "error Invalid sensor id"),
+        ("vset /camera/7/projection_type perspective", "error Invalid sensor id"),
+        ("vset /camera/1/projection_type fish", "error Can not support camera mode fish, "
+         "available options are perspective and orthographic"),
+        ("vget /camera/1/cine/enabled", "0"),
+        ("vget /camera/99/cine", "error Argument Invalid"),
+        ("vset /camera/1/cine/focus_mode far 0 0 0",
+         "error Focus mode must be manual, tracking, disable, none, or do_not_override"),
+        ("vget /object/Sofa/bones", "error No skeletal or poseable mesh component found"),
+        ("vget /object/Sofa/bones hand world", "error No skeletal or poseable mesh component found"),
+        ("vget /object/Sofa/bones hand space", "error Bone space must be component or world"),
+        ("vget /object/Nothing/bones", "error Cannot find object"),
+        ("vset /objects/spawn Sphere 0 0 0", "error Can not find a class with name 'Sphere'"),
+    ],
+)  # fmt: skip
+def test_texts(raw, command, reply):
+    assert raw.text(command) == reply
+
+
+def test_fields_of_view_are_clamped_in_silence(raw):
+    for fov, reads in (("200", "179.000000"), ("0.5", "1.000000"), ("75.5", "75.500000")):
+        assert raw.text(f"vset /camera/1/fov {fov}") == "ok"
+        assert raw.text("vget /camera/1/fov") == reads
+
+
+def test_objects_are_spawned_in_their_place(raw):
+    assert raw.text("vset /objects/spawn_cube Box 0 0 100") == "Box"
+    assert raw.text("vset /objects/spawn_cube Box 0 0 100") == "error Failed to spawn Box, object exists."
+    assert raw.text("vget /object/Box/location") == "0.000 0.000 100.000"
+    assert raw.text("vset /objects/spawn CubeActor Dice 10 -20 30.5") == "Dice"
+    assert raw.text("vget /object/Dice/location") == "10.000 -20.000 30.500"
+    name = raw.text("vset /objects/spawn_cube 1 2 3")
+    assert raw.text(f"vget /object/{name}/location") == "1.000 2.000 3.000"
+    assert raw.text("vget /object/Box/uclass_name") == "CubeActor"
+
+
+def test_all_sensors_of_a_cine_camera_have_its_projection(raw):
+    """Off-centre: depth and colours are those of the rays that the intrinsics give."""
+    for command in ("rotation 0 30 0", "cine/filmback 36 27 4 -3", "cine/lens 18 2.8"):
+        assert raw.text(f"vset /camera/1/{command}") == "ok"
+    assert raw.text("vget /camera/1/cine/enabled") == "1"
+    k = json.loads(raw.text("vget /camera/1/cine/intrinsics"))
+    m = np.reshape(k["projection_matrix"], (4, 4))
+    assert (k["fx"], k["fy"]) == pytest.approx((m[0, 0] * 20, m[1, 1] * 15))
+    assert (k["cx"], k["cy"]) == pytest.approx(((1 + m[2, 0]) * 20, (1 - m[2, 1]) * 15))
+    assert k["fx"] == pytest.approx(20 / np.tan(np.radians(k["horizontal_fov_degrees"]) / 2))
+    assert (k["cx"], k["cy"]) != (20, 15)
+    from mock_server import load_scene
+
+    v, u = np.mgrid[:30, :40] + 0.5
+    x, y = (u - k["cx"]) / k["fx"], (v - k["cy"]) / k["fy"]
+    turn = np.radians(30)
+    ahead, right = np.array([np.cos(turn), -np.sin(turn), 0]), np.array([-np.sin(turn), -np.cos(turn), 0])
+    rays = ahead + x[..., None] * right + y[..., None] * (0, 0, -1)
+    hits = load_scene("four-wall").trace((0, 0, 1.5), rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    depth = 100 * hits.distance / np.linalg.norm(rays, axis=-1)
+    np.testing.assert_allclose(npy(raw.ask("vget /camera/1/depth npy")), depth, rtol=1e-5)
+    lit = png(raw.ask("vget /camera/1/lit png"))[..., :3]
+    assert np.abs(lit - 255 * hits.color).max() <= 0.5 + 1e-6
+    assert raw.text("vset /camera/1/cine/enabled 0") == "ok"
+    assert raw.text("vget /camera/1/cine/enabled") == "0"
+    assert np.abs(png(raw.ask("vget /camera/1/lit png"))[..., :3] - 255 * hits.color).max() > 1
+    assert (
+        json.loads(raw.text("vget /camera/1/cine/intrinsics"))["fx"] == k["fx"]
+    )  # of the model, not the image
+
+
+def test_exposure_that_is_set_while_the_cine_model_is_on_is_lost(raw):
+    lit = lambda: png(raw.ask("vget /camera/1/lit png")).astype(float)[..., :3].mean()  # noqa: E731
+    raw.text("vset /camera/1/cine/enabled 1")
+    before = lit()
+    assert raw.text("vset /camera/1/exposure_bias -1") == "ok"
+    assert lit() == before
+    raw.text("vset /camera/1/cine/enabled 0")
+    raw.text("vset /camera/1/exposure_bias -1")
+    raw.text("vset /camera/1/cine/enabled 1")
+    assert lit() == pytest.approx(before / 2, rel=0.02)  # rounded to 8 bits
+
+
+def test_manual_exposure_holds_for_one_camera(start, open_raw):
+    raw = open_raw(start(size=(16, 16), faults=["exposure-drift"]))
+    raw.ask("vset /cameras/spawn")
+    assert raw.text("vset /camera/1/exposure_method manual") == "ok"
+    held, free = ([raw.ask(f"vget /camera/{i}/lit png") for _ in range(3)] for i in (1, 0))
+    assert (len(set(held)), len(set(free))) == (1, 3)
+
+
+def test_normals_of_an_old_build_are_the_lit_image(start, open_raw):
+    raw = open_raw(start(size=(16, 16), faults=["lit-normals"]))
+    assert raw.ask("vget /camera/0/normal png") == raw.ask("vget /camera/0/lit png")
+
+
+def test_shared_memory_is_refused_elsewhere_than_on_windows(start, open_raw):
+    raw = open_raw(start(shared_memory="refusing"))
+    no = "error Windows shared memory transport is only available on Windows"
+    assert raw.text("vget /camera/0/lit_shared") == no
+    assert raw.text("vget /camera/99/lit_shared") == "error Invalid sensor id"
+
+
+def test_regions_hold_what_comes_over_the_wire(start, open_raw):
+    server = start(shared_memory="serving", size=(40, 30))
+    raw = open_raw(server)
+    share = lambda word: json.loads(raw.text(f"vget /camera/0/{word}_shared"))  # noqa: E731
+    reply = share("depth")
+    assert list(reply)[:4] == ["transport", "modality", "name", "num_bytes"]
+    assert re.fullmatch(r"UnrealCV_\d+_camera_0_depth_float32_v1", reply["name"])
+    assert (reply["shape"], reply["num_bytes"], reply["frame"]) == ([30, 40], 4800, 1)
+    assert bytes(server.regions[reply["name"]]) == npy(raw.ask("vget /camera/0/depth npy")).tobytes()
+    mask, seg = share("object_mask"), share("seg")
+    assert (mask["name"], mask["frame"], seg["frame"]) == (seg["name"], 1, 2)
+    bgra = np.frombuffer(server.regions[mask["name"]], np.uint8).reshape(mask["shape"])
+    np.testing.assert_array_equal(bgra[..., [2, 1, 0, 3]], png(raw.ask("vget /camera/0/object_mask png")))
+    raw.ask("vset /camera/0/size 20 10")
+    assert (share("lit")["version"], share("depth")["name"]) == (1, reply["name"])  # it fits the old region
+    raw.ask("vset /camera/0/size 80 60")
+    larger = share("depth")
+    assert larger["name"].endswith("_v2")
+    assert reply["name"] not in server.regions
+
+
+def test_a_game_may_want_a_token(start, open_raw):
+    raw = open_raw(start(faults=["authentication"]))
+    assert raw.text("vget /cameras") == "error Authentication required, use: vset /unrealcv/auth <token>"
+
+
+OFFICIAL = """
+import logging, mock_server, unrealcv
+from unrealcv.api import UnrealCv_API
+logging.disable()
+with mock_server.serve("four-wall", size=(40, 30)) as server:
+    api = UnrealCv_API(server.port, server.host, (40, 30))
+    assert api.get_image(0, "lit").shape == api.get_image(0, "object_mask", "png").shape == (30, 40, 3)
+    assert api.get_depth(0).shape == (30, 40, 1)
+    assert api.get_server_version() == "1.1.0" and not api.is_unrealcv_plus()
+    assert api.supports_command("vget /camera/0/cine/intrinsics") and not api.get_cine_camera_enabled(0)
+    api.set_cine_lens(0, 18.0, 2.8)
+    assert api.get_cine_camera_enabled(0) and api.get_cine_intrinsics(0)["width"] == 40
+    assert api.get_cine_camera(0)["lens"]["focal_length_mm"] == 18
+    client = unrealcv.Client((server.host, server.port))
+    api.client.disconnect()
+"""
+
+
+def test_the_official_client_and_its_api_do_not_warn():
+    """In a process of its own, because warnings are errors there from the first import."""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", OFFICIAL], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
