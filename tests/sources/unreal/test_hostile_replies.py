@@ -25,8 +25,9 @@ from omniscv.errors import (
 from omniscv.sources.unreal.client import PATIENCE_S, TIMEOUT_S
 
 ASKED = {
-    "1.x": ("/version", "/scene/name", "/omniscv", "fieldofview", "/level/name", "vget /cameras", "/spawn",
-            "vget /objects", "/color", "vset /object", "/location", "/size", "/fov", " png", " npy"),
+    "N1": ("/commands", "/help", "/omniscv", "fieldofview"),
+    "N3": ("/commands", "/version", "/scene/name", "/level/name", "vget /cameras", "/spawn", "vget /objects",
+           "/color", "vset /object", "/location", "/size", "/fov", " png", " npy"),
     "0.3.10": ("fieldofview", "/disable", "/viewmode", "/status", "vget /camera/0/pose",
                "vset /camera/0/pose", "lit png", "object_mask png", " npy"),
 }  # fmt: skip
@@ -85,7 +86,7 @@ def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd,
 @pytest.mark.parametrize("part", ["/location", "/fov", "lit png", " npy"])
 def test_the_doctor_takes_any_reply_too(part, servers, capfd, pytestconfig):
     for reply in hostile(len(part), pytestconfig, step=12):
-        with relayed(servers["1.x"], answering(part, reply)) as uri:
+        with relayed(servers["N3"], answering(part, reply)) as uri:
             error = fault_of(lambda: examine_address(uri, timeout_s=20, patience_s=0.01))
         assert error is None or is_one_short_line(str(error))
     assert capfd.readouterr() == ("", "")
@@ -105,10 +106,10 @@ def test_mask_colours_that_a_server_does_not_keep_are_an_error(servers):
 
 @pytest.mark.parametrize("reply", ["ok", "", " "])
 def test_an_empty_list_of_cameras_is_an_error(reply, servers):
-    with relayed(servers["1.x"], answering("vget /cameras", reply)) as uri:
+    with relayed(servers["N3"], answering("vget /cameras", reply)) as uri:
         with pytest.raises((ServerRefusedError, BadReplyError), match="got no camera; start the game"):
             omniscv.open_source(uri, retries=0)
-        assert servers["1.x"].statistics.total("vset /camera/0/") == 0
+        assert servers["N3"].statistics.total("vset /camera/0/") == 0
 
 
 @pytest.mark.parametrize("fov", ["0.000", "180.000", "-90.000", "nan"])
