@@ -1,4 +1,4 @@
-"""``omniscv cameras``: the camera models, and the nearest camera of one of them to another."""
+"""``omniscv cameras``: the camera models, the nearest one to another camera, and those of a game's level."""
 
 import inspect
 import json
@@ -88,6 +88,42 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(each) for each in value]
     return {key: _rounded(each) for key, each in value.items()} if isinstance(value, dict) else value
+
+
+@app.command(
+    "from-unreal",
+    epilog="Example: omniscv cameras from-unreal unreal://localhost:9000 --number 1 --out hero.json",
+)
+def from_unreal(
+    address: Annotated[str, Argument(help="unreal://host:port.")],
+    number: Annotated[int | None, Option(min=0, help="One of the cameras, for --out.")] = None,
+    out: Annotated[Path | None, Option(help="A file for its camera, which --camera takes.")] = None,
+    timeout: options.Timeout = None,
+    patience: options.Patience = None,
+) -> None:
+    """List the cameras of a game's level as poses and pinhole cameras, cine models included.
+
+    Nothing is changed in the game. Images of such a camera and pose equal the level camera's own pictures.
+    """
+    from omniscv.calibration import save
+    from omniscv.cameras import create
+    from omniscv.diagnostics.server import cameras_of
+
+    known = cameras_of(address, **options.deadlines(timeout, patience))
+    wanted = known if number is None else known[number : number + 1]
+    if not wanted or (out is not None and len(wanted) > 1):
+        got = "none" if number is None else str(number)
+        raise ArgumentError(f"--number: expected one from 0 to {len(known) - 1}, got {got}")
+    for each in wanted:
+        width, height, fx, fy, cx, cy = each.intrinsics
+        camera = create("pinhole", width, height, fx=fx, fy=fy, cx=cx, cy=cy)
+        if out is not None:
+            save(out, {"cam0": camera}, "json")
+        angles = zip(("yaw", "pitch", "roll"), each.pose.angles(), strict=True)
+        place = ",".join(f"{value:.6g}" for value in each.pose.position)
+        turn = " ".join(f"--{name} {angle:.6g}" for name, angle in angles)
+        console.line(f"{each.number} {each.name}{' (cine)' if each.cine else ''}: {camera}")
+        console.line(f"  --position {place} {turn}")
 
 
 @app.command(

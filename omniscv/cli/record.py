@@ -19,6 +19,10 @@ def _positions(texts: list[str]) -> Keys:
     return {"poses": [{"position": options.numbers("--position", text)} for text in texts]}
 
 
+def _exposure(text: str) -> float | str:
+    return text if text == "auto" else options.numbers("--exposure", text, "0.5")[0]
+
+
 OPTIONS = {
     "source": JobOption(
         key("source"), list[str], [], f"{SOURCE_HELP} Repeatable: replicas of a game share the captures."
@@ -38,6 +42,12 @@ OPTIONS = {
         str | None,
         None,
         "Stops of exposure, such as -2,0,2: colours are captured at each, and merged to light.",
+    ),
+    "exposure": JobOption(
+        lambda text: {} if text is None else {"source_options.exposure": _exposure(text)},
+        str | None,
+        None,
+        "Manual exposure of the camera: its bias in stops, or auto, as bright as the game's own.",
     ),
     "out": JobOption(key("record"), str | None, None, "The recording; else the job's, or capture.sqlite."),
     **OLD,

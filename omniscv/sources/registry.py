@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack
 from urllib.parse import parse_qsl
 
 from omniscv import storage
@@ -62,6 +62,8 @@ class SourceOptions(Deadlines, total=False):
     Attributes:
         retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
+        exposure: manual exposure for the camera that is spawned, of plugins from 2026-03 (N2): its bias in
+            stops, or ``auto``, which matches the game's own.
         freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
             ``auto`` if not given. If it is given, the world moves, and captures are checked for motion.
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`), in place of what the source
@@ -70,6 +72,7 @@ class SourceOptions(Deadlines, total=False):
 
     retries: int
     fix_exposure: bool
+    exposure: float | Literal["auto"]
     freeze: Freeze
     transfer: Transfer
 

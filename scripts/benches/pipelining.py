@@ -50,7 +50,7 @@ def rate(captures: Iterator[Capture], seconds: float) -> float:
 
 def command_by_command(server: mock_server.Server, stream: Iterable[Request]) -> Iterator[Capture]:
     with contextlib.closing(Connection((server.host, server.port))) as connection:
-        driver, before = ModernDriver(connection, "N1"), None
+        driver, before = ModernDriver(connection), None
         for request in stream:
             picture = MODERN.image(driver.camera, request.mode)
             for command in (*driver.aim(before, request.view), picture):

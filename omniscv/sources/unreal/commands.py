@@ -12,9 +12,11 @@ VERSION = "vget /unrealcv/version"
 SCENE = "vget /scene/name"
 LEVEL = "vget /level/name"
 OBJECTS = "vget /objects"
+CAMERAS = "vget /cameras"
 LIT_VIEW_MODE = "vset /viewmode lit"
 IS_PAUSED = "vget /action/game/is_paused"
 BOUNDS, VERTICES = "vget /object/[str]/bounds", "vget /object/[str]/vertex_location"
+CINE_ENABLED = "vget /camera/[uint]/cine/enabled"
 EXPOSURE_METHOD = "vset /camera/[uint]/exposure_method [str]"
 PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
@@ -47,14 +49,14 @@ class CameraTable:
     can_set_size: bool
     vertex_colors: bool
 
-    def image(self, camera: int, mode: str) -> str:
+    def image(self, camera: int | str, mode: str) -> str:
         """Return the command for a picture."""
         return f"vget /camera/{camera}/{self.images[mode][0]}"
 
     def capabilities(self, dialect: str) -> Capabilities:
         """Return what servers of a dialect can do, as far as it is known before one is connected."""
         modes = frozenset(self.images)
-        exposes = dialect == "N2"
+        exposes = dialect in ("N2", "N3", "Dev")
         return Capabilities(
             modes, self.can_set_size, can_set_tall=False, can_set_exposure=exposes, dialect=dialect
         )

@@ -4,6 +4,7 @@ import contextlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from omniscv.arguments import shown
@@ -11,9 +12,10 @@ from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, Sou
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal.client import Client, Connection
-from omniscv.sources.unreal.commands import FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
+from omniscv.sources.unreal.commands import EXPOSURE_METHOD, FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
+from omniscv.sources.unreal.exposure import Exposure
 from omniscv.sources.unreal.masks import paint
-from omniscv.sources.unreal.replies import Reply, name, numbers
+from omniscv.sources.unreal.replies import Reply, name, numbers, shows_light
 
 Requests = Sequence[Request]
 
@@ -80,30 +82,53 @@ class StaleFrames:
         self._payloads.update(payloads)
 
 
+@dataclass(frozen=True)
+class CameraOptions:
+    """Which camera captures, and how it is exposed.
+
+    Attributes:
+        fix_exposure: whether to switch off vignette and auto exposure of the whole game.
+        exposure: manual exposure of the spawned camera: its bias in stops, or one that matches the game's.
+        camera: a camera of the level, by its number or, on Dev servers, its stable id; empty spawns one.
+    """
+
+    fix_exposure: bool = False
+    exposure: Exposure | None = None
+    camera: str = ""
+
+
+SPAWNED = CameraOptions()
+"""A camera of its own, exposed as the game is."""
+
+
 class CameraDriver(ABC):
     """A camera of a running game.
 
     Args:
         connection: to the game.
-        fix_exposure: whether to switch off vignette and auto exposure of the game.
+        options: which camera, and its exposure.
 
     Attributes:
         capabilities, scene_identity, camera: complete once the driver is attached; ``camera`` is its number.
         mask_fov_deg: field of view of object masks, where they do not have the view's own.
         spawned: how many cameras were spawned; another one means that the game was restarted.
+        settings: of the camera, that provenance has: its exposure, or its number in the level.
         one_tick: whether requests that are sent together are answered in one tick of the game.
     """
 
     table: ClassVar[CameraTable]
 
-    def __init__(self, connection: Connection, fix_exposure: bool = False) -> None:
-        self.connection, self._fix_exposure = connection, fix_exposure
-        self.capabilities = self.table.capabilities(connection.plugin.dialect)
+    def __init__(self, connection: Connection, options: CameraOptions = SPAWNED) -> None:
+        self.connection, self._options = connection, options
+        known = self.table.capabilities(connection.plugin.dialect)
+        self.capabilities = replace(known, can_set_exposure=connection.supports(EXPOSURE_METHOD))
         self.stale_frames = StaleFrames()
-        self.camera = 0
+        self.camera: int | str = 0
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()
+        self.settings: dict[str, str] = {}
+        self._has_normals = False  # whether a picture of them was seen to be one
         self.spawned, self._prepared = 0, False
         self._restore: list[str] = []  # the commands that leave the game as it was
         self.one_tick = False
@@ -171,8 +196,10 @@ class CameraDriver(ABC):
         levels = {LEVEL: name(self.connection.text(LEVEL))} if has_level else {}
         self.connection.scene = self.connection.scene or {SCENE: scene, **levels}
         self.scene_identity = SceneIdentity(scene, levels.get(LEVEL, ""))
-        if self._fix_exposure:
-            self.connection.texts(FIX_EXPOSURE)
+        if self._options.fix_exposure:
+            # Of the whole game: the vignette, and auto exposure where no camera has its own.
+            own = self._options.exposure is not None
+            self.connection.texts(FIX_EXPOSURE[:1] if own else FIX_EXPOSURE)
         paint(self.connection, self.table.vertex_colors)
 
     def _capture(self, request: Request, view: View, reply: Reply) -> Capture:
@@ -187,8 +214,13 @@ class CameraDriver(ABC):
             "dialect": self.capabilities.dialect,
             "command": command,
             "time": time.time(),
+            **self.settings,
         }
         pixels = decode(reply, encoding, request.mode, view)
+        if request.mode == "normals" and not self._has_normals:
+            if shows_light(reply, view):
+                raise self._refused("pictures of normals, got the lit image; update the plugin to 1.1.0")
+            self._has_normals = True
         return Capture(request, view, pixels, provenance, reply, encoding)
 
     def _expect(self, expected: str, command: str, reply: Reply) -> None:

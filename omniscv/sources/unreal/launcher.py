@@ -19,10 +19,10 @@ from typing import IO
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError, SourceError
 from omniscv.sources.base import Source, SourceWrapper
-from omniscv.sources.unreal.client import Endpoint
 from omniscv.storage.local import last_line, locked, whole_file
 
-Connect = Callable[[Endpoint], Source]
+Connect = Callable[..., Source]
+"""Opens an endpoint, and of a running game a camera of its level."""
 Watcher = subprocess.Popen[bytes]
 HOST = "127.0.0.1"
 SETTINGS = "unrealcv.ini"

@@ -4,14 +4,19 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from omniscv.errors import ServerRefusedError
+from omniscv.errors import ArgumentError, ServerRefusedError
+from omniscv.geometry import pinhole
 from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.commands import MODERN, VERSION
+from omniscv.sources.unreal.commands import CAMERAS, MODERN, VERSION
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
-from omniscv.sources.unreal.replies import name, names
+from omniscv.sources.unreal.level_cameras import cine_intrinsics
+from omniscv.sources.unreal.replies import fov, name, names, numbers
 
-_CAMERAS = "vget /cameras"
+_LIMITS_DEG = (1.0, 179.0)
+"""Fields of view that engines do not clamp in silence."""
+_SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
 
 class Step(NamedTuple):
@@ -30,33 +35,96 @@ class Step(NamedTuple):
 
 
 class ModernDriver(CameraDriver):
-    """Spawns a camera: straight up and down are exact, no pose lags, size and field of view can be set."""
+    """Spawns a camera: straight up and down are exact, no pose lags, size and field of view can be set.
+
+    Or it takes a camera of the level, which is put back. If its cine model is on, that decides the field of
+    view; nothing is sent that would switch one on.
+    """
 
     table = MODERN
     _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
     _exposed = False  # whether its exposure was ever set
+    _bias: float | None = None
 
     def attach(self) -> None:
         self.forget()
         try:
-            count = len(names(self.connection.text(_CAMERAS)))
+            count = len(names(self.connection.text(CAMERAS)))
         except ServerRefusedError as no:
-            raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {_CAMERAS!r}, got: {no}") from no
+            raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {CAMERAS!r}, got: {no}") from no
         if count == 0:  # numbers of cameras would start at one that does not exist
-            raise self._refused(f"the player's camera from {_CAMERAS!r}, got no camera; start the game")
-        if not self._restore or self.camera >= count:
-            self.camera, self._prepared = count, False
-            self.spawned += 1
-            self._exposed, self._stops = False, 0.0
-            self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
+            raise self._refused(f"the player's camera from {CAMERAS!r}, got no camera; start the game")
+        if self._options.camera:
+            self._take(self._options.camera, count)
+            self._prepared = False
+        elif not self._restore or int(self.camera) >= count:
+            self._prepared = False
+            self._spawn(count)
         if not self._prepared:  # after the camera: a game that starts again in between lacks it, and is found
             self._prepare()
+            self._expose_by_hand()
             self._prepared = True
+
+    def check(self, request: Request) -> None:
+        super().check(request)
+        wanted, fixed = request.view.fov_deg, self.capabilities.fov_deg
+        low, high = _LIMITS_DEG if fixed is None else (fixed - _SAME_DEG, fixed + _SAME_DEG)
+        if not low <= wanted <= high:
+            why = "which engines do not clamp" if fixed is None else "of the camera's lens"
+            raise ArgumentError(f"fov_deg: expected {low:.6g} to {high:.6g} degrees, {why}, got {wanted:.6g}")
 
     def aim(self, before: View | None, view: View) -> list[str]:
         known = {} if before is None else _settings(before)
-        changed = [(key, value) for key, value in _settings(view).items() if known.get(key) != value]
-        return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed]
+        changed = {key: value for key, value in _settings(view).items() if known.get(key) != value}
+        if not self.capabilities.can_set_fov:
+            changed.pop("fov", None)
+        return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed.items()]
+
+    def _spawn(self, number: int) -> None:
+        self.camera = number
+        self.spawned += 1
+        self._exposed, self._stops = False, 0.0
+        self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
+        at = f"/camera/{number}"
+        self.connection.set([f"vset {at}/fov 100.0"])
+        if abs((actual := fov(self.connection.text(f"vget {at}/fov"))) - 100) > _SAME_DEG:
+            raise self._refused(f"a field of view of 100 degrees, which was set, got {actual:g}")
+
+    def _expose_by_hand(self) -> None:
+        wanted, camera = self._options.exposure, self.camera
+        if wanted is None:
+            return
+        if self._bias is None:  # a camera that is spawned anew gets the same
+            self._bias = exposure.matching_bias(self.connection, camera) if wanted == "auto" else wanted
+        self.connection.set([*exposure.lumen(camera), *exposure.by_hand(camera, self._bias)])
+        self.settings = {"exposure": f"manual, bias {self._bias:g}"}
+
+    def _take(self, camera: str, count: int) -> None:
+        if camera.isdecimal() and not 0 < int(camera) < count:
+            raise self._refused(
+                f"a camera from 1 to {count - 1} of the level, got {camera} (0 is the player's)"
+            )
+        before, self.camera = self.connection, camera
+        at, self.settings = f"/camera/{camera}", {"camera": camera}
+        cine = cine_intrinsics(before, camera)
+        if cine is not None:
+            if not cine.is_centred:
+                raise self._refused(
+                    f"a lens whose axis is in the middle of square pixels, got {cine}; 'omniscv cameras "
+                    "from-unreal' has its camera, for images from a camera that is spawned"
+                )
+            fov_deg = pinhole.fov_deg(cine.width, cine.fx)
+            self.capabilities = replace(self.capabilities, can_set_fov=False, fov_deg=fov_deg)
+        self.capabilities = replace(self.capabilities, can_set_exposure=False)  # it cannot be put back
+        if not self._restore:
+            values = {
+                what: before.text(f"vget {at}/{what}") for what in ("location", "rotation", "fov", "size")
+            }
+            for what, count in (("location", 3), ("rotation", 3), ("fov", 1), ("size", 2)):
+                numbers(values[what], count)
+            if cine is not None:
+                del values["fov"]
+            self._restore = [f"vset {at}/{what} {value}" for what, value in values.items()]
 
     def forget(self) -> None:
         super().forget()
@@ -67,8 +135,7 @@ class ModernDriver(CameraDriver):
         if stops == before:
             return []
         self._exposed = True
-        by_hand = ("exposure_method manual", "physical_exposure 0", f"exposure_bias {stops:.8f}")
-        return [f"vset /camera/{self.camera}/{setting}" for setting in by_hand]
+        return exposure.by_hand(self.camera, (self._bias or 0.0) + (stops or 0.0))
 
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         """Yield captures until a frame may be stale.

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlsplit
 
-from omniscv.arguments import one_of, shown
+from omniscv.arguments import number, one_of, shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -18,6 +19,8 @@ from omniscv.sources.registry import Opener, did_you_mean, read_size, split_addr
 from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.commands import MODERN
+from omniscv.sources.unreal.driver import CameraOptions
+from omniscv.sources.unreal.exposure import LIMITS, Exposure
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
 from omniscv.sources.unreal.source import connect
 from omniscv.sources.world import Freeze
@@ -30,6 +33,7 @@ _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "
 _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memory"), str)
 _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
+_CAMERA = re.compile(r"\d{1,6}|CID-[\w.-]{1,100}", re.ASCII)
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 _MOCK_DIALECTS = {"1.x": "N3", "M": "M", "N1": "N1", "N2": "N2", "N3": "N3"}
 """Dialects whose capabilities do not depend on settings; N3 is the mock server's default."""
@@ -44,12 +48,17 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
         patience_s: float = PATIENCE_S,
         retries: int = RETRIES,
         fix_exposure: bool = False,
+        exposure: Exposure | None = None,
         freeze: Freeze | None = None,
     ) -> Source:
         how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
+        bias = exposure if exposure in (None, "auto") else number("exposure", exposure, **LIMITS)
 
-        def connect_to(endpoint: Endpoint) -> Source:
-            return connect(Connection(endpoint, timeout_s, patience_s, retries), fix_exposure, how)
+        def connect_to(endpoint: Endpoint, camera: str = "") -> Source:
+            if camera and bias is not None:
+                raise ArgumentError("exposure: expected it without a camera of the level, whose own it keeps")
+            options = CameraOptions(fix_exposure, bias, camera)
+            return connect(Connection(endpoint, timeout_s, patience_s, retries), options, how)
 
         return ProcessBound(open_address(address, connect_to), address)
 
@@ -58,8 +67,8 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
 
 @_opener
 def open_unreal(address: str, connect: Connect) -> Source:
-    """Open ``unreal://host:port`` or ``unreal+unix:///path``."""
-    return connect(_endpoint(address))
+    """Open ``unreal://host:port`` or ``unreal+unix:///path``; ``?camera=N`` takes a camera of the level."""
+    return connect(_endpoint(address), _camera(address))
 
 
 @_opener
@@ -131,6 +140,14 @@ def _endpoint(address: str) -> Endpoint:
             return parts.hostname, 9000 if parts.port is None else parts.port
     wanted = "expected unreal://host:port or unreal+unix:///path"
     raise ArgumentError(f"source: {wanted}, got {shown(address)}{did_you_mean(address)}")
+
+
+def _camera(address: str) -> str:
+    """Return the camera in an address; empty for none."""
+    query = parse_qsl(urlsplit(address).query, keep_blank_values=True)
+    if any(key != "camera" or not _CAMERA.fullmatch(value) for key, value in query) or len(query) > 1:
+        raise ArgumentError(f"source: expected ?camera=NUMBER, or a stable id, in {shown(address)}")
+    return query[0][1] if query else ""
 
 
 def _mock(address: str) -> Server:

@@ -84,6 +84,16 @@ def described(reply: Reply) -> str:
     return f"{form}, {len(reply)} bytes{size}"
 
 
+def shows_light(payload: bytes, view: View) -> bool:
+    """Return whether a picture of normals is the lit image, as of branch 5.2 before 2026-03-11.
+
+    Most of its colours are no directions, and not the grey of the sky either.
+    """
+    n = codecs.decode_png(payload, view) * (2 / 255) - 1
+    length = np.sqrt(np.einsum("...k,...k->...", n, n))
+    return bool(((np.abs(length - 1) >= _UNIT_TOLERANCE) & (length >= _UNIT_TOLERANCE)).mean() > 0.5)
+
+
 def _normals(payload: bytes, mode: str, view: View) -> NDArray[np.float32]:
     """Return unit vectors (H, W, 3) in the world frame; 0 where the colour is no direction."""
     n = codecs.decode_png(payload, view).astype(np.float32)

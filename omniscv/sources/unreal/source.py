@@ -23,10 +23,11 @@ from omniscv.sources.base import (
     View,
     closed_error,
 )
+from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
 from omniscv.sources.unreal.commands import checked
-from omniscv.sources.unreal.driver import CameraDriver
+from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
 from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.masks import colors, object_table
@@ -263,20 +264,31 @@ def _pixels(request: Request) -> int:
     return request.view.width * request.view.height
 
 
-def connect(connection: Connection, fix_exposure: bool = False, freeze: Freeze | None = None) -> UnrealSource:
+def connect(
+    connection: Connection, options: CameraOptions = SPAWNED, freeze: Freeze | None = None
+) -> UnrealSource:
     """Return a server as a source, whatever its dialect; the connection is closed with it.
 
-    The connection that probes the dialect is the one that is used: some servers serve only one (protocol
-    reference, section 1.2). ``fix_exposure`` switches vignette and auto exposure off in the running game.
+    The connection that asks for the dialect is the one that is used: some servers serve only one (protocol
+    reference, section 1.2).
     """
     try:
-        return UnrealSource(connection, open_driver(connection, fix_exposure), freeze)
+        return UnrealSource(connection, open_driver(connection, options), freeze)
     except BaseException:
         connection.close()
         raise
 
 
-def open_driver(connection: Connection, fix_exposure: bool = False) -> CameraDriver:
-    """Return the camera driver for a server's plugin, not yet attached; BadReplyError for an unknown one."""
-    driver = LegacyDriver if connection.plugin.dialect == "0.3.10" else ModernDriver
-    return driver(connection, fix_exposure)
+def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> CameraDriver:
+    """Return the camera driver for a server's plugin, not yet attached; BadReplyError for an unknown one.
+
+    ServerRefusedError for options that the plugin does not have.
+    """
+    if options.exposure is not None:
+        exposure.check(connection)
+    if connection.plugin.dialect != "0.3.10":
+        return ModernDriver(connection, options)
+    if options.camera:
+        expected = "expected a server with cameras in its level (plugin 1.x)"
+        raise ServerRefusedError(f"{connection.address}: {expected}, got plugin 0.3.10")
+    return LegacyDriver(connection, options)

@@ -1,0 +1,189 @@
+"""Cameras of a level, their cine models, and manual exposure of the camera that is spawned."""
+
+import re
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from support.expected_views import png
+from support.wire import RawClient
+from support.worlds import CENTER
+
+import mock_server
+import omniscv
+from omniscv.calibration import load
+from omniscv.cli import run
+from omniscv.diagnostics.server import cameras_of
+from omniscv.errors import ArgumentError, ServerRefusedError
+from omniscv.sources import Request, View
+
+EDGE = 48
+OFF_CENTRE = (
+    "location 50 -20 140",
+    "rotation 5 40 3",
+    "size 60 40",
+    "cine/filmback 36 24 3 -2",
+    "cine/lens 18 2.8",
+)
+CENTRED = (
+    "location 50 -20 140",
+    "rotation 5 40 3",
+    "size 60 40",
+    "cine/filmback 36 24 0 0",
+    "cine/lens 12 2.8",
+)
+
+
+@contextmanager
+def level(commands, **options):
+    """A server whose level has camera 1, set by commands: it and camera 1's picture by another client."""
+    with mock_server.serve("four-wall", size=(EDGE, EDGE), frames_per_s=1000, **options) as server:
+        raw = RawClient(server)
+        raw.ask("vset /cameras/spawn")
+        for command in commands:
+            assert raw.text(f"vset /camera/1/{command}") == "ok"
+        lit = png(raw.ask("vget /camera/1/lit png"))[..., :3]
+        raw.socket.close()
+        server.statistics.counts.clear()
+        yield server, lit
+
+
+def state(server):
+    """What camera 1 is set to."""
+    raw = RawClient(server)
+    known = [raw.text(f"vget /camera/1/{what}") for what in ("location", "rotation", "fov", "size", "cine")]
+    raw.socket.close()
+    return known
+
+
+def test_an_image_of_a_cine_camera_off_its_axis_is_the_cameras_own_picture(tmp_path, capsys):
+    """By a pinhole camera of its intrinsics, from captures of a camera that is spawned."""
+    with level(OFF_CENTRE) as (server, own):
+        path = tmp_path / "hero.json"
+        assert run(["cameras", "from-unreal", server.uri, "--number", "1", "--out", str(path)]) == 0
+        assert not [command for command in server.statistics.counts if command.startswith("vset")]
+        text = capsys.readouterr().out
+        assert "1 FusionCameraSensor (cine): " in text
+        place, *angles = re.findall(r"--(?:position|yaw|pitch|roll) (\S+)", text)
+        pose = omniscv.Pose.from_angles([float(value) for value in place.split(",")], *map(float, angles))
+        (camera,) = load(path).values()
+        assert (camera.width, camera.height) == (60, 40)
+        with omniscv.open_source(server.uri) as source:
+            image = omniscv.render(camera, pose, source, ("lit",), face_size=256)
+    # Bilinear between pixels of finer faces: edges differ, surfaces by less than two levels.
+    assert np.median(np.abs(image.lit.astype(int) - own)) <= 1
+    assert np.mean(np.abs(image.lit.astype(int) - own) > 8) < 0.06
+
+
+def test_a_centred_cine_camera_captures_with_its_own_field_of_view_and_is_put_back():
+    with level(CENTRED) as (server, own):
+        before = state(server)
+        (_, known) = cameras_of(server.uri)
+        with omniscv.open_source(f"{server.uri}?camera=1") as source:
+            assert not source.capabilities.can_set_fov
+            fov = source.capabilities.fov_deg
+            assert fov == pytest.approx(2 * np.degrees(np.arctan(1.5)))  # 36 mm wide, 12 mm before it
+            (capture,) = source.capture([Request(View(known.pose, fov, 60, 40), "lit")])
+            np.testing.assert_array_equal(capture.pixels, own)
+            assert capture.provenance["camera"] == "1"
+            with pytest.raises(
+                ArgumentError, match=r"fov_deg: expected 112.6.* of the camera's lens, got 90"
+            ):
+                list(source.capture([Request(View(known.pose, 90.0, 60, 40), "lit")]))
+        sent = {command for command in server.statistics.counts if command.startswith("vset /camera/1/")}
+        assert not [command for command in sent if "cine" in command or "fov" in command]
+        assert server.statistics.total("vset /cameras/spawn") == 0
+        assert state(server) == before
+
+
+def test_a_plain_camera_of_the_level_is_used_and_put_back():
+    with level(CENTRED[:3]) as (server, _):
+        before = state(server)
+        with omniscv.open_source(f"{server.uri}?camera=1") as source:
+            view = View(omniscv.Pose.from_angles(CENTER), 75.0, 32, 24)
+            (capture,) = source.capture([Request(view, "depth")])
+            assert capture.pixels.shape == (24, 32)
+        assert server.statistics.total("vset /camera/1/cine") == 0
+        assert state(server) == before
+
+
+@pytest.mark.parametrize(
+    ("query", "says"),
+    [
+        ("?camera=1", "a lens whose axis is in the middle of square pixels"),
+        ("?camera=0", "expected a camera from 1 to 1 of the level, got 0"),
+        ("?camera=7", "expected a camera from 1 to 1 of the level, got 7"),
+        ("?camera=CID-Actor-00", "No handler found"),
+        ("?camera=x", "expected \\?camera=NUMBER"),
+        ("?cam=1", "expected \\?camera=NUMBER"),
+    ],
+)
+def test_cameras_that_cannot_capture_are_refused(query, says):
+    with level(OFF_CENTRE) as (server, _), pytest.raises((ServerRefusedError, ArgumentError), match=says):
+        omniscv.open_source(server.uri + query)
+
+
+def test_of_0_3_10_no_camera_can_be_chosen_and_none_exposed():
+    with mock_server.serve("four-wall", dialect="0.3.10", size=(16, 16)) as server:
+        with pytest.raises(ServerRefusedError, match="expected a server with cameras in its level"):
+            omniscv.open_source(f"{server.uri}?camera=1")
+        with pytest.raises(ServerRefusedError, match=r"the exposure of one camera .* use fix_exposure"):
+            omniscv.open_source(server.uri, exposure=1.0)
+
+
+def mean(source, yaw_deg=0.0):
+    view = View(omniscv.Pose.from_angles(CENTER, yaw_deg=yaw_deg), 90.0, EDGE, EDGE)
+    (capture,) = source.capture([Request(view, "lit")])
+    return capture.pixels.mean(), capture.provenance
+
+
+@pytest.mark.parametrize("dialect", ["N2", "N3"])
+def test_exposure_holds_and_is_recorded(dialect):
+    """A bias of one stop doubles the light, less what clips; no console variable of the game is touched."""
+    faults = ["exposure-drift=0.5", "dark-manual=2"]
+    with mock_server.serve("four-wall", dialect=dialect, size=(EDGE, EDGE), faults=faults) as server:
+        levels = []
+        for bias in (0.0, 1.0):
+            with omniscv.open_source(server.uri, exposure=bias) as source:
+                there, provenance = mean(source)
+                mean(source, 90)
+                assert mean(source)[0] == there
+                assert provenance["exposure"] == f"manual, bias {bias:g}"
+                levels.append(there)
+        assert levels[1] / levels[0] == pytest.approx(2, rel=0.03)
+        assert server.statistics.total("vrun") == 0
+
+
+def test_the_bias_that_matches_the_games_exposure_is_found():
+    """Manual exposure is 2.5 stops too dark here, and the automatic one shows the scene as described."""
+    with (
+        mock_server.serve("four-wall", size=(EDGE, EDGE), faults=["dark-manual=2.5"]) as server,
+        omniscv.open_source(server.uri, exposure="auto") as source,
+    ):
+        assert mean(source)[1]["exposure"] == "manual, bias 2.5"
+
+
+def test_exposure_of_the_command_line(tmp_path):
+    base = ["record", "--source", "mock://four-wall", "--modes", "lit", "--set", "face_size=16"]
+    out = str(tmp_path / "a.sqlite")
+    assert run([*base, "--exposure", "0.5", "--out", out]) == 0
+    with omniscv.open_source(out) as source:
+        (view, *_) = source.recorded_views()
+        (capture,) = source.capture([Request(view, "lit")])
+    assert capture.provenance["exposure"] == "manual, bias 0.5"
+    for wrong in ("bright", "99", "1,2"):
+        assert run([*base, "--exposure", wrong, "--out", out]) == 2
+
+
+def test_fields_of_view_that_engines_clamp_are_refused():
+    with omniscv.open_source("mock://four-wall") as source:
+        pose = omniscv.Pose.from_angles(CENTER)
+        with pytest.raises(ArgumentError, match="expected 1 to 179 degrees, which engines do not clamp"):
+            list(source.capture([Request(View(pose, 179.5, 8, 8), "depth")]))
+
+
+def test_lit_images_in_place_of_normals_are_refused():
+    with omniscv.open_source("mock://four-wall?fault=lit-normals") as source:
+        view = View(omniscv.Pose.from_angles(CENTER), 90.0, EDGE, EDGE)
+        with pytest.raises(ServerRefusedError, match="expected pictures of normals, got the lit image"):
+            list(source.capture([Request(view, "normals")]))
