@@ -121,7 +121,7 @@ def from_unreal(
             save(out, {"cam0": camera}, "json")
         angles = zip(("yaw", "pitch", "roll"), each.pose.angles(), strict=True)
         place = ",".join(f"{value:.6g}" for value in each.pose.position)
-        turn = " ".join(f"--{name} {angle:.6g}" for name, angle in angles)
+        turn = " ".join(f"--{name} {angle + 0.0:.6g}" for name, angle in angles)
         console.line(f"{each.number} {each.name}{' (cine)' if each.cine else ''}: {camera}")
         console.line(f"  --position {place} {turn}")
 

@@ -37,7 +37,7 @@ from omniscv.records import read as read_record
 from omniscv.sensor import Sensor
 from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
 from omniscv.sources.requests import MOST_STOPS
-from omniscv.sources.world import Freeze
+from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
 from omniscv.storage import bounded, is_url, without_secrets
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
@@ -136,6 +136,7 @@ def _brackets(name: str, value: object) -> tuple[float, ...]:
 _freeze: Reader = partial(one_of, words=get_args(Freeze))
 _OPTION_READERS: dict[object, Reader] = {
     Transfer: partial(one_of, words=TRANSFERS),
+    CameraExposure: exposure_bias,
     float: partial(number, above=0),
     int: partial(whole_number, least=0),
     bool: flag,

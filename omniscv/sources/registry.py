@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 from urllib.parse import parse_qsl
 
 from omniscv import storage
@@ -19,7 +19,7 @@ from omniscv.arguments import one_of, shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.sources.base import Capabilities, Source, WithTransfer
-from omniscv.sources.world import Freeze
+from omniscv.sources.world import CameraExposure, Freeze
 
 Opener = Callable[..., Source]
 """``opener(address, **options)``: ``address`` is the whole text, with its scheme."""
@@ -72,7 +72,7 @@ class SourceOptions(Deadlines, total=False):
 
     retries: int
     fix_exposure: bool
-    exposure: float | Literal["auto"]
+    exposure: CameraExposure
     freeze: Freeze
     transfer: Transfer
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Literal
 
+from omniscv.arguments import number
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import ObjectBox
 
@@ -17,6 +18,17 @@ Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
 objects' poses are read; ``batch``: the requests of a viewpoint are answered in one tick; ``none``: objects
 are moved, and the game runs on; ``auto``: the strongest that the server has.
 """
+
+CameraExposure = float | Literal["auto"]
+"""Manual exposure of a spawned camera: its bias in stops, or the one that matches the game's own exposure."""
+EXPOSURE_LIMITS = (-16.0, 16.0)
+
+
+def exposure_bias(name: str, value: object) -> CameraExposure:
+    """Return a bias in stops or ``auto``; ArgumentError for what is neither."""
+    if value == "auto":
+        return "auto"
+    return number(f"{name}, if not auto", value, least=EXPOSURE_LIMITS[0], most=EXPOSURE_LIMITS[1])
 
 
 class World(ABC):

@@ -5,7 +5,6 @@ cameras that were spawned, which leave with the source.
 """
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 
@@ -15,12 +14,8 @@ from omniscv.sources.requests import View
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import EXPOSURE_METHOD
 from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.world import EXPOSURE_LIMITS
 
-Exposure = float | Literal["auto"]
-"""A bias in stops, or one that matches the game's own exposure."""
-
-LIMITS = {"least": -16.0, "most": 16.0}
-"""Stops that a bias may have."""
 _STEP = 0.25  # stops between the biases that are tried
 _YAWS_DEG = (0, 90, 180, 270)
 _EDGE_PX, _ADAPTS = 64, 24  # of pictures; the frames that automatic exposure is given
@@ -75,7 +70,7 @@ def matching_bias(connection: Connection, camera: str | int) -> float:
 
     connection.set([f"{at}/size {_EDGE_PX} {_EDGE_PX}", f"{at}/fov 90.0"])
     wanted = brightness("exposure_method histogram", "exposure_bias 0.0", frames=_ADAPTS)
-    return _STEP * _nearest(manual, wanted, *(round(limit / _STEP) for limit in LIMITS.values()))
+    return _STEP * _nearest(manual, wanted, *(round(limit / _STEP) for limit in EXPOSURE_LIMITS))
 
 
 def _nearest(function: Callable[[int], float], wanted: float, low: int, high: int) -> int:

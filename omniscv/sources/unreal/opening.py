@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 from urllib.parse import parse_qsl, urlsplit
 
-from omniscv.arguments import number, one_of, shown
+from omniscv.arguments import one_of, shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -20,10 +20,9 @@ from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.commands import MODERN
 from omniscv.sources.unreal.driver import CameraOptions
-from omniscv.sources.unreal.exposure import LIMITS, Exposure
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
 from omniscv.sources.unreal.source import connect
-from omniscv.sources.world import Freeze
+from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
 
 if TYPE_CHECKING:
     from mock_server import Scene, Server
@@ -48,11 +47,11 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
         patience_s: float = PATIENCE_S,
         retries: int = RETRIES,
         fix_exposure: bool = False,
-        exposure: Exposure | None = None,
+        exposure: CameraExposure | None = None,
         freeze: Freeze | None = None,
     ) -> Source:
         how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
-        bias = exposure if exposure in (None, "auto") else number("exposure", exposure, **LIMITS)
+        bias = None if exposure is None else exposure_bias("exposure", exposure)
 
         def connect_to(endpoint: Endpoint, camera: str = "") -> Source:
             if camera and bias is not None:
