@@ -138,6 +138,9 @@ class CameraDriver(ABC):
     def attach(self) -> None:
         """Prepare the game at a new connection, and find or spawn the camera; SourceError if it refuses."""
 
+    def verify(self) -> None:  # noqa: B027  (most drivers have nothing to verify)
+        """Raise ServerRefusedError for a camera that does not keep what is set."""
+
     @abstractmethod
     def aim(self, before: View | None, view: View) -> list[str]:
         """Return the commands that turn the camera from one view, None if unknown, to another."""

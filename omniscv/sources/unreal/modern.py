@@ -16,6 +16,7 @@ from omniscv.sources.unreal.replies import fov, name, names, numbers
 
 _LIMITS_DEG = (1.0, 179.0)
 """Fields of view that engines do not clamp in silence."""
+_TRIED_DEG = 100.0  # is set once, to be read back
 _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
 
@@ -85,10 +86,13 @@ class ModernDriver(CameraDriver):
         self.spawned += 1
         self._exposed, self._stops = False, 0.0
         self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
-        at = f"/camera/{number}"
-        self.connection.set([f"vset {at}/fov 100.0"])
-        if abs((actual := fov(self.connection.text(f"vget {at}/fov"))) - 100) > _SAME_DEG:
-            raise self._refused(f"a field of view of 100 degrees, which was set, got {actual:g}")
+
+    def verify(self) -> None:
+        if self.capabilities.can_set_fov:
+            at = f"/camera/{self.camera}/fov"
+            self.connection.set([f"vset {at} {_TRIED_DEG}"])
+            if abs((actual := fov(self.connection.text(f"vget {at}"))) - _TRIED_DEG) > _SAME_DEG:
+                raise self._refused(f"a field of view of {_TRIED_DEG} degrees, which was set, got {actual:g}")
 
     def _expose_by_hand(self) -> None:
         wanted, camera = self._options.exposure, self.camera

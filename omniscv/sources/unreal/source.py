@@ -155,6 +155,8 @@ class UnrealSource(Source):
             self._driver.stale_frames.reset()
             spawned = self._driver.spawned
             self._driver.attach()
+            if self._driver.spawned != spawned or self._attached is None:
+                self._driver.verify()
             if self._attached is not None and self._driver.spawned != spawned:
                 self._world.check_lost()
             self._world.set_again()

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from support.expected_views import png
+from support.unreal import relayed
 from support.wire import RawClient
 from support.worlds import CENTER
 
@@ -180,6 +181,15 @@ def test_fields_of_view_that_engines_clamp_are_refused():
         pose = omniscv.Pose.from_angles(CENTER)
         with pytest.raises(ArgumentError, match="expected 1 to 179 degrees, which engines do not clamp"):
             list(source.capture([Request(View(pose, 179.5, 8, 8), "depth")]))
+
+
+def test_a_field_of_view_that_is_not_kept_is_refused():
+    def stays(command, forward):
+        return "90.000000" if command == "vget /camera/1/fov" else forward(command)
+
+    refused = pytest.raises(ServerRefusedError, match=r"a field of view of 100.0 degrees, .* got 90")
+    with mock_server.serve("four-wall") as server, relayed(server, stays) as uri, refused:
+        omniscv.open_source(uri)
 
 
 def test_lit_images_in_place_of_normals_are_refused():
