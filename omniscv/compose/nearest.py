@@ -9,7 +9,7 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, run, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
 from omniscv.geometry.surfaces import nearest_pixel
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
@@ -20,6 +20,13 @@ _ONE_SURFACE = 0.95
 
 def sample_nearest(faces: Faces, lookup: RayLookup) -> Pixels:
     """Return (N, ...) the values of (h, w, ...) faces along N rays; 0 where no view sees the ray."""
+    if not isinstance(faces, np.ndarray) and reads_few(faces, len(lookup.view)):
+        few = np.zeros((len(lookup.view), *faces[0].shape[2:]), faces[0].dtype)
+        last = np.array(faces[0].shape[:2]) - 1
+        for k, rays in lookup.by_view():
+            at = np.stack([lookup.y[rays], lookup.x[rays]], axis=-1).astype(np.intp).clip(0, last)
+            few[rays] = faces[k][at[:, 0], at[:, 1]]
+        return few
     stack = stacked(faces)
     height, width = stack.shape[1:3]
     values = stack.reshape(stack.shape[0] * height * width, -1).view(np.uint8)  # one kernel for every type

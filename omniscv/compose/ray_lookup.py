@@ -1,6 +1,6 @@
 """The ray lookup: for each ray, the view that sees it and the pixel there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,12 @@ class RayLookup:
     x: Floats
     y: Floats
     margin: float
+
+    def by_view(self) -> Iterator[tuple[int, Ints]]:
+        """Yield each view that sees rays, and the indices of these."""
+        for k in range(int(self.view.max(initial=-1)) + 1):
+            if len(rays := np.flatnonzero(self.view == k)):
+                yield k, rays
 
     @property
     def nbytes(self) -> int:

@@ -19,7 +19,7 @@ from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
 from omniscv.compose.nearest import label_edges, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Mask, Pixels
+from omniscv.geometry.arrays import Floats, Mask, Pixels, reads_few, stacked
 from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
 from omniscv.planning.rays import RayBlock
@@ -118,17 +118,20 @@ class CpuSampler:
         return len(spans) > 0 and bool(np.quantile(spans, 1 - _MINIFIED_SHARE) > _MINIFIED_PX)
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+        few = reads_few(faces, self._coverage.rays)
         if filter == "nearest":
-            stack = np.stack(faces)
-            return self._values(lambda block: sample_nearest(stack, block.lookup))
+            pictures = faces if few else stacked(faces)
+            return self._values(lambda block: sample_nearest(pictures, block.lookup))
         atlas = self._atlas(filter)
+        if few and filter == "bilinear" and atlas.levels[0].gutter is None:
+            return self._values(lambda block: block.sample_apart(atlas, faces))
         picture = atlas.picture(faces)
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(
         self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
     ) -> SampledDepth:
-        stack, nearest = np.stack(faces), filter == "nearest"
+        stack, nearest = stacked(faces), filter == "nearest"
 
         def sample(block: _Block) -> SampledDepth:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
@@ -144,11 +147,11 @@ class CpuSampler:
         return self._values(sample)
 
     def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
-        stack, nearest = np.stack(faces), filter == "nearest"
+        stack, nearest = stacked(faces), filter == "nearest"
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
 
     def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
-        stack = np.stack(faces)
+        stack = stacked(faces)
         return self._values(lambda block: normals_from_depth(stack, block.lookup, self._views))
 
     @property
@@ -237,16 +240,29 @@ class _Block:
 
     def sample(self, filter: str, atlas: Atlas, picture: Pixels) -> Pixels:
         """Return (N, ...) blended values of the picture of an atlas."""
-        if filter not in self._coordinates:
-            self._coordinates[filter] = (
-                self.area.coordinates(atlas) if filter == "area" else atlas.coordinates(self.lookup)
-            )
-        x, y = self._coordinates[filter]
+        x, y = self._at(filter, atlas)
         if filter == "area":
             return self.area.sample(picture, x, y)
         if filter == "bicubic":
             return sample_bicubic(picture, x, y)
         return sample_bilinear(picture, x, y, self.rays.row)
+
+    def sample_apart(self, atlas: Atlas, faces: Sequence[Pixels]) -> Pixels:
+        """Return what :meth:`sample` does with ``bilinear``, from the faces that an atlas would hold."""
+        x, y = self._at("bilinear", atlas)
+        out = np.zeros((len(x), *faces[0].shape[2:]), faces[0].dtype)
+        for k, rays in self.lookup.by_view():
+            across, down = atlas.levels[0].corners[k].astype(np.float32)  # whole: differences are exact
+            out[rays] = sample_bilinear(faces[k], x[rays] - across, y[rays] - down)
+        return out
+
+    def _at(self, filter: str, atlas: Atlas) -> tuple[Floats, Floats]:
+        """Return the rays' coordinates in an atlas."""
+        if filter not in self._coordinates:
+            self._coordinates[filter] = (
+                self.area.coordinates(atlas) if filter == "area" else atlas.coordinates(self.lookup)
+            )
+        return self._coordinates[filter]
 
     @property
     def nbytes(self) -> int:

@@ -16,9 +16,20 @@ Faces = Sequence[Pixels] | Pixels
 """Pictures of one size, as a sequence or as one array (V, h, w, ...)."""
 
 
+_FEW = 8
+"""Pixels of all pictures for each that is read; by measurement."""
+
+
+def reads_few(faces: Sequence[Pixels], rays: int) -> bool:
+    """Return whether rays read so few pixels of pictures that a copy of all takes longer than the reading."""
+    return bool(rays * _FEW < len(faces) * faces[0].shape[0] * faces[0].shape[1])
+
+
 def stacked(faces: Faces) -> Pixels:
-    """Return pictures as one array (V, h, w, ...)."""
-    return faces if isinstance(faces, np.ndarray) else np.stack(faces)
+    """Return pictures as one array (V, h, w, ...); one picture is not copied."""
+    if isinstance(faces, np.ndarray):
+        return faces
+    return faces[0][None] if len(faces) == 1 else np.stack(faces)
 
 
 def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) -> list[Any]:

@@ -13,7 +13,7 @@ from mock_server import load_scene
 from omniscv.cameras import create
 from omniscv.compose.samplers import CpuSampler
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.geometry import Pose, arrays
 from omniscv.sources.scene import SceneSource
 
 ROOM = load_scene("four-wall")
@@ -145,6 +145,19 @@ def test_an_image_prints_as_one_line_and_shows_itself():
     assert image._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(ArgumentError, match="layer: expected one of lit, object_mask"):
         image["flow"]
+
+
+@pytest.mark.parametrize("filter", ["nearest", "bilinear"])
+@pytest.mark.parametrize("name", [name for name in CAMERAS if name != "panorama"])
+def test_few_pixels_are_those_of_an_image_that_reads_many(name, filter, monkeypatch):
+    """Read from each face, and from all faces in one picture: the same bytes."""
+    images = []
+    for least in (0, 1 << 40):
+        monkeypatch.setattr(arrays, "_FEW", least)
+        with SceneSource(ROOM) as source:
+            images.append(omniscv.render(CAMERAS[name], POSES[1], source, MODES, face_size=64, filter=filter))
+    assert same(*images)
+    assert len(np.unique(images[0].lit)) > 10
 
 
 def test_progress_counts_captures():
