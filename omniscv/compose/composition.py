@@ -374,7 +374,9 @@ def _mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
     """
     if "depth" not in layers or "labels" not in layers:
         return
-    endless = valid & np.isposinf(layers["depth"])
+    endless = valid & (layers["depth"] == np.inf)
+    if not endless.any():
+        return
     sky = endless & (layers["labels"] == 0) & ~layers["label_edge"] & ~layers["unsure"]
     layers["depth_error"][sky] = 0
     beyond = endless & (layers["labels"] > 0)

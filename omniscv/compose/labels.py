@@ -5,6 +5,7 @@ own colour always does. Unknown colours are counted and labelled 0.
 """
 
 from collections import Counter
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,8 @@ def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Colo
         labels (...) uint16, 0 where no object has the colour, and the unknown colours with the number of
         their pixels; black is not counted, because servers show it where there is no object.
     """
-    label_of = _label_of_colors(table)
+    colors_of = tuple(table.colors[name] for name in table.names())
+    label_of = _label_of_colors(colors_of, table.tolerance)
     colors, labels = np.ascontiguousarray(mask).reshape(-1, 3), np.empty(mask.shape[:-1], np.uint16)
     run(_look_up, (colors, labels.reshape(-1)), label_of)
     unknown_pixels = colors[labels.reshape(-1) == 0].astype(np.uint32)
@@ -48,11 +50,14 @@ def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, 
     return label_of[ids], color_of[ids]
 
 
-def _label_of_colors(table: ObjectTable) -> Labels:
-    """Return (2^24,) the label of every colour. Pages of it are only made where they are written or read."""
+@lru_cache(maxsize=1)
+def _label_of_colors(colors: tuple[Color, ...], off: int) -> Labels:
+    """Return (2^24,) the label of every colour, of objects that each have one, and are told apart by ``off``.
+
+    Pages of it are only made where they are written or read.
+    """
     label_of = np.zeros(1 << 24, np.uint16)
-    cube, off = label_of.reshape(256, 256, 256), table.tolerance
-    colors = [table.colors[name] for name in table.names()]
+    cube = label_of.reshape(256, 256, 256)
     balls = [cube[tuple(slice(max(0, c - off), c + off + 1) for c in color)] for color in colors]
     for label, ball in enumerate(balls, start=1):
         ball[...] = np.where(ball == 0, label, _SEVERAL)

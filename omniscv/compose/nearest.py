@@ -44,6 +44,9 @@ def _take(view: Ints, x: Floats, y: Floats, out: Pixels, values: Pixels, height:
             continue
         c, r = min(max(int(x[i]), 0), width - 1), min(max(int(y[i]), 0), height - 1)
         first = ((view[i] * height + r) * width + c) * count
+        if count == 3:  # of masks: without the loop in two thirds of its time
+            out[i, 0], out[i, 1], out[i, 2] = flat[first], flat[first + 1], flat[first + 2]
+            continue
         for j in range(count):
             out[i, j] = flat[first + j]
 

@@ -286,5 +286,5 @@ def _spanned_px(block: _Block, view: View) -> Floats:
     # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
     # to its centre
     return np.asarray(
-        block.rays.steps[some] * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75
+        block.rays.steps(some) * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75
     )

@@ -283,13 +283,12 @@ class RayBlock:
         first, around = self._around
         return self._of_rows(around[self._rows.start - first : self._rows.stop - first].reshape(-1, 3))
 
-    @property
-    def steps(self) -> Floats:
-        """(N,) angle from each ray to the next pixel's, radians; 0 where unknown."""
+    def steps(self, some: Ints | slice) -> Floats:
+        """Return the angle from some rays to the next pixel's, radians; 0 where unknown."""
         first, around = self._around
         steps = self._image.steps if self.kept else densities.steps(around)
         steps = self._of_rows(steps[self._rows.start - first : self._rows.stop - first].reshape(-1))
-        return np.nan_to_num(steps).astype(np.float32)
+        return np.nan_to_num(steps[some]).astype(np.float32)
 
     @property
     def first(self) -> int:
@@ -306,7 +305,7 @@ class RayBlock:
     def footprints(self) -> Footprints:
         """Return what the rays' pixels span; a square where rays are not the pixels' own."""
         if self._toward is not None:
-            return densities.squares(self._toward, self.steps)
+            return densities.squares(self._toward, self.steps(slice(None)))
         first, around = self._around
         pixels, width = self._pixels, around.shape[1]
         if pixels is None:
