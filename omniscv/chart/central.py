@@ -40,6 +40,7 @@ class Row:
 
     Attributes:
         name: the filter, or the other program.
+        width: of the panorama, px.
         face_size: px.
         map: ``kept`` from image to image, ``new`` for an orientation not seen before, ``none`` kept.
         ours: whether it is omniscv.
@@ -50,6 +51,7 @@ class Row:
     """
 
     name: str
+    width: int
     face_size: int
     map: str
     ours: bool
@@ -104,7 +106,7 @@ def measure(width: int = 2048, progress: Callable[[int, int], None] | None = Non
         ours = name in FILTERS
         default = ours and (name, size) == (DEFAULT[0], round(width / 4 * DEFAULT[1]))
         rms = np.nan if (name, size, kept) == limit else _rms(way(0), mean)
-        rows.append(Row(name, size, kept, ours, default, times[name, size, kept], rms))
+        rows.append(Row(name, width, size, kept, ours, default, times[name, size, kept], rms))
     return rows
 
 
@@ -178,9 +180,17 @@ def _dot(row: Row) -> Dot:
 
 
 def finding(rows: Sequence[Row]) -> str:
-    """Return the title, which states the result."""
+    """Return the title: sizes, speed, whether another program is nearer to the truth, and the front."""
     ours = next(row for row in rows if row.default and row.map == "kept")
-    others = [row for row in rows if not row.ours and np.isfinite(row.rms)]
+    drawn = [row for row in rows if np.isfinite(row.rms)]
+    others = [row for row in drawn if not row.ours]
     beaten = [f"{row.ms / ours.ms:.1f} times as fast as {row.name}" for row in others if row.ms > ours.ms]
-    truer = all(row.rms >= 0.99 * ours.rms for row in others)
-    return f"A panorama in {ours.ms:.1f} ms: {', '.join(beaten)}{', and none is nearer to the truth' * truer}"
+    truest = min(others, key=lambda row: row.rms)
+    nearer = f"{truest.name} is nearer to the truth by {1 - truest.rms / ours.rms:.1%}"
+    truth = "none of them is nearer to the truth" if truest.rms >= ours.rms else nearer
+    best = drawing.front([_dot(row) for row in drawn])
+    front = ", ".join(
+        f"{row.name} {row.face_size}" if row.ours else row.name for row in drawn if _dot(row) in best
+    )
+    sizes = f"6 x {ours.face_size}\N{SUPERSCRIPT TWO} to {ours.width} x {ours.width // 2} px"
+    return f"{sizes}, {ours.name}: {ours.ms:.1f} ms, {', '.join(beaten)}; {truth}. Front: {front}"
