@@ -235,7 +235,9 @@ def _planned(
         for take in moment.takes:
             tasks = [task_of(camera, pose) for camera, pose in take.views]
             tasks_of.setdefault((take.instant.state, take.modes), []).append(tasks)
-    return [(job.options.sampled(modes), tasks) for (_, modes), tasks in tasks_of.items()]
+    planned = [(job.options.sampled(modes), tasks) for (_, modes), tasks in tasks_of.items()]
+    exposures = [(("lit",), tasks) for modes, tasks in planned if "lit" in modes]
+    return planned + exposures * max(0, len(job.brackets) - 1)
 
 
 def _request_seconds(source: Source) -> float:

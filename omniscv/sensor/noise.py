@@ -124,7 +124,7 @@ def expose(
         for x in range(width):
             word = words[y, x]
             mean = light[y, x] * of_row[(left + x) & 1] * (1.0 + prnu[y, x]) + dark
-            n = min(_poisson(mean, word >> np.uint64(32), table), well)
+            n = min(max(_poisson(mean, word >> np.uint64(32), table), 0.0), well)
             total = n + dsnu[y, x] + row_noise[y]
             if read > 0.0:
                 total += read * _normal(word & np.uint64(0xFFFFFFFF), table)

@@ -38,8 +38,12 @@ _MOST_KERNELS = 5
 _GLOBAL_SHUTTER = {"exposure_s": 0.01, "bits": 12, "black_level": 16.0, "mosaic": "rggb"}
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
+    # EMVA 1288 data of Matrix Vision's mvBlueFOX3-2051: 3.45 um, SNR_max 40.3 dB, DR 71.2 dB
     "imx250": {**_GLOBAL_SHUTTER, "full_well": 10_715.0, "read_noise": 2.33},
+    # of its mvBlueFOX3-2024a: 5.86 um, SNR_max 45.1 dB, DR 73 dB
     "imx249": {**_GLOBAL_SHUTTER, "full_well": 32_360.0, "read_noise": 6.34},
+    # A phone's, 1.4 um, rolling shutter. Lyu et al., Validation of image systems simulation technology using
+    # a Cornell box, 2021, and the sensor of ISETCam that is calibrated there
     "imx363": {
         "exposure_s": 1 / 60, "bits": 10, "black_level": 64.0, "mosaic": "rggb",
         "full_well": 6_000.0, "read_noise": 5.0, "prnu": 0.007,
@@ -48,16 +52,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 """Parameters of sensors by name. Full well and read noise of the first two follow from SNR_max and dynamic
 range in the data sheets: ``full_well = SNR_max^2``, ``full_well / DR = sqrt(read_noise^2 + 1 / (12 gain^2)) +
 1 / 2``. What a source does not say is 0. Light of 1.0 fills the well."""
-
-SOURCES: Mapping[str, str] = {
-    "imx250": "global shutter, 3.45 um: EMVA 1288 data of Matrix Vision mvBlueFOX3-2051, SNR_max 40.3 dB, "
-    "DR 71.2 dB",
-    "imx249": "global shutter, 5.86 um: EMVA 1288 data of Matrix Vision mvBlueFOX3-2024a, SNR_max 45.1 dB, "
-    "DR 73 dB",
-    "imx363": "rolling shutter, 1.4 um, of a phone: Lyu et al., Validation of image systems simulation "
-    "technology using a Cornell box, 2021, and the sensor of ISETCam that is calibrated there",
-}
-"""Where the presets' parameters come from."""
 
 
 def _electrons(name: str, value: object) -> float | tuple[float, ...]:

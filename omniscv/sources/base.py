@@ -258,7 +258,11 @@ class Source(ABC):
 
 
 class SourceWrapper(Source):
-    """A source around another one, which is closed with it; subclasses override what they change."""
+    """A source around another one, which is closed with it; subclasses override what they change.
+
+    Those that change captures override :meth:`around`, which wraps the source at another instant, or without
+    some objects, in the same way.
+    """
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -285,8 +289,12 @@ class SourceWrapper(Source):
     def object_poses(self) -> Mapping[str, Pose]:
         return self._source.object_poses()
 
+    def around(self, source: Source) -> Source:
+        """Return a source of the same world, wrapped as this one's is; as it is, if not overridden."""
+        return source
+
     def without(self, objects: Iterable[str]) -> Source:
-        return self._source.without(objects)
+        return self.around(self._source.without(objects))
 
     @property
     def state(self) -> str:
@@ -300,7 +308,7 @@ class SourceWrapper(Source):
         return self._source.one_instant()
 
     def at(self, instant: Instant) -> Source:
-        return self._source.at(instant)
+        return self.around(self._source.at(instant))
 
     def command(self, text: str) -> str:
         return self._source.command(text)
@@ -335,11 +343,8 @@ class WithTransfer(SourceWrapper):
     def capabilities(self) -> Capabilities:
         return replace(self._source.capabilities, transfer=self._transfer)
 
-    def without(self, objects: Iterable[str]) -> Source:
-        return WithTransfer(super().without(objects), self._transfer)
-
-    def at(self, instant: Instant) -> Source:
-        return WithTransfer(super().at(instant), self._transfer)
+    def around(self, source: Source) -> Source:
+        return WithTransfer(source, self._transfer)
 
 
 class ProcessBound(SourceWrapper):
@@ -363,11 +368,8 @@ class ProcessBound(SourceWrapper):
             raise SourceError(f"{self._address}: {expected}; open it again there")
         return self._opened
 
-    def without(self, objects: Iterable[str]) -> Source:
-        return ProcessBound(super().without(objects), self._address)
-
-    def at(self, instant: Instant) -> Source:
-        return ProcessBound(super().at(instant), self._address)
+    def around(self, source: Source) -> Source:
+        return ProcessBound(source, self._address)
 
     def close(self) -> None:
         if self._process == os.getpid():

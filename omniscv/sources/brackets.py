@@ -20,7 +20,6 @@ from omniscv import light
 from omniscv.arguments import numbers, one_of, shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose, cube_rotations
-from omniscv.geometry.instant import Instant
 from omniscv.modalities import TRANSFERS
 from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
 
@@ -87,11 +86,8 @@ class Bracketed(SourceWrapper):
             else:
                 yield merged(request, [capture, *islice(captures, len(self._stops) - 1)])
 
-    def without(self, objects: Iterable[str]) -> Source:
-        return Bracketed(super().without(objects), self._stops)
-
-    def at(self, instant: Instant) -> Source:
-        return Bracketed(super().at(instant), self._stops)
+    def around(self, source: Source) -> Source:
+        return Bracketed(source, self._stops)
 
 
 def exposed(request: Request, stops: Iterable[float]) -> list[Request]:
@@ -155,11 +151,8 @@ class _Proven(SourceWrapper):
             exposes = capture.request.stops is not None
             yield replace(capture, provenance={**capture.provenance, **said}) if exposes else capture
 
-    def without(self, objects: Iterable[str]) -> Source:
-        return _Proven(super().without(objects), self._found)
-
-    def at(self, instant: Instant) -> Source:
-        return _Proven(super().at(instant), self._found)
+    def around(self, source: Source) -> Source:
+        return _Proven(source, self._found)
 
 
 def _prove(source: Source, first: Request) -> Response:

@@ -6,7 +6,7 @@ from emva1288.process.data import Data1288
 from emva1288.process.loader import LoadImageData
 from emva1288.process.results import Results1288
 
-from omniscv.sensor import PRESETS, SOURCES, Sensor
+from omniscv.sensor import Sensor
 
 SIZE, QUANTUM_EFFICIENCY = 256, 0.5
 
@@ -104,4 +104,3 @@ def test_a_global_shutters_preset_has_its_data_sheets_dynamic_range():
         dark = np.sqrt(sensor.read_noise**2 + 1 / 12 / sensor.gain**2)
         assert 20 * np.log10(sensor.full_well / (dark + 0.5)) == pytest.approx(decibel, abs=0.05)
         assert 10 * np.log10(sensor.full_well) == pytest.approx(snr, abs=0.01)
-    assert PRESETS.keys() == SOURCES.keys()

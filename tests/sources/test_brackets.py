@@ -13,7 +13,7 @@ from omniscv.cli import run
 from omniscv.compose.files import read
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.job.file import load
-from omniscv.make import make
+from omniscv.make import costs, make
 from omniscv.sources import Request, SourceWrapper, View, bracketed, registry
 from omniscv.sources.recording import RecordedSource
 from omniscv.sources.scene import SceneSource
@@ -189,3 +189,14 @@ def test_other_stops_are_refused(stops):
     keys = {"source": "mock://four-wall", "poses": [{"position": [0, 0, 1]}], "brackets": stops}
     with pytest.raises(ArgumentError, match="brackets: expected two or more increasing stops within 20"):
         load(keys)
+
+
+def test_a_plan_counts_every_exposure():
+    keys = {
+        "source": "mock://four-wall?dialect=N2", "poses": [{"position": [0, 0, 1]}],
+        "modes": ["lit", "depth"],
+        "cameras": {"eye": {"model": "equirectangular", "width": 32, "height": 16}}, "face_size": 16,
+    }  # fmt: skip
+    for stops, count in (([], 12), ([-2, 0, 2], 24)):
+        (cube,) = (row for row in costs(load(keys | {"brackets": stops})) if row.strategy == "cube")
+        assert cube.requests == count
