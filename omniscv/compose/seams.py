@@ -4,8 +4,9 @@ Engines compute bloom, reflections and exposure for each picture alone, so that 
 at their edges. The step of an edge is the mean difference across it, less that between pixels beside it.
 Exposure multiplies light, so gains are estimated in the logarithm of light, robustly, and count only where
 they explain the steps. What is left is closed by a membrane: the smoothest correction that removes the steps,
-falls off within a tenth of a face and stops at outlines. It is cosmetic: colours become continuous, not
-truer. Where masks show another object across an edge, the step is an outline, and stays.
+falls off within a tenth of a face and stops at outlines. Where masks show another object across an edge, the
+step is an outline, and stays. Faces with overscan fade into each other instead. Both are cosmetic: colours
+become continuous, not truer.
 
 Sources: M. Brown, D. G. Lowe, IJCV 74, 2007 (gains); M. J. Black, A. Rangarajan, IJCV 19, 1996 (graduated
 non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman et al., 2009 (membranes).
@@ -14,7 +15,7 @@ non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -42,6 +43,7 @@ _OUTLINE = 12.0  # levels between cells at which a correction stops
 _COUPLING = 20.0
 _SURE = 1.5  # steps within so many of their standard errors are texture
 _SMOOTH_PX, _FADE_PX = 8, 16  # of what the cells leave, along the edge and into the face
+_OVERLAP = 1 / 32  # of a face beyond each side, from which faces fade into each other
 RELIT = 2.0
 """Levels: pixels that change by more are marked ``relit``."""
 
@@ -140,10 +142,6 @@ class Cube:
             inside = np.abs(a[0] - a[1]) / 2 + np.abs(b[0] - b[1]) / 2
             steps.append((np.abs(a[0] - b[0]) - inside).mean() if inside.size else 0.0)
         return np.array(steps)
-
-    def repainted(self, pixels: NDArray[np.uint8]) -> Cube:
-        """Return the cube with other colours."""
-        return replace(self, pixels=pixels)
 
 
 class Gains(NamedTuple):
@@ -249,26 +247,29 @@ def mend(
     gains = estimate_gains(cube, transfer)
     known = transfer != "unknown" and _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
     report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
-    mended = cube
+    colors = np.stack(pixels)
     if gains.proven and known:
-        mended = cube.repainted(apply_gains(cube.pixels, gains.gains, transfer))
+        colors = apply_gains(colors, gains.gains, transfer)
         report["gains"] = gains.gains.round(4).tolist()
     elif method == "gains":
         return _refused(
             pixels, f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}", report
         )
-    if method == "close":
-        mended = cube.repainted(close(mended))
+    border = cube.border
+    if method == "close" and border >= _OVERLAP * cube.pixels.shape[1]:
+        report["faded_px"] = border
+        colors = cross_fade(views, colors)
+    elif method == "close":
+        inner = Cube.of(views, [*colors], masks) or cube
+        change = close(inner) - inner.pixels.astype(np.int16)
+        wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
+        colors = np.clip(colors + wide, 0, 255).astype(np.uint8)
+    mended = Cube.of(views, [*colors], masks) or cube
     if np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
         return _refused(pixels, "expected smaller steps, got larger ones", report)
-    border = cube.border
-    change = mended.pixels.astype(np.int16) - cube.pixels
-    report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(np.abs(change).mean())}
-    wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
-    colors = tuple(
-        np.clip(each + more, 0, 255).astype(np.uint8) for each, more in zip(pixels, wide, strict=True)
-    )
-    return Mended(colors, tuple((np.abs(more) > RELIT).any(axis=-1) for more in wide), report)
+    change = np.abs(colors.astype(np.int16) - np.stack(pixels))
+    report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(change.mean())}
+    return Mended(tuple(colors), tuple((change > RELIT).any(axis=-1)), report)
 
 
 def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | None = None) -> Mended:
@@ -302,6 +303,40 @@ def close(cube: Cube) -> NDArray[np.uint8]:
         np.rot90(left[edge.a], edge.side_a)[: len(fade)] -= fade * half
         np.rot90(left[edge.b], edge.side_b)[: len(fade)] += fade * half[::-1]
     return np.asarray(np.clip(np.rint(corrected + left), 0, 255), np.uint8)
+
+
+def cross_fade(views: Sequence[View], pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return pixels (6, h, h, 3) of faces wider than 90 degrees that fade into each other where they overlap.
+
+    The weight of a face falls to 0 at its border; what the others show there is interpolated.
+    """
+    import cv2
+
+    half, focal = views[0].width / 2, views[0].focal_px
+    reach = half / focal
+    x = ((np.arange(views[0].width) + 0.5 - half) / focal).astype(np.float32)
+    rays = np.stack([*np.meshgrid(x, x), np.ones((len(x), len(x)), np.float32)], axis=-1)
+    own = reach - np.abs(rays[..., :2]).max(axis=-1)
+    faded = pixels.copy()
+    for face, view in zip(faded, views, strict=True):
+        total, light = own.copy(), own[..., None] * face
+        for other, there in zip(pixels, views, strict=True):
+            R_there_here = (there.pose.R_w_c.T @ view.pose.R_w_c).astype(np.float32)
+            side = R_there_here[2]  # the other's optical axis
+            if abs(side[2]) > 0.5:
+                continue  # itself, and the face behind
+            beyond = rays @ side > 1 / reach
+            band = np.ix_(beyond.any(axis=1), beyond.any(axis=0))
+            toward = rays[band] @ R_there_here.T
+            at = toward[..., :2] / toward[..., 2:]
+            weight = np.maximum(reach - np.abs(at).max(axis=-1), 0)
+            at_px = at * focal + half - 0.5
+            seen = cv2.remap(other, at_px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+            total[band] += weight
+            light[band] += weight[..., None] * seen
+        shared = total > own
+        face[shared] = np.rint(light[shared] / total[shared][:, None])
+    return faded
 
 
 def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:

@@ -142,6 +142,42 @@ def test_an_outline_along_an_edge_is_no_seam(scene):
     assert np.abs(Cube.of([*views(256)], [*closed], masks).steps()).max() < 0.5
 
 
+def wide_views(edge, border):
+    """The six faces with px beyond 90 degrees on every side."""
+    size = edge + 2 * border
+    return [View(view.pose, np.degrees(2 * np.arctan(size / edge)), size, size) for view in views(edge)]
+
+
+def test_faces_with_overscan_fade_into_each_other():
+    """One bright face: half of its step on the edge, none of it where the overlap ends."""
+    pixels = np.full((6, 288, 288, 3), 100, np.uint8)
+    pixels[0] += 12
+    mended = mend(wide_views(256, 16), [*pixels], "close", "unknown")
+    assert mended.report["faded_px"] == 16
+    row = mended.pixels[0][144, :, 0].astype(int)
+    x = (np.arange(288) + 0.5 - 144) / 128  # of the face, in half widths
+    own, other = 1.125 - np.abs(x), np.maximum(1.125 - 1 / np.maximum(np.abs(x), 1e-9), 0)
+    assert np.abs(row - (100 + 12 * own / (own + other))).max() <= 0.5 + 1e-3  # rounded
+    assert mended.report["steps_after"]["worst"] < 1  # a row of the ramp
+    agreeing = np.full((6, 288, 288, 3), 100, np.uint8)
+    assert (np.stack(mend(wide_views(256, 16), [*agreeing], "close", "unknown").pixels) == 100).all()
+
+
+def test_a_fade_keeps_outlines_that_lie_along_an_edge():
+    """Without masks: both faces show the outline where it is."""
+    center = (0.5, 0, 1.4)
+    with open_scene("scene://four-wall") as source:
+        wide = [View(Pose(center, view.pose.R_w_c), view.fov_deg, 288, 288) for view in wide_views(256, 16)]
+        true = np.stack([each.pixels for each in source.capture(Request(view, "lit") for view in wide)])
+    halo = [gaussian_filter(face.astype(float), (36, 36, 0), mode="nearest") for face in true]
+    shown = np.uint8(0.8 * true + 0.2 * np.stack(halo) + 0.5)
+    mended = np.stack(mend(wide, [*shown], "close", "unknown").pixels)
+    inner = np.s_[:, 16:-16, 16:-16]
+    before, after = (np.abs(each.astype(float) - true)[inner].mean() for each in (shown, mended))
+    assert not (mended == shown).all()
+    assert after <= 1.05 * before
+
+
 def test_a_turned_face_slips():
     """Where its edges have texture; faces that are not turned have no slip."""
     found = slips(cube(faces(1024, turned=("down", (0.12, 0, 0)))))
