@@ -21,6 +21,7 @@ from omniscv.storage.local import folder_beside, replace_folder
 
 EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
+_NAMED_BY = "--camera, or 'cameras' in a job"
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,12 @@ class Export:
         """
         format, start = registry.get(self.format), f"export: {self.format}"
         for name in self.cameras:
-            one_of(f"{start}: cameras", name, cameras)
+            one_of(f"{start}: {_NAMED_BY}", name, cameras)
         cameras = {name: camera for name, camera in cameras.items() if self.shows(name)}
         for name, camera in cameras.items():
             if reason := format.refuses(camera):
-                advice = "" if self.cameras else "; name others by --camera, or 'cameras' in a job"
-                raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}{advice}")
+                advice = f"name others by {_NAMED_BY}"
+                raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}; {advice}")
         with within(start):
             format.check_options(format.read_options(self.options), cameras)
         if missing := [kind for kind in format.needs if kind not in kinds]:

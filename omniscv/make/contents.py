@@ -19,6 +19,7 @@ from omniscv.frame import IMAGE
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Exposure, Job, Recipe
 from omniscv.make.moments import Moment, renderer_at
+from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
 from omniscv.sources.base import Source, check_modes
 from omniscv.truth import registry as truths
@@ -86,8 +87,27 @@ def check_source(job: Job, contents: Contents, source: Source, planned: Sequence
         if truth.check is not None:
             with within(f"truth.{name}"):
                 truth.check(source, geometry, modes, truth.read_options(options))
+    check_face_size(job, source)
     if source.recorded_views() is not None:
         _check_recorded(job, Renderer(source), planned)
+
+
+def check_face_size(job: Job, source: Source) -> None:
+    """Refuse a size of faces that a recording, the job's source, does not have, nor strips of it.
+
+    Raises:
+        ArgumentError: it has others.
+    """
+    wanted, scale, views = job.options.face_size, job.options.truth_scale, source.recorded_views() or ()
+    if wanted == "auto" or not views:
+        return
+    squares, sizes = (
+        {round(2 * view.focal_px) for view in views if every or view.width == view.height}
+        for every in (False, True)
+    )
+    if sizes.isdisjoint(round(n * wanted * each) for n in (1, scale) for each in (1, MEAN_OF_A_FACE)):
+        has = " or ".join(map(str, sorted(squares or sizes)))
+        raise ArgumentError(f"face_size: expected {has} px, as the recording has, or auto; got {wanted}")
 
 
 def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[Moment]) -> None:

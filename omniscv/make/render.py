@@ -20,7 +20,7 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
-from omniscv.make.contents import check
+from omniscv.make.contents import check, check_face_size
 from omniscv.make.moments import images_of, moments, renderer_at
 from omniscv.make.source import opened
 from omniscv.planning import ImageRays, Kept, Plan, Round, Task, drive
@@ -61,6 +61,7 @@ def run(
     check(job)
     written: list[Path] = []
     with opened(job) as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+        check_face_size(job, source)
         saving = None
         if warn:
             for line in transfer_warning(job, source):
@@ -122,7 +123,7 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
     meter = Meter(len(job), progress)
     with opened(replace(job, record=path)) as (job, source):
         check_modes(source, job.options.sampled(job.modes))
-        _check_face_size(job, source)
+        check_face_size(job, source)
         source.objects()
         renderer = Renderer(source)
         for moment in moments(job):
@@ -138,15 +139,6 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                     capturing = _Capturing(plans, modes, needed, report)
                     needed |= planning.verify_still(renderer_then.source, modes, capturing)
     return sum(len(exposed(request, job.brackets)) if job.brackets else 1 for request in needed)
-
-
-def _check_face_size(job: Job, source: Source) -> None:
-    """Refuse a size of faces that a recording, the job's source, does not have."""
-    views, wanted = source.recorded_views(), job.options.face_size
-    sizes = {round(2 * view.focal_px) for view in views or () if view.width == view.height}
-    if sizes and wanted != "auto" and wanted not in sizes:
-        has = " or ".join(map(str, sorted(sizes)))
-        raise ArgumentError(f"face_size: expected {has} px, as the recording has, or auto; got {wanted}")
 
 
 class _Capturing:

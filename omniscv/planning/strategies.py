@@ -27,7 +27,7 @@ from omniscv.sources.base import View
 _SHARED = 0.05
 """Distance from a viewpoint, relative to the nearest surface's, within which its own captures bound the depth
 of rays well enough."""
-_MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
+MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
 """Pixels per radian of a 90 degree face on the mean, against its middle: edge^2 pixels see 4 pi / 6 sr."""
 _STRIP_BORDER_PX = 2
 """The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
@@ -141,7 +141,7 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
         return ()
     rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
     middle_px = task.edge / 2
-    finer = (1.0,) if straight([*rays_w.values()], middle_px) else (_MEAN_OF_A_FACE, 1.0)
+    finer = (1.0,) if straight([*rays_w.values()], middle_px) else (MEAN_OF_A_FACE, 1.0)
     if task.recorded is None:
         return _strips(task, groups, around, rays_w, finer[0] * middle_px)
     plans = [_strips(task, groups, around, rays_w, each * middle_px) for each in finer]

@@ -85,6 +85,10 @@ def test_wrong_usage_is_one_line_and_code_2(options, says, capsys, tmp_path):
         ("ask mock://four-wall vget /objects", "expected it in quotes, such as 'vget /objects'"),
         ("cameras fit double-sphere pinhole --set width=5", "expected width and height in --size"),
         ("record --source four-wall.sqlite --face-size 1024 --out x.sqlite", "face_size: expected 192 px"),
+        (
+            "render --source four-wall.sqlite --set face_size=512 --size 8x4",
+            "as the recording has, or auto; got 512",
+        ),
     ],
 )
 def test_an_error_says_what_to_write(arguments, says, capsys, tmp_path, monkeypatch):

@@ -81,6 +81,10 @@ def test_classes_of_a_dataset(whole, capsys):
         (["make", "{job}", "--shard", "x"], "--shard: expected I/N"),
         (["make", "{job}"], "expected a new folder, got a dataset"),
         (["export", "{out}", "--to", "kitti"], "format: expected one of"),
+        (
+            ["export", "{out}", "--to", "ply", "--camera", "nope"],
+            "ply: --camera, or 'cameras' in a job: expected",
+        ),
         (["export", "{out}", "--to", "webdataset", "--set", "max_count"], "--set: expected KEY=VALUE"),
         (
             ["export", "{out}", "--to", "webdataset", "--set", "size=3"],

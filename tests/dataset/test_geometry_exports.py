@@ -75,7 +75,7 @@ def test_flow_takes_the_tolerance_of_the_truths(exports):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("export: [kalibr]", "kalibr: cannot carry camera 'pano'"),
+        ("export: [kalibr]", "kalibr: cannot carry camera 'pano': .*; name others by --camera"),
         ("export: [{format: depth_png, scale: kitti}]", "scale: expected a preset of depth along the ray"),
         ("export: [{format: flow, gap: 0}]", "gap: expected a whole number"),
         ("truth: {flow: {wrap: around}}", "wrap: expected one of shortest, classic"),

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 SIDES = int(sys.argv[-1])
+RING_M = 0.05
 
 
 def rectangle(half):
@@ -28,10 +29,16 @@ def circle(count):
 
 
 def cylinder(half):
+    """Rings of faces: Cycles is off by 0.6 mm on triangles of 2.8 m x 0.2 mm."""
     n, (radius, _, height) = SIDES, half
-    corners = [(radius * x, radius * y, z) for z in (-height, height) for x, y in circle(n)]
-    sides = [(i, (i + 1) % n, n + (i + 1) % n, n + i) for i in range(n)]
-    return corners, [*sides, tuple(range(n - 1, -1, -1)), tuple(range(n, 2 * n))]
+    m = math.ceil(2 * height / RING_M)
+    corners = [(radius * x, radius * y, z) for z in np.linspace(-height, height, m + 1) for x, y in circle(n)]
+    sides = [
+        (k * n + i, k * n + (i + 1) % n, (k + 1) * n + (i + 1) % n, (k + 1) * n + i)
+        for k in range(m)
+        for i in range(n)
+    ]
+    return corners, [*sides, tuple(range(n - 1, -1, -1)), tuple(range(m * n, (m + 1) * n))]
 
 
 def sphere(half):
