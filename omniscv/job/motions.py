@@ -38,9 +38,10 @@ def _instants(name: str, value: object) -> int | Literal["auto"]:
 class Exposure:
     """How long the shutter is open while the world moves, and how finely that is captured.
 
-    The colours of an image are the mean of ``instants``, of the values as they are captured; all other layers
-    are those of the middle, which is one of the instants. The lines of a rolling-shutter camera show as many
-    instants of its read-out, those of the first and the last line among them.
+    The colours of an image are the mean of ``instants``: of light where the source's transfer is known, else
+    of codes. All other layers are those of the middle, which is one of the instants. The lines of a
+    rolling-shutter camera show as many instants of its read-out, those of the first and the last line among
+    them.
 
     Raises:
         ArgumentError: a negative time, an even number, or another word.

@@ -95,8 +95,8 @@ _MOSAICS = ("none", "mono", *raw.MOSAICS)
 class Sensor:
     """What a camera's lens and sensor make of an image's light; plain values, as in the job's key ``sensor``.
 
-    What is not given is the preset's, or stands in brackets. One exposure more doubles ``exposure_s`` and
-    ``electrons``, one stop of aperture ``electrons``, ISO the ``gain``.
+    What is not given is the preset's, or stands in brackets. Twice the exposure time doubles ``exposure_s``
+    and ``electrons``, a stop of aperture ``electrons``, twice the ISO ``gain``.
 
     Raises:
         ArgumentError: an unknown preset, or a value outside its domain.

@@ -199,4 +199,4 @@ def _held(path: Path | str | None, stops: Sequence[float]) -> list[Response]:
         if held.stops and held.stops != tuple(stops):
             known, got = (", ".join(f"{each:g}" for each in some) for some in (held.stops, stops))
             raise ArgumentError(f"brackets: expected {known}, the stops of {path}; got {got}")
-        return [held.response] if held.response is not None else []
+        return [held.response()] if held.stops else []

@@ -105,7 +105,7 @@ def test_recording_goes_on_with_its_response_and_stops(tmp_path):
             omniscv.render(CAMERA, replace(POSE, rotation=POSE.rotation), source, face_size=16 + turn)
         assert any(request.again for request in live.made) is tried
     with RecordedSource(path) as source:
-        assert len(source.response) == 256
+        assert len(source.response()) == 256
     with pytest.raises(ArgumentError, match=r"brackets: expected -2, 0, 2, the stops of .*; got 0, 1"):
         bracketed(Exposing("gamma"), (0, 1), path)
 
@@ -138,8 +138,11 @@ def test_a_recording_that_does_not_say_its_response_is_refused(tmp_path):
     path, view = tmp_path / "room.sqlite", View(POSE, 90, 8, 8)
     with omniscv.record(Exposing(), path) as source:  # without bracketed
         list(source.capture(Request(view, "lit", stops=stops) for stops in STOPS))
-    with pytest.raises(ArgumentError, match="transfer: expected one of srgb, linear, film; got None"):
-        omniscv.open_source(path)
+    with (
+        omniscv.open_source(path) as source,
+        pytest.raises(ArgumentError, match="transfer: expected one of srgb, linear, film; got None"),
+    ):
+        list(source.capture([Request(view, "lit")]))
 
 
 @pytest.fixture
@@ -200,3 +203,23 @@ def test_a_plan_counts_every_exposure():
     for stops, count in (([], 12), ([-2, 0, 2], 24)):
         (cube,) = (row for row in costs(load(keys | {"brackets": stops})) if row.strategy == "cube")
         assert cube.requests == count
+
+
+@pytest.mark.parametrize(("dialect", "tone"), [("N2", "srgb"), ("N3", "film")])
+def test_a_server_is_captured_at_its_exposures(dialect, tone, tmp_path):
+    """The mock's own curves: it decodes the scene's colours, of 8 bits, to light."""
+    path = tmp_path / "room.sqlite"
+    with (
+        omniscv.open_source(
+            f"mock://four-wall?dialect={dialect}&fault=tone={tone}&fault=exposure-drift"
+        ) as live,
+        bracketed(live, STOPS, path) as source,
+    ):
+        lit = rendered(source).lit
+    with omniscv.open_source("scene://four-wall") as source:
+        shown = light.srgb_to_light(rendered(source).lit / 255)
+    with omniscv.open_source(path) as source:
+        assert source.response() == tone
+        np.testing.assert_array_equal(rendered(source).lit, lit)
+    seen = shown > 0.02
+    assert np.abs(lit[seen] / shown[seen] - 1).max() < 0.02

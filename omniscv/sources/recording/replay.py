@@ -16,7 +16,7 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import TRANSFERS
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
-from omniscv.sources.brackets import exposed, merged, response_of
+from omniscv.sources.brackets import Response, exposed, merged, response_of
 from omniscv.sources.recording.rows import WorldState, object_from_json, sizes_of
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state
@@ -37,7 +37,6 @@ class RecordedSource(Source):
 
     Attributes:
         stops: of the exposures that colours are merged from; empty where they are replayed as captured.
-        response: of these exposures.
 
     Raises:
         RecordingError: the file is not there, is something else, newer, or damaged, or lacks the state.
@@ -61,7 +60,7 @@ class RecordedSource(Source):
             raise
         exposures = [row for row in rows if row.stops is not None]
         self.stops = tuple(sorted({row.stops for row in exposures if row.stops is not None}))
-        self.response = response_of(object_from_json(exposures[0].provenance)) if exposures else None
+        self._first_exposure = exposures[0].provenance if exposures else "{}"
         modes = frozenset[str]().union(*(held.modes for held in self._views.values()))
         found = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit" and row.stops is None}
         transfers = {match[1] if match else "unknown" for match in found}
@@ -82,6 +81,10 @@ class RecordedSource(Source):
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    def response(self) -> Response:
+        """Return what the codes of the exposures say of light; ArgumentError if they do not say it."""
+        return response_of(object_from_json(self._first_exposure))
 
     def recorded_views(self) -> tuple[View, ...]:
         """The views of the state that is replayed."""
