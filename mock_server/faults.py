@@ -47,6 +47,7 @@ KINDS = {
         "lit: the gain goes VALUE of the way to middle grey; ended by 'r.EyeAdaptationQuality 0'", 0.3, 1.0
     ),
     "narrow-fov": Kind("images span VALUE degrees less than the camera's field of view", 10.0, 178.0),
+    "temporal": Kind("lit: each image keeps the share VALUE of the camera's one before", 0.5, 1.0),
     "lit-normals": Kind("images of normals are the lit ones, as of branch 5.2 before 2026-03-11"),
     "ray-depth": Kind("dialects 1.x send the depth of 0.3.10: metres along the ray"),
     "moving-world": Kind("depth grows by the share VALUE from each depth image to the next", 0.1),

@@ -132,6 +132,7 @@ class World:
             self.objects[missing].annotated = False
         self._glass, self._gloss = self._object_with("glass"), self._object_with("gloss")
         self._film, self._depth_scale = Film(faults), 1.0
+        self._history: dict[int, Array] = {}  # by camera, its last light
         self._shown: dict[int | str, Pose] = {}
         self._lag: dict[int | str, int] = {}
 
@@ -257,7 +258,14 @@ class World:
         if mode == "depth":
             return pixels.gray_depth(view.depth)
         manual = camera is not None and camera.manual
-        return self._film.expose(view.color, manual, camera.bias if camera else 0.0)
+        lit = self._film.expose(view.color, manual, camera.bias if camera else 0.0)
+        if not (ghost := self.faults.strike("temporal")):
+            return lit
+        key, light = id(camera), lit.astype(np.float64)
+        if key in self._history and self._history[key].shape == light.shape:
+            light += ghost.amount() * (self._history[key] - light)
+        self._history[key] = light
+        return np.round(light).astype(np.uint8)
 
     def depth(self, view: ViewHits, along_ray: bool) -> Array:
         """Return (H, W) metres along the ray, or along the optical axis."""

@@ -1,6 +1,7 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
 from contextlib import ExitStack
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Unpack
@@ -33,6 +34,7 @@ _TURN_DEG, _FORWARD_M = 22.5, 0.25
 _UNITS = {100.0: "cm", 1.0: "m"}  # by how much depth decreases when the camera moves a metre forward
 _PRINTED = 1e-3  # servers print three decimals
 _DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
+_WARM, _MOST, _BACK_DEG = 24, 0.99, 150  # frames that are given; share of the pixels; a turn
 _WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
 _UNKNOWN = "do not record: this server is of no known kind"
 
@@ -79,6 +81,7 @@ def examine_address(
                 Finding("dialect", dialect),
                 mode,
                 settled,
+                *([] if quick else [warm_up(camera)]),
                 capabilities(camera),
                 sizes(pairs, camera),
                 *(field_of_view(mode, pairs, camera, kind) for mode in _MODES),
@@ -125,6 +128,24 @@ def settle(camera: RawCamera) -> Finding:
     if stale <= SETTLED:
         return Finding(name, f"{value}, which recordings skip")
     return Finding(name, value, "bad", f"at most {SETTLED} are skipped: raise the frame rate")
+
+
+def warm_up(camera: RawCamera) -> Finding:
+    """Count the frames after a turn until colours change by less than a level."""
+    camera.go(0)
+    for _ in range(_WARM):
+        camera.pixels("lit")
+    camera.go(_BACK_DEG)
+    frames = [camera.pixels("lit").astype(np.int16) for _ in range(_WARM + 1)]
+    changes = [np.quantile(np.abs(b - a), _MOST) for a, b in pairwise(frames)]
+    count = max((i + 1 for i, change in enumerate(changes) if change >= 1), default=0)
+    name = "colours settle"
+    if count == 0:
+        return Finding(name, "at once")
+    if count == _WARM:
+        return Finding(name, f"never, in {_WARM} frames", "bad", "fix the exposure; stop animations")
+    value = f"after {count} more frames: temporal effects, or exposure"
+    return Finding(name, value, "bad", f"--set source_options.warmup={count}")
 
 
 def capabilities(camera: RawCamera) -> Finding:
@@ -230,7 +251,8 @@ def masks(connection: Connection, camera: RawCamera, pairs: Pairs) -> Finding:
         by_color.setdefault(vertex_color_roundtrip(color) if changes else color, []).append(name)
     equal = [" = ".join(names) for names in by_color.values() if len(names) > 1]
     unknown = visible - set(by_color)
-    value = f"{len(table)} objects, {len(visible)} colours visible"
+    areas = [picture.pixels.any(axis=-1).mean() for pair in pairs["object_mask"] for picture in pair]
+    value = f"{len(table)} objects, {len(visible)} colours visible, {1 - np.mean(areas):.0%} black"
     value += ", dark ones changed" if changes else ""
     if equal:
         remedy = "vset /object/NAME/color R G B, each 0 or 146 to 255"

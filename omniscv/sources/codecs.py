@@ -223,5 +223,6 @@ _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 register(NEAR_MIDDLE, _npy_pixels, ("depth",), Precision(middle_px=0.005))
-_MODULES = dict.fromkeys(("png normal", "npy planar cm", "npy ray m"), "omniscv.sources.unreal.replies")
+_UNREAL = ("png normal", "npy normal", "npy planar cm", "npy ray m")
+_MODULES = dict.fromkeys(_UNREAL, "omniscv.sources.unreal.replies")
 """Modules that register encodings, by encoding; imported when one is decoded first."""

@@ -64,6 +64,8 @@ class SourceOptions(Deadlines, total=False):
         fix_exposure: switch off vignette and auto exposure in the running game.
         exposure: manual exposure for the camera that is spawned, of plugins from 2026-03 (N2): its bias in
             stops, or ``auto``, which matches the game's own.
+        warmup: frames of colour to drop after each move, of plugin 1.x, where temporal effects blend them;
+            the doctor measures how many.
         freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);
             ``auto`` if not given. If it is given, the world moves, and captures are checked for motion.
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`), in place of what the source
@@ -73,6 +75,7 @@ class SourceOptions(Deadlines, total=False):
     retries: int
     fix_exposure: bool
     exposure: CameraExposure
+    warmup: int
     freeze: Freeze
     transfer: Transfer
 

@@ -222,7 +222,7 @@ class Connection:
         retries: how often to try again, with pauses that grow from 0.1 s to 2 s.
 
     Attributes:
-        address: of the server, for messages.
+        endpoint, address: of the server; as users write it.
         client: the current one, which may be broken; None before the first.
         scene: by command, the replies that name the project and, where it is known, the level. Every new
             connection must give the same, or SceneChangedError is raised.
@@ -238,7 +238,7 @@ class Connection:
         patience_s: float = PATIENCE_S,
         retries: int = RETRIES,
     ) -> None:
-        self._endpoint, self.address = endpoint, address_of(endpoint)
+        self.endpoint, self.address = endpoint, address_of(endpoint)
         self._timeout_s = arguments.number("timeout_s", timeout_s, above=0)
         self._patience_s = arguments.number("patience_s", patience_s, above=0)
         self._retries = arguments.whole_number("retries", retries, least=0)
@@ -254,7 +254,7 @@ class Connection:
             SceneChangedError: it shows another scene than before.
         """
         if self.client is None or self.client.broken:
-            self.client = self._unix_client() or self._connect(self._endpoint)
+            self.client = self._unix_client() or self._connect(self.endpoint)
             if self.scene:
                 self._compare_scene(self.client.stream(list(self.scene)))
         return self.client
@@ -390,10 +390,10 @@ class Connection:
     def _unix_client(self) -> Client | None:
         # Plugin 1.0 on Linux leaves TCP for its Unix socket when its first client disconnects. A TCP
         # connection then gets no greeting (protocol reference, section 1.2).
-        if isinstance(self._endpoint, str) or self._endpoint[0] not in ("localhost", "127.0.0.1", "::1"):
+        if isinstance(self.endpoint, str) or self.endpoint[0] not in ("localhost", "127.0.0.1", "::1"):
             return None
         # The path is fixed by the plugin. Any user may create a socket there.
-        path = f"/tmp/unrealcv_{self._endpoint[1]}.socket"
+        path = f"/tmp/unrealcv_{self.endpoint[1]}.socket"
         if _is_own_socket(path):
             with contextlib.suppress(ServerConnectionError):  # a game that crashed leaves its socket behind
                 return self._connect(path)

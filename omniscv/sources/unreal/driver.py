@@ -5,7 +5,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
@@ -90,11 +89,13 @@ class CameraOptions:
         fix_exposure: whether to switch off vignette and auto exposure of the whole game.
         exposure: manual exposure of the spawned camera: its bias in stops, or one that matches the game's.
         camera: a camera of the level, by its number or, on Dev servers, its stable id; empty spawns one.
+        warmup: frames of colour to drop after each move, where temporal effects blend them.
     """
 
     fix_exposure: bool = False
     exposure: CameraExposure | None = None
     camera: str = ""
+    warmup: int = 0
 
 
 SPAWNED = CameraOptions()
@@ -116,7 +117,7 @@ class CameraDriver(ABC):
         one_tick: whether requests that are sent together are answered in one tick of the game.
     """
 
-    table: ClassVar[CameraTable]
+    table: CameraTable
 
     def __init__(self, connection: Connection, options: CameraOptions = SPAWNED) -> None:
         self.connection, self._options = connection, options

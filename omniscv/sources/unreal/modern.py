@@ -4,18 +4,23 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from omniscv.errors import ArgumentError, ServerRefusedError
-from omniscv.geometry import pinhole
+import numpy as np
+
+from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
+from omniscv.geometry import Pose, pinhole
 from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.codecs import decode
 from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.commands import CAMERAS, MODERN, VERSION
+from omniscv.sources.unreal.commands import CAMERAS, MODERN, SHARED, SHARED_MASK, VERSION
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
 from omniscv.sources.unreal.level_cameras import cine_intrinsics
-from omniscv.sources.unreal.replies import fov, name, names, numbers
+from omniscv.sources.unreal.replies import Reply, fov, name, names, numbers
+from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 
 _LIMITS_DEG = (1.0, 179.0)
 """Fields of view that engines do not clamp in silence."""
+_TRIED_PX = (64, 48)  # of the masks that must be equal
 _TRIED_DEG = 100.0  # is set once, to be read back
 _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
@@ -43,6 +48,8 @@ class ModernDriver(CameraDriver):
     """
 
     table = MODERN
+    _shared: SharedPictures | None = None
+    _may_share = True  # until shared memory has failed
     _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
     _exposed = False  # whether its exposure was ever set
     _bias: float | None = None
@@ -93,6 +100,7 @@ class ModernDriver(CameraDriver):
             self.connection.set([f"vset {at} {_TRIED_DEG}"])
             if abs((actual := fov(self.connection.text(f"vget {at}"))) - _TRIED_DEG) > _SAME_DEG:
                 raise self._refused(f"a field of view of {_TRIED_DEG} degrees, which was set, got {actual:g}")
+        self._share()
 
     def _expose_by_hand(self) -> None:
         wanted, camera = self._options.exposure, self.camera
@@ -153,7 +161,7 @@ class ModernDriver(CameraDriver):
         batch = requests[:1] if self.stale_frames.in_doubt else requests
         steps = self._steps(batch)
         self._aimed = batch[-1].view
-        replies = client.stream([*(step.command for step in steps), VERSION])
+        replies = self._replies(client, [*(step.command for step in steps), VERSION])
         fresh, complete = True, None
         for step, reply in zip(steps, replies, strict=False):
             if complete is not None:
@@ -171,6 +179,55 @@ class ModernDriver(CameraDriver):
         self._expect(self._version, VERSION, next(replies))
         if complete is not None:
             yield complete
+
+    def _share(self) -> None:
+        """Use shared memory if this process can read it, and a mask in it equals the one over the wire."""
+        self._shared, self.table = None, MODERN
+        read = region_reader(self.connection.endpoint)
+        if self.one_tick or not self._may_share or not read or not self.connection.supports(SHARED_MASK):
+            return
+        pictures, view = SharedPictures(read), View(Pose(np.zeros(3), np.eye(3)), 90.0, *_TRIED_PX)
+        at = f"/camera/{self.camera}"
+        before = self.connection.text(f"vget {at}/size")
+        self.connection.set([f"vset {at}/size {view.width} {view.height}"])
+        commands = [f"vget {at}/object_mask{end}" for end in ("_shared", " png")]
+        shared, sent = self.connection.read(commands, lambda _, reply: reply)
+        self.connection.set([f"vset {at}/size {before}"])
+        try:
+            mask = decode(pictures.payload(shared), "npy", "object_mask", view)
+            same = (
+                mask == decode(sent if isinstance(sent, bytes) else b"", "png", "object_mask", view)
+            ).all()
+        except BadReplyError:  # a game that is not on Windows refuses
+            same = False
+        self._may_share = bool(same)
+        if same:
+            self._shared, self.table = pictures, SHARED
+
+    def _replies(self, client: Client, commands: list[str]) -> Iterator[Reply]:
+        """Yield replies, and pictures in place of those that name a region: before it is overwritten."""
+        if self._shared is None:
+            yield from client.stream(commands)
+            return
+        start, regions = 0, set[str]()
+        for end, command in enumerate([*commands, ""]):
+            if command in regions or not command:
+                for reply, sent in zip(
+                    list(client.stream(commands[start:end])), commands[start:end], strict=True
+                ):
+                    yield self._picture(sent, reply)
+                start, regions = end, set[str]()
+            if command.endswith("_shared"):
+                regions.add(command)
+
+    def _picture(self, command: str, reply: Reply) -> Reply:
+        if self._shared is None or not command.endswith("_shared"):
+            return reply
+        try:
+            return self._shared.payload(reply)
+        except BadReplyError:
+            self._may_share, self._shared, self.table = False, None, MODERN
+            raise
 
     def _captures_of_one_tick(self, client: Client, requests: Requests) -> list[Capture]:
         """Return the captures of all requests, answered in one tick, in which no frame becomes fresher."""
@@ -228,7 +285,7 @@ class ModernDriver(CameraDriver):
                     picture("skip", before, SETTLED if in_doubt else 0)
                     picture("reference", before)
                 move(request)
-                picture("skip", request, skips)
+                picture("skip", request, max(skips, self._options.warmup if mode == "lit" else 0))
                 skips = self.stale_frames.lag
             picture("keep", request)
             states[mode] = _sight(request)

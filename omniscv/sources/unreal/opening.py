@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 from urllib.parse import parse_qsl, urlsplit
 
-from omniscv.arguments import one_of, shown
+from omniscv.arguments import one_of, shown, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -33,6 +33,7 @@ _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memo
 _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
 _CAMERA = re.compile(r"\d{1,6}|CID-[\w.-]{1,100}", re.ASCII)
+MOST_WARMUP = 1000  # frames after each move
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 _MOCK_DIALECTS = {"1.x": "N3", "M": "M", "N1": "N1", "N2": "N2", "N3": "N3"}
 """Dialects whose capabilities do not depend on settings; N3 is the mock server's default."""
@@ -48,6 +49,7 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
         retries: int = RETRIES,
         fix_exposure: bool = False,
         exposure: CameraExposure | None = None,
+        warmup: int = 0,
         freeze: Freeze | None = None,
     ) -> Source:
         how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
@@ -56,7 +58,8 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
         def connect_to(endpoint: Endpoint, camera: str = "") -> Source:
             if camera and bias is not None:
                 raise ArgumentError("exposure: expected it without a camera of the level, whose own it keeps")
-            options = CameraOptions(fix_exposure, bias, camera)
+            frames = whole_number("warmup", warmup, least=0, most=MOST_WARMUP)
+            options = CameraOptions(fix_exposure, bias, camera, frames)
             return connect(Connection(endpoint, timeout_s, patience_s, retries), options, how)
 
         return ProcessBound(open_address(address, connect_to), address)

@@ -3,6 +3,7 @@
 Encodings, decoded by :mod:`omniscv.sources.codecs`, for recordings too:
 
 ``png normal``      8-bit PNG of ``0.5 n + 0.5``, n in Unreal's world axes
+``npy normal``      the same as NPY, of shared memory
 ``npy planar cm``   float depth along the optical axis, centimetres (plugin 1.x)
 ``npy ray m``       float distance to the optical centre, metres (plugin 0.3.10)
 """
@@ -84,19 +85,29 @@ def described(reply: Reply) -> str:
     return f"{form}, {len(reply)} bytes{size}"
 
 
+def _codes(payload: bytes, view: View) -> NDArray[np.uint8]:
+    """Return the colours (H, W, 3) of a picture, PNG or NPY."""
+    if payload.startswith(b"\x89PNG"):
+        return codecs.decode_png(payload, view)
+    codes = codecs.decode_npy(payload, view)
+    if codes.dtype != np.uint8 or codes.shape[2:] != (3,):
+        raise BadReplyError(f"expected NPY of 8-bit colours, got {codes.dtype} {codes.shape}")
+    return codes
+
+
 def shows_light(payload: bytes, view: View) -> bool:
     """Return whether a picture of normals is the lit image, as of branch 5.2 before 2026-03-11.
 
     Most of its colours are no directions, and not the grey of the sky either.
     """
-    n = codecs.decode_png(payload, view) * (2 / 255) - 1
+    n = _codes(payload, view) * (2 / 255) - 1
     length = np.sqrt(np.einsum("...k,...k->...", n, n))
     return bool(((np.abs(length - 1) >= _UNIT_TOLERANCE) & (length >= _UNIT_TOLERANCE)).mean() > 0.5)
 
 
 def _normals(payload: bytes, mode: str, view: View) -> NDArray[np.float32]:
     """Return unit vectors (H, W, 3) in the world frame; 0 where the colour is no direction."""
-    n = codecs.decode_png(payload, view).astype(np.float32)
+    n = _codes(payload, view).astype(np.float32)
     n *= np.float32(2 / 255)
     n -= 1
     direction_from_unreal(n)
@@ -120,6 +131,7 @@ def _depth_by(divisor: Callable[[View], Any]) -> codecs.Decoder:
 
 
 codecs.register("png normal", _normals, ("normals",))
+codecs.register("npy normal", _normals, ("normals",))
 _PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=SKY / 100)
 _RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=SKY)
 codecs.register("npy planar cm", _depth_by(lambda view: 100), ("depth",), _PLANAR_CM)

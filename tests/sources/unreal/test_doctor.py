@@ -4,16 +4,20 @@ import itertools
 import re
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 from support.command_line import ROOT
 from support.unreal import changed_depth, depth_like_legacy, field_of_view_80, relayed
 from support.worlds import serve
 
 import mock_server
+import omniscv
 from omniscv.cli import run
 from omniscv.diagnostics import doctor, seams
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.server import RawCamera
+from omniscv.geometry import Pose
+from omniscv.sources import Request, View
 from omniscv.sources.unreal.commands import FIX_EXPOSURE
 from omniscv.sources.unreal.masks import colors, paint
 from omniscv.sources.unreal.opening import open_connection
@@ -285,3 +289,26 @@ def test_remedies_are_options_of_the_commands_that_capture(tmp_path):
         assert run(["record", *source, option, value, "--out", str(tmp_path / "room.sqlite")]) == 0
         if not only:
             assert run(["render", *source, option, value, "--size", "32x16", "--out", str(tmp_path)]) == 0
+
+
+def test_frames_that_blend_are_counted_and_dropped():
+    """Half of the last image stays in each: the differences halve from frame to frame."""
+    with mock_server.serve("four-wall", size=(48, 48), faults=["temporal=0.5"]) as server:
+        with open_connection(server.uri) as connection, RawCamera(connection) as camera:
+            camera.lag = 0
+            finding = doctor.warm_up(camera)
+        assert (finding.verdict, finding.name) == ("bad", "colours settle")
+        count = int(number(finding))
+        assert 4 <= count <= 8  # 8 bits
+        assert finding.remedy == f"--set source_options.warmup={count}"
+        errors = []
+        for warmup in (0, count):
+            with omniscv.open_source(server.uri, warmup=warmup) as source:
+                views = [View(Pose.from_angles((0, 0, 1.5), yaw), 90.0, 48, 48) for yaw in (0, 90, 200)]
+                captures = list(source.capture(Request(view, "lit") for view in views))
+            with omniscv.open_source("mock://four-wall") as still:
+                truth = list(still.capture(capture.request for capture in captures))
+            off = [np.abs(a.pixels.astype(int) - b.pixels) for a, b in zip(captures, truth, strict=True)]
+            errors.append(max(float(np.quantile(each, 0.99)) for each in off[1:]))
+    assert errors[0] > 20
+    assert errors[1] <= 2  # what remains of changes below a level, and rounding
