@@ -26,23 +26,27 @@ _BLOCK_PX = 1 << 21
 def expose(
     sensor: "Sensor",
     light: Pixels,
-    transfer: str,
-    camera: str,
-    frame: Any,
-    corner: tuple[int, int],
-    width: int,
+    camera: str = "",
+    frame: Any = None,
+    corner: tuple[int, int] = (0, 0),
+    width: int | None = None,
+    transfer: str = "linear",
 ) -> NDArray[np.uint16]:
-    """Return the codes (h, w), or (h, w, 3) without a mosaic, of light on a part of a sensor.
+    """Return the codes of light on the sensor, or on a part of it: those of the whole, to the bit.
 
     Args:
         sensor: with its parameters.
-        light: (h, w, 3) on the part; or codes, of which no more are decoded than the mosaic lets through.
-        transfer: of codes.
-        camera: name of the camera, which fixed patterns depend on.
-        frame: plain values that say what the frame is, which noise depends on.
+        light: (h, w, 3) floats, 1.0 is the white of 8 bits; or uint8 codes of a transfer.
+        camera: its name; PRNU and DSNU are the same in all its frames.
+        frame: plain values that say what the frame is; all else that is random follows from it.
         corner: (row, column) of the part's first pixel.
-        width: of the whole sensor.
+        width: of the whole sensor; the light's if not given.
+        transfer: of codes.
+
+    Returns:
+        (h, w) uint16; (h, w, 3) without a mosaic.
     """
+    width = light.shape[1] if width is None else width
     if sensor.mosaic == "none":
         planes = [light[..., channel] for channel in range(3)]
         patterns = [(channel,) * 4 for channel in range(3)]
@@ -79,23 +83,15 @@ def _plane(
     ]
     for first in range(0, height, step):
         rows = slice(first, min(first + step, height))
-        start, count = (top + first) * width, (rows.stop - first) * width
-        words = noise.words(key, noise.PIXEL, plane, start, count).reshape(-1, width)[
-            :, left : left + columns
-        ]
-        offsets = sensor.row_noise * noise.normals(key, noise.ROW, plane, top + first, rows.stop - first)
-        fixed_rows = [each[rows, left : left + columns] for each in patterns]
-        arrays = (
-            light[rows],
-            words,
-            *fixed_rows,
-            offsets,
-            np.arange(top + first, top + rows.stop),
-            codes[rows],
-        )
+        numbers, across = np.arange(top + first, top + rows.stop), slice(left, left + columns)
+        words = noise.words(key, noise.PIXEL, plane, int(numbers[0]) * width, len(numbers) * width)
+        offsets = sensor.row_noise * noise.normals(key, noise.ROW, plane, int(numbers[0]), len(numbers))
+        fixed_rows = [each[rows, across] for each in patterns]
+        words = words.reshape(-1, width)[:, across]
         run(
-            noise.expose, arrays, noise.quantiles(), electrons, left, sensor.dark_current * sensor.exposure_s,
-            sensor.full_well, sensor.read_noise, sensor.gain, sensor.black_level, 2.0**sensor.bits - 1,
+            noise.expose, (light[rows], words, *fixed_rows, offsets, numbers, codes[rows]),
+            noise.quantiles(), electrons, left, sensor.dark_current * sensor.exposure_s, sensor.full_well,
+            sensor.read_noise, sensor.gain, sensor.black_level, 2.0**sensor.bits - 1,
         )  # fmt: skip
     return codes
 

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.arguments import number, numbers, one_of, shown, text, whole_number
 from omniscv.cameras import Camera
@@ -196,33 +195,7 @@ class Sensor:
             light = optics.glare(light, self.glare, valid) if self.glare else light
         return light
 
-    def expose(
-        self,
-        light: Floats,
-        camera: str = "",
-        frame: Any = None,
-        corner: tuple[int, int] = (0, 0),
-        width: int | None = None,
-    ) -> NDArray[np.uint16]:
-        """Return the codes of light on the sensor, or on a part of it: those of the whole, to the bit.
-
-        Args:
-            light: (h, w, 3) float32, 1.0 is the white of 8 bits.
-            camera: its name; PRNU and DSNU are the same in all its frames.
-            frame: plain values that say what the frame is; all else that is random follows from it.
-            corner: (row, column) of the part's first pixel.
-            width: of the whole sensor; the light's if not given.
-
-        Returns:
-            (h, w) uint16; (h, w, 3) without a mosaic.
-        """
-        light = np.asarray(light, np.float32)
-        width = light.shape[1] if width is None else width
-        return raw.expose(self, light, "linear", camera, frame, corner, width)
-
-    def develop(self, codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
-        """Return the picture (H, W, 3) uint8 sRGB of codes: black level, demosaicing, white balance."""
-        return raw.develop(self, codes)
+    expose, develop = raw.expose, raw.develop
 
     def apply(
         self,
@@ -253,7 +226,7 @@ class Sensor:
         if self.shading is not None or self.glare or any(self.blur):
             light = self.irradiance(image.camera, decode(light, transfer))
         frame = [image.pose.position.tolist(), image.pose.rotation.tolist(), time]
-        codes = raw.expose(self, light, transfer, camera, frame, (0, 0), light.shape[1])
+        codes = self.expose(light, camera, frame, transfer=transfer)
         layers = {"sensor": self.develop(codes)} | ({"raw": codes} if codes.ndim == 2 else {})
         provenance = {**image.provenance, "sensor": self.to_dict()}
         return replace(image, layers={**image.layers, **layers}, provenance=provenance)
