@@ -5,7 +5,8 @@ Encodings of every source
     ``npy``   pixels as they are: any modality, any dtype of numbers
     ``npy 0.005 px``  the same, of depth taken within 0.005 px of the pixels' middles
 
-Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`.
+Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`, those of other
+tools' files in :mod:`omniscv.sources.picture_codecs`.
 """
 
 import io
@@ -142,18 +143,23 @@ def picture_size(payload: bytes) -> tuple[int, int]:
     return width, height
 
 
+def check_png(payload: bytes, view: View) -> None:
+    """Raise BadReplyError unless the header is that of a PNG of the view's size."""
+    if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
+        raise BadReplyError(f"expected a PNG, got {_first_bytes(payload)}")
+    width, height = picture_size(payload)
+    if (width, height) != (view.width, view.height):
+        wanted, got = f"{view.width} x {view.height}", f"{payload[24]}-bit {width} x {height}"
+        raise BadReplyError(f"expected a PNG of {wanted}, got {got}")
+
+
 def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
     """Return (H, W, 3) RGB; the header is checked first, so that no larger picture is decoded."""
     import cv2
 
     from omniscv.storage import png
 
-    if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
-        raise BadReplyError(f"expected a PNG, got {_first_bytes(payload)}")
-    width, height = picture_size(payload)
-    if (width, height) != (view.width, view.height):
-        wanted, got = f"{view.width} x {view.height}", f"{payload[24]}-bit {width} x {height}"
-        raise BadReplyError(f"expected an 8-bit PNG of {wanted}, got {got}")
+    check_png(payload, view)
     pixels = png.decode(payload)
     to_rgb = {1: cv2.COLOR_GRAY2RGB, 2: cv2.COLOR_GRAY2RGB, 4: cv2.COLOR_RGBA2RGB}
     if (channels := pixels.shape[2]) == 3:
@@ -223,6 +229,14 @@ _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 register(NEAR_MIDDLE, _npy_pixels, ("depth",), Precision(middle_px=0.005))
+PICTURES = (
+    "png float32", "png carla", "png ids", "pfm planar", "pfm ray",
+    *(f"png uint16 {scale}" for scale in (100, 256, 1000, 4000, 5000, 6553.5)),
+)  # fmt: skip
+"""Of :mod:`omniscv.sources.picture_codecs`. N: centimetres, KITTI, millimetres, Matterport, TUM, Replica."""
 _UNREAL = ("png normal", "npy normal", "npy planar cm", "npy ray m")
-_MODULES = dict.fromkeys(_UNREAL, "omniscv.sources.unreal.replies")
+_MODULES = {
+    **dict.fromkeys(_UNREAL, "omniscv.sources.unreal.replies"),
+    **dict.fromkeys(PICTURES, "omniscv.sources.picture_codecs"),
+}
 """Modules that register encodings, by encoding; imported when one is decoded first."""

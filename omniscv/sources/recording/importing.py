@@ -5,20 +5,22 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.errors import ArgumentError
-from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, Seams, choose, cut, named
+from omniscv.sources.recording.pictures import Pixels, read_picture, to_faces
+from omniscv.sources.recording.sequences import find_sequence
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
 """Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
@@ -27,7 +29,7 @@ DEPTHS = (*(f"{kind}-{unit}" for kind in ("planar", "ray") for unit in ("m", "cm
 """What pictures of depth hold: along the optical axis or the ray, and the unit; CARLA's 24 bits."""
 
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_CARLA_M = 1000 / (2**24 - 1)
+_AS_RECEIVED = {"planar-cm": "png uint16 100", "planar-mm": "png uint16 1000", "carla": "png carla"}
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".npy")
 _MODE_WORDS = {
     "depth": {"depth", "depths", "zdepth"},
@@ -37,9 +39,8 @@ _MODE_WORDS = {
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
-Pixels = NDArray[Any]
-Faces = dict[str, list[tuple[Pixels, Array, float]]]
-"""By mode, pixels, rotation (3, 3) and field of view in degrees of each view."""
+Faces = dict[str, list[tuple[Pixels, Array, float, bytes]]]
+"""By mode, of each view: pixels, rotation (3, 3), field of view in degrees, and bytes of its file, if any."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +65,17 @@ def import_pictures(
     yaw_deg: float = 0.0,
     depth: str = "planar-m",
 ) -> Imported:
-    """Add the pictures of one place to a recording, lossless; depth becomes planar metres in float32.
+    """Add the pictures of one place to a recording, lossless.
+
+    PNGs of colours, masks, depth in 16-bit centimetres or millimetres and CARLA's depth stay as received;
+    other depth becomes planar metres in float32.
 
     Args:
         pictures: a folder of six faces, in several modes where names of files or sub-folders say ``depth`` or
             ``mask``; or one picture: a strip, a cross, a dice, an EXR environment cube, a panorama.
         path: of the recording; new, or one to add to.
-        layout: one of :func:`layouts`, or ``auto``: by names, shapes and seams.
+        layout: one of :func:`layouts`, or ``auto``: frames with poses (see
+            :mod:`omniscv.sources.recording.sequences`) by what lies in a folder, else names, shapes, seams.
         position: (3,) of the optical centre, world frame, metres.
         yaw_deg: of the front face, to the left.
         depth: one of :data:`DEPTHS`. Integers of 0 are no surface.
@@ -84,12 +89,17 @@ def import_pictures(
     center_w, turn_w = numbers("position", position, (3,)), _turn(number("yaw_deg", yaw_deg))
     pictures = Path(pictures)
     with within(pictures):
+        if layout == "auto" and (sequence := find_sequence(pictures)):
+            if not sequence.pictures:
+                raise ArgumentError(f"expected pictures of layout {sequence.layout}, got none")
+            count = add_captures(path, sequence.captures, sequence.objects)
+            return Imported(count, sequence.lines())
         faces, lines = _faces_of_file(pictures, layout) if pictures.is_file() else _faces_in(pictures, layout)
         captures = []
         for mode, of_mode in faces.items():
-            for pixels, R, fov_deg in of_mode:
+            for pixels, R, fov_deg, payload in of_mode:
                 view = View(Pose(center_w, turn_w @ R), fov_deg, pixels.shape[1], pixels.shape[0])
-                captures.append(_capture(mode, pixels, view, depth, pictures.name))
+                captures.append(_capture(mode, pixels, view, depth, pictures.name, payload))
     return Imported(add_captures(path, lambda: captures), tuple(lines))
 
 
@@ -111,7 +121,7 @@ def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
             raise ArgumentError(
                 f"expected six pictures of one place, named as in {_names(name, cells=False)}; got {got}"
             )
-        pixels = [_read(file) for file in files[mode]]
+        pixels = [read_picture(file) for file in files[mode]]
         edges = {each.shape[:2] for each in pixels}
         if len(edges) > 1 or len(set(*edges)) > 1:
             raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
@@ -121,19 +131,20 @@ def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
             order = next(order for layout, order in fits if layout is chosen.layout)
             lines = chosen.lines([stems[i] for i in order])
         order = next(order for layout, order in fits if layout is chosen.layout)
-        faces[mode] = _views(chosen, [pixels[i] for i in order])
+        views = _views(chosen, [pixels[i] for i in order])
+        faces[mode] = [(*view[:3], files[mode][i].read_bytes()) for view, i in zip(views, order, strict=True)]
     return faces, lines
 
 
 def _faces_of_file(file: Path, name: str) -> tuple[Faces, list[str]]:
     """The faces in one picture of colours, and what was decided."""
-    picture = _read(file)
+    picture = read_picture(file)
     if name == "auto":
         name = _ENVIRONMENTS.get(_attribute(file, "textureformat"), name)
     if name == "auto" and picture.shape[1] == 2 * picture.shape[0]:
         name = "latlong"
     if name in PANORAMAS:
-        return {"lit": _resampled(picture, PANORAMAS[name])}, [f"layout {name}: resampled to six faces"]
+        return {"lit": to_faces(picture, "lit", PANORAMAS[name])}, [f"layout {name}: resampled to six faces"]
     cuts = [(layout, faces) for layout in _tried(name) if layout.cells and (faces := cut(picture, layout))]
     if not cuts:
         got = f"{picture.shape[1]} x {picture.shape[0]} px"
@@ -168,44 +179,29 @@ def _choose(candidates: Sequence[tuple[Layout, Sequence[Pixels]]], name: str) ->
     return Choice(layout, layout.arrangement, step, f"the best arrangement: {least:.2f}")
 
 
-def _views(chosen: Choice, faces: Sequence[Pixels]) -> list[tuple[Pixels, Array, float]]:
+def _views(chosen: Choice, faces: Sequence[Pixels]) -> list[tuple[Pixels, Array, float, bytes]]:
     edge = faces[0].shape[0]
     centered = chosen.layout.centered or chosen.step < _SEAMLESS
     fov_deg = pinhole.fov_deg(edge, (edge - 1) / 2) if centered else 90.0
-    return [(face, shows.R_w_c, fov_deg) for face, shows in zip(faces, chosen.arrangement, strict=True)]
+    return [(face, shows.R_w_c, fov_deg, b"") for face, shows in zip(faces, chosen.arrangement, strict=True)]
 
 
-def _resampled(picture: Pixels, of_openexr: int) -> list[tuple[Pixels, Array, float]]:
-    """Six faces of a panorama (H, W, 3), bilinear: twice as fine as its equator."""
-    import cv2
-
-    height, width = picture.shape[:2]
-    edge = width // 2
-    wrapped = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap")
-    wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
-    faces = []
-    for _, R_w_c in cube_rotations():
-        pixels = np.stack(np.meshgrid(*[np.arange(edge) + 0.5] * 2), axis=-1)
-        x, y, z = np.moveaxis(pinhole.rays(pixels, edge / 2, edge, edge) @ R_w_c.T, -1, 0)
-        u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
-        v = np.arctan2(np.hypot(x, y), z) / np.pi
-        # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
-        u_px = u * (width - 1) if of_openexr else u * width - 0.5
-        v_px = v * (height - 1) if of_openexr else v * height - 0.5
-        maps = (np.float32(u_px + 1), np.float32(v_px + 1))
-        faces.append((cv2.remap(wrapped, *maps, cv2.INTER_LINEAR), R_w_c, 90.0))
-    return faces
-
-
-def _capture(mode: str, pixels: Pixels, view: View, depth: str, origin: str) -> Capture:
+def _capture(mode: str, pixels: Pixels, view: View, depth: str, origin: str, payload: bytes) -> Capture:
+    provenance = {"server": "imported", "file": origin}
+    is_ids = mode == "object_mask" and pixels.ndim == 3 and bool((pixels == pixels[..., :1]).all())
+    kept = {"lit": "png", "object_mask": "png ids" if is_ids else "png", "depth": _AS_RECEIVED.get(depth)}
+    encoding = kept[mode] if pixels.dtype == np.uint8 or mode == "depth" or is_ids else None
+    if encoding:
+        with suppress(BadReplyError):  # other files than these PNGs are converted
+            decoded = codecs.decode(payload, encoding, mode, view)
+            return Capture(Request(view, mode), view, decoded, provenance, payload, encoding)
     if mode == "depth":
         pixels = _planar_m(pixels, view, depth)
-    elif mode == "object_mask" and pixels.ndim == 3 and (pixels == pixels[..., :1]).all():
-        pixels = pixels[..., 0].astype(np.uint16)  # ids
+    elif is_ids:
+        pixels = pixels[..., 0].astype(np.uint16)
     elif pixels.ndim == 3 and pixels.dtype == np.uint16:
         pixels = np.round(pixels / 257).astype(np.uint8)
     payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
-    provenance = {"server": "imported", "file": origin}
     return Capture(Request(view, mode), view, pixels, provenance, payload, encoding)
 
 
@@ -213,39 +209,13 @@ def _planar_m(pixels: Pixels, view: View, depth: str) -> NDArray[np.float32]:
     """(H, W) planar metres; +inf for no surface."""
     kind, _, unit = depth.partition("-")
     if depth == "carla":
-        if pixels.dtype != np.uint8:
-            raise ArgumentError(f"depth: expected CARLA's 8-bit pictures, got {pixels.dtype}")
-        metres = pixels[..., :3] @ np.array([1.0, 256.0, 65536.0]) * _CARLA_M
-        return np.asarray(metres, np.float32)
+        raise ArgumentError(f"depth: expected CARLA's 8-bit pictures, got {pixels.dtype}")
     if pixels.dtype == np.uint8:
         raise ArgumentError("depth: expected floats or 16-bit pictures, got 8 bits, which hold no metres")
     plane = pixels[..., 0] if pixels.ndim == 3 else pixels
     metres = plane * _UNITS[unit] / (view.ray_lengths() if kind == "ray" else 1)
     none = ~np.isfinite(metres) | (metres <= 0 if plane.dtype.kind == "u" else metres < 0)
     return np.where(none, np.inf, metres).astype(np.float32)
-
-
-def _read(file: Path) -> Pixels:
-    """(H, W, 3) of colours, (H, W) or (H, W, C) of others; uint8, uint16 or float32."""
-    import OpenImageIO
-
-    with within(file.name):
-        if file.suffix == ".npy":
-            pixels = np.load(file, allow_pickle=False)
-            return np.asarray(pixels, np.float32) if pixels.dtype.kind == "f" else pixels
-        source = OpenImageIO.ImageInput.open(str(file))
-        if source is None:
-            raise ArgumentError(f"expected a picture, got: {shown(OpenImageIO.geterror())}")
-        spec = source.spec()
-        if not 0 < spec.width * spec.height <= codecs.MAX_PIXELS:
-            raise ArgumentError(
-                f"expected at most {codecs.MAX_PIXELS} pixels, got {spec.width} x {spec.height}"
-            )
-        formats = {"uint8": "uint8", "uint16": "uint16"}
-        pixels = source.read_image(0, 0, 0, min(spec.nchannels, 3), formats.get(str(spec.format), "float"))
-        if pixels is None:
-            raise ArgumentError(f"expected a picture, got: {shown(source.geterror())}")
-        return pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
 
 
 def _attribute(file: Path, name: str) -> str:
