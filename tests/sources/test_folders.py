@@ -107,7 +107,7 @@ GOOD = {
         ({**GOOD, "view": {**GOOD["view"], "width": 4.0}}, "whole number"),
         ({**GOOD, "view": {"position": [0, 0]}}, r"captures\.json\[1\]\.view: missing key 'fov_deg'"),
         ({**GOOD, "view": {**GOOD["view"], "fov_deg": 180}}, "fov_deg"),
-        ({**GOOD, "view": {**GOOD["view"], "width": 8}}, "expected an 8-bit PNG of 8 x 4, got 8-bit 4 x 4"),
+        ({**GOOD, "view": {**GOOD["view"], "width": 8}}, "expected a PNG of 8 x 4, got 8-bit 4 x 4"),
         ({**GOOD, "file": "none.png"}, "expected an image that can be read, got 'none.png'"),
         ({**GOOD, "mode": "depth"}, "depth"),
         ({**GOOD, "encoding": "pickle"}, "expected one of png"),
