@@ -89,6 +89,8 @@ def test_a_recording_keeps_exposures_and_merges_them_when_it_is_replayed(tmp_pat
         image = rendered(source)
     counted = [request.stops for request in live.made if not request.again]
     assert [counted.count(stops) for stops in (*STOPS, None)] == [6, 6, 6, 6]  # faces; depth has none
+    with omniscv.record(Exposing("gamma"), path) as source:
+        rendered(source)  # at the source's own exposure: no light
     with omniscv.open_source(path) as source:
         assert (source.capabilities.transfer, source.stops) == ("linear", STOPS)
         replayed = rendered(source)

@@ -167,10 +167,10 @@ class RecordedSource(Source):
             raise MissingCaptureError(f"{expected}, the recording holds {recorded}", self._name)
 
     def _replay(self, request: Request) -> Capture:
+        if self.stops and (exposures := exposed(request, self.stops)) != [request]:
+            return merged(request, [self._replay(each) for each in exposures])
         if capture := self._store.get(request):
             return capture
-        if len(exposures := exposed(request, self.stops)) > 1:
-            return merged(request, [self._replay(each) for each in exposures])
         advice = (
             f"'omniscv recording places {self._name}' lists what is there, 'omniscv record' adds captures"
         )

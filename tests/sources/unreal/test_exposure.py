@@ -34,7 +34,7 @@ def test_exposure_is_set_where_colours_need_another_one(server):
 
 
 def test_exposures_are_captures_of_their_own(server, tmp_path):
-    made, path = requests(("lit", -2), ("lit", 0.5), ("lit", None)), tmp_path / "room.sqlite"
+    made, path = requests(("lit", -2), ("depth", None), ("lit", 0.5)), tmp_path / "room.sqlite"
     with omniscv.open_source(server.uri) as live, omniscv.record(live, path) as source:
         payloads = [capture.payload for capture in source.capture(made)]
     again = tmp_path / "again.sqlite"
