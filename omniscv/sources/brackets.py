@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from omniscv import light
 from omniscv.arguments import numbers, one_of, shown
-from omniscv.errors import ArgumentError, SourceError
+from omniscv.errors import ArgumentError, BadReplyError, SourceError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.modalities import TRANSFERS
 from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
@@ -99,12 +99,16 @@ def exposed(request: Request, stops: Iterable[float]) -> list[Request]:
 
 
 def merged(request: Request, captures: Sequence[Capture]) -> Capture:
-    """Return light, float32, of one view's captures at several exposures; BadReplyError for other captures.
+    """Return light, float32, of one view's captures at several exposures.
 
     Raises:
         ArgumentError: captures that do not say what their codes are.
+        BadReplyError: captures of several sizes, or in floats.
     """
     first = captures[0]
+    found = {(each.pixels.shape, each.pixels.dtype.name) for each in captures}
+    if len(found) > 1 or first.pixels.dtype != np.uint8:
+        raise BadReplyError(f"expected exposures of one size in 8 bits, got {sorted(found)}")
     stops = [capture.request.stops or 0.0 for capture in captures]
     pixels = light.merge([capture.pixels for capture in captures], stops, response_of(first.provenance))
     pixels.flags.writeable = False

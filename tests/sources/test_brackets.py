@@ -11,7 +11,7 @@ from omniscv import light
 from omniscv.cameras import create
 from omniscv.cli import run
 from omniscv.compose.files import read
-from omniscv.errors import ArgumentError, SourceError
+from omniscv.errors import ArgumentError, BadReplyError, SourceError
 from omniscv.job.file import load
 from omniscv.make import costs, make
 from omniscv.sources import Request, SourceWrapper, View, bracketed, registry
@@ -143,6 +143,17 @@ def test_a_recording_that_does_not_say_its_response_is_refused(tmp_path):
     with (
         omniscv.open_source(path) as source,
         pytest.raises(ArgumentError, match="transfer: expected one of srgb, linear, film; got None"),
+    ):
+        list(source.capture([Request(view, "lit")]))
+
+
+def test_exposures_in_floats_are_refused(tmp_path):
+    path, view = tmp_path / "room.sqlite", View(POSE, 90, 8, 8)
+    with omniscv.record(SceneSource(load_scene("four-wall"), lit="float32"), path) as source:
+        list(source.capture(Request(view, "lit", stops=stops) for stops in STOPS))
+    with (
+        omniscv.open_source(path) as source,
+        pytest.raises(BadReplyError, match=r"expected exposures of one size in 8 bits, got .*float32"),
     ):
         list(source.capture([Request(view, "lit")]))
 
