@@ -14,9 +14,10 @@ non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ _PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
 _EXPLAINED, _GAIN = 0.3, 0.01  # the least that gains explain, and by which one differs from 1
 _CLIPPED = 1e-3  # share of the pixels
 _GAINS = 0.25, 4.0
+_VIGNETTES = -0.2, 1.0  # of s, which is 0.16 in Unreal by default
+_SAMPLES = 128  # of an overlap, along an edge
 _RESIDUAL = 0.03  # of the logarithm, counts as unexplained
 
 _CELLS = 64  # of the membrane, along a face
@@ -151,11 +154,14 @@ class Gains(NamedTuple):
         gains: (6,) of mean 1 (geometric): multiply light by them.
         explained: share of the steps that they explain, 0 to 1.
         proven: whether they explain enough to be applied, and change anything.
+        vignette: s of the loss ``(1 + s r^2)^-2``, Unreal's law with ``s = I^2``; ``r^2`` is 2 in the corners
+            of pictures. Only overscan shows it.
     """
 
     gains: Array
     explained: float
     proven: bool
+    vignette: float = 0.0
 
 
 def estimate_gains(cube: Cube, transfer: str) -> Gains:
@@ -172,37 +178,74 @@ def estimate_gains(cube: Cube, transfer: str) -> Gains:
             if chosen.size:
                 rows.append((edge.a, edge.b))
                 differences.append(float(np.median(chosen)))
-    if not rows:
+    return _fit(np.array(rows), np.array(differences), np.zeros((len(rows), 2)))
+
+
+def estimate_in_overlap(views: Sequence[View], pixels: NDArray[np.uint8], transfer: str) -> Gains:
+    """Return gains and vignette of faces (6, h, h, 3) wider than 90 degrees, by rays that two of them see."""
+    rows, differences, squared_radii = [], [], []
+    every = max(1, pixels.shape[1] // _SAMPLES)
+    radii = _squared_radii(pixels.shape[1])
+    for a, b, band, at_px, weight in _overlaps(views):
+        some = np.s_[::every, ::every]
+        at, here = np.rint(at_px[some]).astype(int), pixels[a][band][some]
+        x, y = np.moveaxis(np.clip(at, 0, pixels.shape[1] - 1), -1, 0)
+        there = pixels[b][y, x]
+        clear = (np.minimum(here, there) > _CODES[0]) & (np.maximum(here, there) < _CODES[1])
+        usable = (weight[some] > 0) & clear.all(axis=-1)
+        ratio = np.log(light_of_codes(here[usable], transfer) / light_of_codes(there[usable], transfer))
+        differences.append(ratio.mean(axis=-1))
+        rows.append(np.broadcast_to((a, b), (usable.sum(), 2)))
+        squared_radii.append(np.stack([radii[band][some][usable], radii[y, x][usable]], axis=1))
+    return _fit(np.concatenate(rows), np.concatenate(differences), np.concatenate(squared_radii))
+
+
+def _fit(index: NDArray[Any], y: Array, squared_radii: Array) -> Gains:
+    """Gains and vignette that explain ``y``, (n,) logarithms of light of faces ``index`` (n, 2)."""
+    if not len(y):
         return Gains(np.ones(6), 0.0, False)
-    index, y = np.array(rows), np.array(differences)
-    logs: Array = np.zeros(6)
+    J, x = np.zeros((len(y), 7)), np.zeros(7)
+    J[np.arange(len(y)), index[:, 0]] = 1
+    J[np.arange(len(y)), index[:, 1]] = -1
+    prior = np.eye(7) * _PRIOR**2 * len(y) / 12
+
+    def misfit() -> Array:
+        lost = 2 * np.log1p(x[6] * squared_radii)
+        return np.asarray(y + x[index[:, 0]] - x[index[:, 1]] + lost[:, 0] - lost[:, 1])
+
     for scale in _SCALES:
         for _ in range(5):
-            off = y + logs[index[:, 0]] - logs[index[:, 1]]
-            weight = 1 / (1 + (off / scale) ** 2) ** 2
-            A, rhs = np.eye(6) * _PRIOR**2 * len(y) / 12, np.zeros(6)
-            np.add.at(A, (index[:, 0], index[:, 0]), weight)
-            np.add.at(A, (index[:, 1], index[:, 1]), weight)
-            np.add.at(A, (index[:, 0], index[:, 1]), -weight)
-            np.add.at(A, (index[:, 1], index[:, 0]), -weight)
-            np.add.at(rhs, index[:, 0], -weight * y)
-            np.add.at(rhs, index[:, 1], weight * y)
-            logs = np.asarray(np.linalg.solve(A, rhs))
-    logs -= logs.mean()
-    after = y + logs[index[:, 0]] - logs[index[:, 1]]
-    before, left = (np.minimum((each / _RESIDUAL) ** 2, 1).sum() for each in (y, after))
+            slope = 2 * squared_radii / (1 + x[6] * squared_radii)
+            J[:, 6] = slope[:, 0] - slope[:, 1]
+            off = misfit()
+            weighted = J * (1 / (1 + (off / scale) ** 2) ** 2)[:, None]
+            x -= np.linalg.solve(weighted.T @ J + prior, weighted.T @ off + prior @ x)
+            x[6] = np.clip(x[6], *_VIGNETTES)
+    x[:6] -= x[:6].mean()
+    before, left = (np.minimum((each / _RESIDUAL) ** 2, 1).sum() for each in (y, misfit()))
     explained = float(1 - left / before) if before > 0 else 0.0
-    gains = np.exp(logs)
-    return Gains(gains, explained, bool(explained > _EXPLAINED and np.abs(gains - 1).max() > _GAIN))
+    gains, vignette = np.exp(x[:6]), float(x[6])
+    changes = max(np.abs(gains - 1).max(), abs(vignette)) > _GAIN
+    return Gains(gains, explained, bool(explained > _EXPLAINED and changes), vignette)
 
 
-def apply_gains(pixels: NDArray[np.uint8], gains: Array, transfer: str) -> NDArray[np.uint8]:
-    """Return (6, s, s, 3) pixels whose light is multiplied by a gain for each face; lowered if many clip."""
-    table = decode(np.arange(256, dtype=np.uint8), transfer)
-    clipped = [(table[face] * gain > table[-1]).mean() for face, gain in zip(pixels, gains, strict=True)]
-    if np.mean(clipped) > _CLIPPED:
-        gains = gains / gains.max()
-    return np.stack([encode(table * gain, transfer)[face] for face, gain in zip(pixels, gains, strict=True)])
+def _squared_radii(size: int) -> Array:
+    """(size, size) squared distances from the middle of a picture, 2 in its corners."""
+    x = (2 * np.arange(size) + 1) / size - 1
+    return np.asarray(x[None] ** 2 + x[:, None] ** 2)
+
+
+def apply_gains(pixels: NDArray[np.uint8], gains: Gains, transfer: str) -> NDArray[np.uint8]:
+    """Return (6, s, s, 3) pixels without vignette whose light is multiplied by a gain for each face.
+
+    Lowered if many clip.
+    """
+    lost = (1 + gains.vignette * _squared_radii(pixels.shape[1])[..., None]) ** 2
+    light = decode(pixels, transfer) * (gains.gains[:, None, None, None] * lost).astype(np.float32)
+    white = decode(np.full(1, 255, np.uint8), transfer)[0]
+    if (light > white).mean() > _CLIPPED:
+        light /= gains.gains.max()
+    return encode(light, transfer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,19 +287,20 @@ def mend(
     cube = Cube.of(views, pixels, masks)
     if cube is None:
         return _refused(pixels, "expected six 8-bit faces of a cube")
-    gains = estimate_gains(cube, transfer)
+    fades = cube.border >= _OVERLAP * cube.pixels.shape[1]
+    colors = np.stack(pixels)
+    gains = estimate_in_overlap(views, colors, transfer) if fades else estimate_gains(cube, transfer)
     known = transfer != "unknown" and _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
     report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
-    colors = np.stack(pixels)
     if gains.proven and known:
-        colors = apply_gains(colors, gains.gains, transfer)
-        report["gains"] = gains.gains.round(4).tolist()
+        colors = apply_gains(colors, gains, transfer)
+        report |= {"gains": gains.gains.round(4).tolist(), "vignette": round(gains.vignette, 4)}
     elif method == "gains":
         return _refused(
             pixels, f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}", report
         )
     border = cube.border
-    if method == "close" and border >= _OVERLAP * cube.pixels.shape[1]:
+    if method == "close" and fades:
         report["faded_px"] = border
         colors = cross_fade(views, colors)
     elif method == "close":
@@ -265,7 +309,8 @@ def mend(
         wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
         colors = np.clip(colors + wide, 0, 255).astype(np.uint8)
     mended = Cube.of(views, [*colors], masks) or cube
-    if np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
+    evened = "gains" in report and abs(gains.vignette) > _GAIN  # a vignette has no step at an edge
+    if not evened and np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
         return _refused(pixels, "expected smaller steps, got larger ones", report)
     change = np.abs(colors.astype(np.int16) - np.stack(pixels))
     report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(change.mean())}
@@ -313,30 +358,38 @@ def cross_fade(views: Sequence[View], pixels: NDArray[np.uint8]) -> NDArray[np.u
     import cv2
 
     half, focal = views[0].width / 2, views[0].focal_px
+    x = np.abs(np.arange(views[0].width, dtype=np.float32) + np.float32(0.5 - half)) / np.float32(focal)
+    own = half / focal - np.maximum(x[None], x[:, None])
+    total, light = np.tile(own, (6, 1, 1)), own[..., None] * pixels
+    for face, other, band, at_px, weight in _overlaps(views):
+        seen = cv2.remap(pixels[other], at_px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        total[face][band] += weight
+        light[face][band] += weight[..., None] * seen
+    faded, shared = pixels.copy(), total > own
+    faded[shared] = np.rint(light[shared] / total[shared][:, None])
+    return faded
+
+
+def _overlaps(
+    views: Sequence[View],
+) -> Iterator[tuple[int, int, tuple[Any, ...], NDArray[Any], NDArray[Any]]]:
+    """Yield a face and one beside it, the face's pixels (rows, columns) near that edge, where the other shows
+    them (h, w, 2) px, from the first pixel's centre, and its weight there: 0 at its border.
+    """
+    half, focal = views[0].width / 2, views[0].focal_px
     reach = half / focal
     x = ((np.arange(views[0].width) + 0.5 - half) / focal).astype(np.float32)
     rays = np.stack([*np.meshgrid(x, x), np.ones((len(x), len(x)), np.float32)], axis=-1)
-    own = reach - np.abs(rays[..., :2]).max(axis=-1)
-    faded = pixels.copy()
-    for face, view in zip(faded, views, strict=True):
-        total, light = own.copy(), own[..., None] * face
-        for other, there in zip(pixels, views, strict=True):
-            R_there_here = (there.pose.R_w_c.T @ view.pose.R_w_c).astype(np.float32)
-            side = R_there_here[2]  # the other's optical axis
-            if abs(side[2]) > 0.5:
-                continue  # itself, and the face behind
-            beyond = rays @ side > 1 / reach
-            band = np.ix_(beyond.any(axis=1), beyond.any(axis=0))
-            toward = rays[band] @ R_there_here.T
-            at = toward[..., :2] / toward[..., 2:]
-            weight = np.maximum(reach - np.abs(at).max(axis=-1), 0)
-            at_px = at * focal + half - 0.5
-            seen = cv2.remap(other, at_px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-            total[band] += weight
-            light[band] += weight[..., None] * seen
-        shared = total > own
-        face[shared] = np.rint(light[shared] / total[shared][:, None])
-    return faded
+    for (a, here), (b, there) in permutations(enumerate(views), 2):
+        R_there_here = (there.pose.R_w_c.T @ here.pose.R_w_c).astype(np.float32)
+        side = R_there_here[2]  # the other's optical axis
+        if abs(side[2]) > 0.5:
+            continue  # the face behind
+        beyond = rays @ side > 1 / reach
+        band = np.ix_(beyond.any(axis=1), beyond.any(axis=0))
+        toward = rays[band] @ R_there_here.T
+        at = toward[..., :2] / toward[..., 2:]
+        yield a, b, band, at * focal + half - 0.5, np.maximum(reach - np.abs(at).max(axis=-1), 0)
 
 
 def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:

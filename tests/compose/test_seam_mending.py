@@ -163,12 +163,47 @@ def test_faces_with_overscan_fade_into_each_other():
     assert (np.stack(mend(wide_views(256, 16), [*agreeing], "close", "unknown").pixels) == 100).all()
 
 
-def test_a_fade_keeps_outlines_that_lie_along_an_edge():
-    """Without masks: both faces show the outline where it is."""
-    center = (0.5, 0, 1.4)
+@pytest.mark.parametrize("drift", [1.0, 0.0])
+def test_gains_and_vignette_from_overscan(room_with_overscan, drift):
+    """Exposure and Unreal's vignette before the tone: both are found, and the truth is had back.
+
+    A vignette alone has no step at the edges.
+    """
+    wide, true = room_with_overscan
+    x = (np.arange(288) + 0.5) / 144 - 1
+    loss = (1 + 0.16 * (x[None] ** 2 + x[:, None] ** 2)) ** -2
+    gains = 0.6 * GAINS**drift  # nothing clips
+    dark = np.stack(
+        [
+            light.encode(light.decode(face, "srgb") * np.float32(gain * loss)[..., None], "srgb")
+            for face, gain in zip(true, gains, strict=True)
+        ]
+    )
+    mended = mend(wide, [*dark], "gains", "srgb")
+    expected = np.exp(np.log(gains).mean()) / gains
+    np.testing.assert_allclose(mended.report["gains"], expected, rtol=0.005)
+    assert abs(mended.report["vignette"] - 0.16) < 0.005
+    common = np.float32(np.exp(np.log(gains).mean()))
+    due = np.stack([light.encode(light.decode(face, "srgb") * common, "srgb") for face in true])
+    usable = (due < 250) & (dark > 16)  # of rounded codes below, one level is a tenth of the light
+    assert np.abs(np.stack(mended.pixels).astype(float) - due)[usable].mean() < 0.7
+    unharmed = mend(wide, [*true], "gains", "srgb")
+    assert "gains explain" in unharmed.report["refused"]
+
+
+@pytest.fixture(scope="module")
+def room_with_overscan():
+    """Six views of 256 px of a face and 16 more on every side, and what they see."""
     with open_scene("scene://four-wall") as source:
-        wide = [View(Pose(center, view.pose.R_w_c), view.fov_deg, 288, 288) for view in wide_views(256, 16)]
-        true = np.stack([each.pixels for each in source.capture(Request(view, "lit") for view in wide)])
+        wide = [
+            View(Pose((0.5, 0, 1.4), each.pose.R_w_c), each.fov_deg, 288, 288) for each in wide_views(256, 16)
+        ]
+        return wide, np.stack([each.pixels for each in source.capture(Request(view, "lit") for view in wide)])
+
+
+def test_a_fade_keeps_outlines_that_lie_along_an_edge(room_with_overscan):
+    """Without masks: both faces show the outline where it is."""
+    wide, true = room_with_overscan
     halo = [gaussian_filter(face.astype(float), (36, 36, 0), mode="nearest") for face in true]
     shown = np.uint8(0.8 * true + 0.2 * np.stack(halo) + 0.5)
     mended = np.stack(mend(wide, [*shown], "close", "unknown").pixels)
