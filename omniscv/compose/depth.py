@@ -19,6 +19,7 @@ from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
 from omniscv.geometry.surfaces import (
     Cell,
     Precision,
+    continued,
     discontinuities,
     fitted_plane,
     interpolated,
@@ -145,18 +146,23 @@ def _sample(
     """Sample block by block: depths that all rays read are gathered, so that interpolation is vectorized."""
     height, width = pictures.depth.shape[1], pictures.depth.shape[2]
     around, at = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK))
-    interpolates = not nearest and min(height, width) >= _CELL_PX
+    has_cells = min(height, width) >= _CELL_PX
     for first in range(0, view.shape[0], _BLOCK):
         last = min(first + _BLOCK, view.shape[0])
-        if interpolates:
+        if has_cells:
             _gather(view[first:last], x[first:last], y[first:last], pictures, around, at)
             size, precision = max(height, width), pictures.precision
             _interpolate(around, at, size, precision, distance[first:last], error[first:last])
         for i in range(first, last):
             if view[i] < 0:
                 distance[i] = error[i] = 0.0
-            elif not interpolates or not distance[i] > 0.0:
-                distance[i], error[i] = _sample_one(pictures, view[i], x[i], y[i], nearest)
+                continue
+            if not has_cells or not distance[i] > 0.0:
+                distance[i], error[i] = _beside_a_surface(pictures, view[i], x[i], y[i])
+            if nearest:
+                stored = _nearest_distance(pictures, view[i], x[i], y[i])
+                error[i] += abs(stored - distance[i]) if distance[i] < np.inf else 0.0
+                distance[i] = stored
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -204,22 +210,29 @@ def _interpolate(
 
 
 @njit(cache=True, nogil=True)
-def _sample_one(pictures: _Pictures, k: int, x: float, y: float, nearest: bool) -> tuple[float, float]:
-    """Return depth along one ray, and the bound on its error."""
+def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[float, float]:
+    """Return depth along a ray that has no surface all around it, and the bound on its error."""
     face, focal, precision = pictures.depth[k], pictures.focal[k], pictures.precision
-    height, width = face.shape
-    u, v = (x - width / 2) / focal, (y - height / 2) / focal
-    length = np.sqrt(1.0 + u * u + v * v)
-    point = surface_point(face, x, y, focal, precision)
+    point = continued(face, x, y, focal, precision)
     if point.inverse == 0.0:
         return np.inf, np.inf if point.jump > 0.0 or precision.largest_m < np.inf else 0.0
-    z = 1.0 / point.inverse
-    off = z * z * point.error + _MARGIN * point.jump
-    if nearest:
-        r, c = nearest_pixel(face.shape, x, y)
-        off += abs(face[r, c] - z)
-        z = face[r, c]
-    return z * length, off * length
+    z, length = 1.0 / point.inverse, _ray_length(face, x, y, focal)
+    return z * length, (z * z * point.error + _MARGIN * point.jump) * length
+
+
+@njit(cache=True, nogil=True)
+def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
+    """Return the nearest pixel's planar depth as a distance along the ray; +inf no surface."""
+    face = pictures.depth[k]
+    r, c = nearest_pixel(face.shape, x, y)
+    return float(face[r, c] * _ray_length(face, x, y, pictures.focal[k]))
+
+
+@njit(cache=True, nogil=True)
+def _ray_length(face: Floats, x: float, y: float, focal: float) -> float:
+    """Return the length of the ray through a point of a face to a planar depth of 1 m, metres."""
+    u, v = (x - face.shape[1] / 2) / focal, (y - face.shape[0] / 2) / focal
+    return float(np.sqrt(1.0 + u * u + v * v))
 
 
 @njit(cache=True, nogil=True)

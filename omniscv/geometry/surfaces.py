@@ -113,8 +113,7 @@ def surface_point(face: Floats, x: float, y: float, focal: float, precision: Pre
         point = interpolated(cell, px - c, py - r, length, max(height, width), precision)
         if point.inverse > 0.0:
             return point  # type: ignore[no-any-return]
-    r, c = nearest_pixel(face.shape, x, y)
-    return _continued(face, r, c, px - c, py - r, focal, precision)  # type: ignore[no-any-return]
+    return continued(face, x, y, focal, precision)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -246,10 +245,10 @@ def _bend(before: float, a: float, b: float, after: float, at: float, noise: flo
 
 
 @njit(cache=True, nogil=True)
-def _continued(
-    face: Floats, r: int, c: int, dx: float, dy: float, focal: float, precision: Precision
-) -> Point:
-    """Return the surface of pixel (r, c), continued by its own slope to (dx, dy) from the pixel's centre."""
+def continued(face: Floats, x: float, y: float, focal: float, precision: Precision) -> Point:
+    """Return the surface of the nearest pixel, continued by its own slope to continuous pixel (x, y)."""
+    r, c = nearest_pixel(face.shape, x, y)
+    dx, dy = x - 0.5 - c, y - 0.5 - r
     z = max(float(face[r, c]), _LEAST_M)
     jump = _jump(face, r, c)
     if not z < np.inf:

@@ -42,7 +42,7 @@ def cylinder(half):
 
 
 def sphere(half):
-    n, m, radius = SIDES // 2, SIDES // 4, half[0]
+    n, m, radius = SIDES, SIDES // 2, half[0]
     rings = [(math.sin(math.pi * k / m), math.cos(math.pi * k / m)) for k in range(1, m)]
     corners = [(radius * s * x, radius * s * y, radius * c) for s, c in rings for x, y in circle(n)]
     faces = [
