@@ -8,16 +8,18 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-DialectName = Literal["N3", "1.x", "0.3.10", "L", "M", "N1", "N2"]
+DialectName = Literal["N3", "1.x", "0.3.10", "L", "M", "N1", "N2", "Dev"]
 """Dialects by name. The letters are those of the protocol reference; ``1.x`` is the newest of them."""
 
 Depth = Literal["half", "float32"]
 Platform = Literal["windows", "linux"]
+Panorama = Literal["fork", "centred"]
 SharedMemory = Literal["unlisted", "refusing", "serving"]
 
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
+PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
 SHARED_MEMORY: tuple[SharedMemory, ...] = get_args(SharedMemory)
 
 SCENES = Path(__file__).parent / "scenes"
@@ -51,6 +53,7 @@ class Settings:
             client has left.
         shared_memory: whether N3 lists its commands for shared memory: ``unlisted``; ``refusing``, as a game
             on Linux does; ``serving``, into buffers of this process, :attr:`Server.regions`.
+        panorama: the convention of the Dev build's panoramas: see :mod:`mock_server.dialects.dev`.
         latency_ms: delay of every reply after its request; pipelined requests share it, as they share an
             engine's tick.
         size: width and height of new cameras, px.
@@ -75,6 +78,7 @@ class Settings:
     depth: Depth = "half"
     platform: Platform = "windows"
     shared_memory: SharedMemory = "unlisted"
+    panorama: Panorama = "fork"
     latency_ms: float = 0.0
     size: tuple[int, int] = (640, 480)
     fov_deg: float = 90.0
@@ -92,6 +96,7 @@ class Settings:
             ("depth", DEPTHS),
             ("platform", PLATFORMS),
             ("shared_memory", SHARED_MEMORY),
+            ("panorama", PANORAMAS),
         ):
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():

@@ -49,6 +49,7 @@ def _uint(digits: str) -> int:
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
     "[uint]": (r"(\d*)", _uint),
+    "[camera_id]": (r"(\d*|CID-[\w-]*)", str),
     "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
 }
 
@@ -62,7 +63,7 @@ class Command:
 
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
         self.template, self.description, self.handler = template, description, handler
-        parts = re.split(r"(\[(?:str|uint|float)\])", template)
+        parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
         self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
         patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
         self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
@@ -176,11 +177,11 @@ class Dialect(ABC):
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """Return a handler that looks up a camera by its number, or replies that it is missing."""
-        return _looked_up(lambda: dict(enumerate(self.world.cameras)), act, missing or self.no_camera)
+        return looked_up(lambda: dict(enumerate(self.world.cameras)), act, missing or self.no_camera)
 
     def with_object(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """Return a handler that looks up an object by its name, or replies that it is missing."""
-        return _looked_up(lambda: self.world.objects, act, missing or self.no_object)
+        return looked_up(lambda: self.world.objects, act, missing or self.no_object)
 
     def plugin_rows(self, echo: Callable[[str], Reply] = str) -> list[Row]:
         """Return the commands about the plugin itself."""
@@ -230,9 +231,11 @@ class Dialect(ABC):
         return None
 
 
-def _looked_up(
+def looked_up(
     table: Callable[[], Mapping[Any, object]], act: Callable[..., Reply], missing: str
 ) -> Callable[..., Reply]:
+    """Return a handler that looks its first argument up, or replies that it is missing."""
+
     def handler(key: str | int, *arguments: Any) -> Reply:
         target = table().get(key)
         return missing.format(key) if target is None else act(target, *arguments)

@@ -91,8 +91,12 @@ class Plugin11(Branch52):
             image: np.ndarray = pixels.stored(depth, self.settings.depth == "half")
         else:
             image = cv2.cvtColor(self.world.image(view, mode, camera), cv2.COLOR_RGB2BGRA)
+        return self.region(camera, mode, image)
+
+    def region(self, camera: Camera, mode: str, image: np.ndarray) -> str:
+        """Write an image into a camera's region for a mode, and return the reply that describes it."""
         data, number = image.tobytes(), next(i for i, c in enumerate(self.world.cameras) if c is camera)
-        tail = f"{mode}_float32" if mode == "depth" else f"{mode}_bgra8"
+        tail = f"{mode}_float32" if image.ndim == 2 else f"{mode}_bgra8"
         stem = f"UnrealCV_{os.getpid()}_camera_{number}_{tail}"
         if len(self.regions.get(f"{stem}_v{self._versions[stem]}", b"")) < len(data):
             self.regions.pop(f"{stem}_v{self._versions[stem]}", None)
@@ -101,7 +105,7 @@ class Plugin11(Branch52):
         name = f"{stem}_v{self._versions[stem]}"
         self.regions[name][: len(data)] = data
         self._captures[mode] += 1
-        order = {} if mode == "depth" else {"channel_order": "BGRA"}
+        order = {} if image.ndim == 2 else {"channel_order": "BGRA"}
         return json.dumps({
             "transport": "windows_shared_memory", "modality": mode, "name": name, "num_bytes": len(data),
             "version": self._versions[stem], "offset_bytes": 0, "shape": image.shape,

@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from omniscv import storage
-from omniscv.diagnostics import Finding, seams
+from omniscv.diagnostics import Finding, native_panorama, seams
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
@@ -90,6 +90,7 @@ def examine_address(
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
                 *([] if quick else seams.findings(seams.measure(camera))),
+                *([] if quick else native_panorama.findings(connection, camera)),
                 *motion,
             ]
 

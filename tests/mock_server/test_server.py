@@ -17,7 +17,7 @@ from mock_server.protocol import MAGIC, MAX_PAYLOAD
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"dialect": "1.0"}, "dialect: expected one of N3, 1.x, 0.3.10, L, M, N1, N2; got '1.0'"),
+        ({"dialect": "1.0"}, "dialect: expected one of N3, 1.x, 0.3.10, L, M, N1, N2, Dev; got '1.0'"),
         ({"depth": "double"}, "depth: expected one of half, float32; got 'double'"),
         ({"platform": None}, "platform: expected one of windows, linux; got None"),
         ({"port": 65536}, "port: expected a number from 0 to 65535, got 65536"),

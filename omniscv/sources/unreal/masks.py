@@ -9,7 +9,7 @@ from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.sources.base import Color, ObjectTable
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import OBJECTS
+from omniscv.sources.unreal.commands import ANNOTATE, OBJECTS
 from omniscv.sources.unreal.replies import names
 
 _TOLERANCE = 3  # how far a channel of a mask may be off; the official client allows as much
@@ -32,6 +32,8 @@ def paint(connection: Connection, vertex_colors: bool) -> None:
     Raises:
         ServerRefusedError: the server refuses a colour that must change, or does not keep a colour.
     """
+    if connection.supports(ANNOTATE):  # Dev builds: its reply is not documented
+        connection.texts([ANNOTATE.replace("[str]", name) for name in names(connection.text(OBJECTS))])
     used = {(0, 0, 0)}  # the background's
     free = itertools.chain(*(itertools.product(values, values, values) for values in (_FAR_APART, _EXACT)))
     painted: dict[str, Color] = {}

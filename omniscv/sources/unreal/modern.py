@@ -1,5 +1,6 @@
 """The camera driver of plugin 1.x (dialects M and N1 to N3): a spawned camera, commands in batches."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -12,12 +13,13 @@ from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.commands import CAMERAS, MODERN, SHARED, SHARED_MASK, VERSION
+from omniscv.sources.unreal.commands import CAMERA_IDS, CAMERAS, MODERN, SHARED, SHARED_MASK, VERSION
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
 from omniscv.sources.unreal.level_cameras import cine_intrinsics
 from omniscv.sources.unreal.replies import Reply, fov, name, names, numbers
 from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 
+_STABLE_ID = re.compile(r"CID-[\w-]{1,200}", re.ASCII)
 _LIMITS_DEG = (1.0, 179.0)
 """Fields of view that engines do not clamp in silence."""
 _TRIED_PX = (64, 48)  # of the masks that must be equal
@@ -65,7 +67,7 @@ class ModernDriver(CameraDriver):
         if self._options.camera:
             self._take(self._options.camera, count)
             self._prepared = False
-        elif not self._restore or int(self.camera) >= count:
+        elif not self._restore or self._is_lost(count):
             self._prepared = False
             self._spawn(count)
         if not self._prepared:  # after the camera: a game that starts again in between lacks it, and is found
@@ -89,16 +91,27 @@ class ModernDriver(CameraDriver):
         return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed.items()]
 
     def _spawn(self, number: int) -> None:
-        self.camera = number
         self.spawned += 1
         self._exposed, self._stops = False, 0.0
         self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
+        self.camera = number
+        if self.connection.supports(CAMERA_IDS):  # numbers change where a level gains or loses cameras
+            ids = _STABLE_ID.findall(self.connection.text(CAMERA_IDS))
+            self.camera = ids[number] if len(ids) == number + 1 else number
+
+    def _is_lost(self, count: int) -> bool:
+        if isinstance(self.camera, int):
+            return self.camera >= count
+        (reply,) = self.connection.texts([f"vget /camera/{self.camera}/fov"])
+        return reply.startswith("error")
 
     def verify(self) -> None:
         if self.capabilities.can_set_fov:
             at = f"/camera/{self.camera}/fov"
-            self.connection.set([f"vset {at} {_TRIED_DEG}"])
-            if abs((actual := fov(self.connection.text(f"vget {at}"))) - _TRIED_DEG) > _SAME_DEG:
+            done, read = self.connection.texts([f"vset {at} {_TRIED_DEG}", f"vget {at}"])
+            if done != "ok" or read.startswith("error"):
+                return  # a game that has started again lacks the camera: captures find that
+            if abs((actual := fov(read)) - _TRIED_DEG) > _SAME_DEG:
                 raise self._refused(f"a field of view of {_TRIED_DEG} degrees, which was set, got {actual:g}")
         self._share()
 

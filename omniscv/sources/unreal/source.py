@@ -155,12 +155,13 @@ class UnrealSource(Source):
             self._driver.stale_frames.reset()
             spawned = self._driver.spawned
             self._driver.attach()
+            client = self._connection.client  # a game that has started again since is attached anew
             if self._driver.spawned != spawned or self._attached is None:
                 self._driver.verify()
             if self._attached is not None and self._driver.spawned != spawned:
                 self._world.check_lost()
             self._world.set_again()
-            self._attached = self._connection.client
+            self._attached = client
         return self._attached
 
     def _steady(self, read: Callable[[], T]) -> T:
