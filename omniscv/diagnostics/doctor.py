@@ -15,6 +15,7 @@ from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import UNALIGNED, Picture, fitted_fov, misfit
 from omniscv.diagnostics.server import EDGE_PX, NEVER, RawCamera, across, alike, color_counts
+from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
 from omniscv.sources.recording.folders import import_folder
@@ -26,7 +27,7 @@ from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.masks import colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.plugin import DIALECTS
-from omniscv.sources.unreal.replies import SKY
+from omniscv.sources.unreal.replies import SKY, are_light
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
@@ -83,6 +84,7 @@ def examine_address(
                 settled,
                 *([] if quick else [warm_up(camera)]),
                 capabilities(camera),
+                normals(camera),
                 sizes(pairs, camera),
                 *(field_of_view(mode, pairs, camera, kind) for mode in _MODES),
                 meaning,
@@ -147,6 +149,17 @@ def warm_up(camera: RawCamera) -> Finding:
         return Finding(name, f"never, in {_WARM} frames", "bad", "fix the exposure; stop animations")
     value = f"after {count} more frames: temporal effects, or exposure"
     return Finding(name, value, "bad", f"--set source_options.warmup={count}")
+
+
+def normals(camera: RawCamera) -> Finding:
+    """Report whether pictures of normals hold directions."""
+    camera.go(0)
+    try:
+        lit = are_light(camera.pixels("normals"))
+    except ServerRefusedError as refused:
+        return Finding("normals", str(refused), "warning", "none: they are left out")
+    value = "the lit image" if lit else "directions"
+    return Finding.unless(not lit, "normals", value, "bad", "update the plugin: 1.1.0 has them")
 
 
 def capabilities(camera: RawCamera) -> Finding:

@@ -69,7 +69,7 @@ def measure(camera: RawCamera) -> Light:
 
 def findings(light: Light) -> list[Finding]:
     """Return a finding for the exposure, one for the vignette, and one for each seam."""
-    drift = f"vrun r.EyeAdaptationQuality 0, or {_REMEDY}"
+    drift = f"vrun r.EyeAdaptationQuality 0, or {_REMEDY}; N2 and later: --set source_options.exposure=auto"
     shade = f"vrun r.Tonemapper.Quality 1, or {_REMEDY}, or record --overscan 512"
     first = [
         _share("exposure", light.exposure, "{:.1%} between pictures of one surface", drift),

@@ -126,7 +126,8 @@ class RawCamera(AbstractContextManager["RawCamera"]):
                 expected = "expected {} pictures of {} x {} as before".format(mode, *known)
                 raise BadReplyError(f"{address}: {expected}, got {width} x {height}")
             view = View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height)
-            return decode(reply, "npy" if mode == "depth" else "png", mode, view)
+            encoding, shown_as = ("npy", mode) if mode == "depth" else ("png", "lit")  # normals: their codes
+            return decode(reply, encoding, shown_as, view)
 
         return self._connection.read([self.driver.table.image(self.driver.camera, mode)], decoded)[0]
 

@@ -22,7 +22,7 @@ def bare(address: str, dialect: str, stream: Iterable[Request]) -> Iterator[None
     """
     host, _, port = address.removeprefix("unreal://").rpartition(":")
     with contextlib.closing(Connection((host, int(port)))) as connection:
-        driver = (LegacyDriver if dialect == "L" else ModernDriver)(connection, dialect)
+        driver = (LegacyDriver if dialect == "L" else ModernDriver)(connection)
         driver.attach()
         client = connection.connected()
         yield

@@ -3,8 +3,8 @@
 Servers of 60 ticks a second, with 5 and 30 ms of latency, each in a process of its own, that reply with
 pictures a mock server made before: their engine costs no processor, so neither other work on the machine nor
 their number counts for much. Faces of 16 px in colour, mask and depth, so that little is left but the wire.
-The limit is a client that keeps the rules of the protocol and does nothing else: plugin 1.x (dialects M, N1,
-N2) may have any number of requests under way, 0.3.10 (L) needs three exchanges after each move. "4 ms" is an
+The limit is a client that keeps the rules of the protocol and does nothing else: plugin 1.x (M, N1, N2,
+N3) may have any number of requests under way, 0.3.10 (L) needs three exchanges after each move. "4 ms" is an
 engine that takes as long for every picture. The limit of several servers is that of one, times their number.
 """
 
@@ -24,11 +24,11 @@ PICTURE_S = 0.004
 
 
 def measure(quick: bool) -> Iterator[Figure]:
-    for dialect in ("N1",) if quick else ("L", "M", "N1", "N2"):
+    for dialect in ("N3",) if quick else ("L", "M", "N1", "N2", "N3"):
         replies = known_replies(dialect)
         count = FACES * (1 if quick else 4 if dialect == "L" else 48)
         for latency_ms in (5,) if quick else (5, 30):
-            numbers = (1, 2, 4) if dialect == "N1" and not quick else (1,)
+            numbers = (1, 2, 4) if dialect == "N3" and not quick else (1,)
             with servers(max(numbers), dialect, latency_ms / 1e3, PICTURE_S, replies) as addresses:
                 limit = max(bare_rate(addresses[0], dialect, count) for _ in range(2))
                 for number in numbers:

@@ -107,11 +107,16 @@ def _codes(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 
 def shows_light(payload: bytes, view: View) -> bool:
-    """Return whether a picture of normals is the lit image, as of branch 5.2 before 2026-03-11.
+    """Return whether a picture of normals is the lit image; see :func:`are_light`."""
+    return are_light(_codes(payload, view))
 
-    Most of its colours are no directions, and not the grey of the sky either.
+
+def are_light(codes: NDArray[np.uint8]) -> bool:
+    """Return whether colours (H, W, 3) of normals are the lit image's, as of branch 5.2 before 2026-03-11.
+
+    Most of them are no directions, and not the grey of the sky either.
     """
-    n = _codes(payload, view) * (2 / 255) - 1
+    n = codes * (2 / 255) - 1
     length = np.sqrt(np.einsum("...k,...k->...", n, n))
     return bool(((np.abs(length - 1) >= _UNIT_TOLERANCE) & (length >= _UNIT_TOLERANCE)).mean() > 0.5)
 

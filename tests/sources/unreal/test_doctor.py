@@ -291,6 +291,14 @@ def test_remedies_are_options_of_the_commands_that_capture(tmp_path):
             assert run(["render", *source, option, value, "--size", "32x16", "--out", str(tmp_path)]) == 0
 
 
+@pytest.mark.parametrize(
+    ("dialect", "faults", "verdict"), [("N3", ["lit-normals"], "bad"), ("N3", [], "ok"), ("0.3.10", [], "ok")]
+)
+def test_normals_are_directions_or_the_lit_image(dialect, faults, verdict):
+    with visited(dialect=dialect, faults=faults, size=(96, 96)) as (_, camera):
+        assert doctor.normals(camera).verdict == verdict
+
+
 def test_frames_that_blend_are_counted_and_dropped():
     """Half of the last image stays in each: the differences halve from frame to frame."""
     with mock_server.serve("four-wall", size=(48, 48), faults=["temporal=0.5"]) as server:
