@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Literal, TypedDict, get_args
 
-from omniscv.arguments import number, one_of, shown, text, whole_number
+from omniscv.arguments import flag, number, one_of, shown, text, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, record
 
@@ -48,6 +48,8 @@ class RenderOptions:
         normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
         seams: of colours where faces of a cube differ at their edges: ``keep``; ``gains`` of exposure, where
             they explain the steps; or ``close`` what is left, too (:mod:`omniscv.compose.seams`).
+        straighten: whether faces of a recording that are measurably turned against the others of their cube
+            are resampled to what they should show (:mod:`omniscv.compose.slips`).
 
     Raises:
         ArgumentError: a value outside its domain.
@@ -87,6 +89,11 @@ class RenderOptions:
         words=get_args(Seams),
         help="keep, gains (of exposure, where proven) or close, where faces differ at their edges",
     )
+    straighten: bool = checked(
+        flag,
+        default=False,
+        help="resample faces of a recording that are measurably turned against the others",
+    )
 
     def sampled(self, modes: Sequence[str]) -> tuple[str, ...]:
         """Return the modalities that are sampled for those that an image shows: normals may come from
@@ -106,3 +113,4 @@ class RenderKeywords(TypedDict, total=False):
     truth_scale: int
     normals: Normals
     seams: Seams
+    straighten: bool

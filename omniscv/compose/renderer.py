@@ -17,6 +17,7 @@ from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
 from omniscv.compose.seams import Mended, mend
+from omniscv.compose.slips import StraightFaces
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
@@ -193,6 +194,8 @@ class Renderer:
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
         if needed := Counter(request for plan in plans for request in plan.requests):
             source = SharedCaptures(source, needed)
+        if options.straighten and self._recorded is not None:
+            source = StraightFaces(source, self._recorded)
         meter = Meter(len(plans), progress)
         for plan in plans:
             composition = Composition(
@@ -231,7 +234,9 @@ class Renderer:
         if self._recorded is None:
             return make()
         of_captures = (capture.request for capture in captures)
-        return self._cache.get(("seams", options.seams, options.truth_scale, *of_captures), make)
+        return self._cache.get(
+            ("seams", options.seams, options.straighten, options.truth_scale, *of_captures), make
+        )
 
     def _recorded_masks(self, captures: Sequence[Capture], scale: int) -> Sequence[Capture]:
         if self._recorded is None or "object_mask" not in self.source.capabilities.modes:

@@ -1,0 +1,165 @@
+"""Faces that are turned by a fraction of a degree against the others of their cube: measured, put straight.
+
+Such a slip shifts fine texture along the edges of the face. Oblique lines move along an edge with every row,
+too, so what the rows of one face say is subtracted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from omniscv.compose.seams import SIDES, Cube
+from omniscv.errors import MissingCaptureError
+from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.planning import RecordedViews
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
+
+_SAME = 1e-6  # entries of rotations
+_BLUR_PX = 15  # on both sides: slower changes along an edge are no texture
+_BLUR = np.full(2 * _BLUR_PX + 1, 1 / (2 * _BLUR_PX + 1))
+_ROWS = 3  # from which the direction of lines is taken
+_MOST_SLIP = 1 / 128  # of a face's width
+_TEXTURE, _ALIKE = 1.0, 0.6  # levels of texture, and correlation, that show a shift
+_SLIP_PX, _NOISE_PX = 0.6, 0.1  # pictures without anti-aliasing shift texture by half a pixel
+_LEAST_PX = 512  # of a face: smaller ones are turned by less than their pixels show
+_SLIP_DEG, _PROVEN = 0.05, 2  # the least turn, and the edges on which it is seen
+
+
+class StraightFaces(SourceWrapper):
+    """A recording whose turned faces are resampled to the views that they should show, in every mode.
+
+    Colours are interpolated, truth is the nearest pixel's. Faces whose turn is not proven stay as they are.
+
+    Args:
+        source: with recorded views; not closed with it.
+        recorded: its views.
+    """
+
+    def __init__(self, source: Source, recorded: RecordedViews) -> None:
+        super().__init__(source)
+        self._recorded = recorded
+        self._turns: dict[bytes, list[tuple[Array, Array]]] = {}
+
+    def close(self) -> None:
+        self._turns.clear()
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for capture in self._source.capture(requests):
+            yield self._straight(capture)
+
+    def _straight(self, capture: Capture) -> Capture:
+        import cv2
+
+        view, R_w_c = capture.view, capture.view.pose.R_w_c
+        at = view.pose.t_w_c.tobytes()
+        if at not in self._turns:
+            self._turns[at] = self._measured(view.pose.t_w_c, capture.request.state)
+        turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
+        if turn is None:
+            return capture
+        shown = View(
+            Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c),
+            view.fov_deg,
+            view.width,
+            view.height,
+        )
+        pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
+        rays = (pixels - (view.width / 2, view.height / 2)) / view.focal_px
+        rays_w = np.dstack([rays, np.ones(rays.shape[:2])]) @ R_w_c.T
+        uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(rays.shape).astype(np.float32) - 0.5
+        cubic = capture.mode == "lit"
+        filter_ = cv2.INTER_CUBIC if cubic else cv2.INTER_NEAREST
+        straight = cv2.remap(capture.pixels, uv, None, filter_, borderMode=cv2.BORDER_REPLICATE)
+        return replace(capture, pixels=straight, payload=None)
+
+    def _measured(self, center_w: Array, state: str) -> list[tuple[Array, Array]]:
+        """The rotations (3, 3) of the views at a centre that are turned, and by which rotation vector."""
+        six = [View(Pose(center_w, R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
+        views = self._recorded.faces(center_w, six)
+        try:
+            colors = list(self._source.capture(Request(view, "lit", state) for view in views))
+        except MissingCaptureError:
+            return []
+        cube = Cube.of([each.view for each in colors], [each.pixels for each in colors])
+        if cube is None:
+            return []
+        return [(cube.views[face].pose.R_w_c, turn) for face, turn in proven_turns(cube).items()]
+
+
+def proven_turns(cube: Cube) -> dict[int, Array]:
+    """Return the faces that are turned, proven on two edges, each by its rotation vector.
+
+    In the world frame, radians. None of less than 512 px.
+    """
+    if cube.pixels.shape[1] < _LEAST_PX:
+        return {}
+    turns, seen = turns_of(cube)
+    angles = np.degrees(np.linalg.norm(turns, axis=1))
+    return {face: turns[face] for face in range(6) if angles[face] > _SLIP_DEG and seen[face] >= _PROVEN}
+
+
+def turns_of(cube: Cube) -> tuple[Array, NDArray[np.int64]]:
+    """Return how faces are turned against the others, by the shift of fine texture along their edges.
+
+    Returns:
+        (6, 3) rotation vectors, world frame, radians, of few faces; and (6,) on how many edges each turn is
+        seen.
+    """
+    edges, rows, shifts = [], [], []
+    for edge in cube.edges:
+        a, b = (lines.mean(axis=-1) for lines in cube.lines(edge, _ROWS + 1))
+        moved = [_shift_along(a[0], b[0]), _shift_along(a[-1], a[0]), _shift_along(b[0], b[-1])]
+        if not np.isnan(moved).any():
+            view = cube.views[edge.a]
+            middle = view.pose.R_w_c @ np.add(SIDES[edge.side_a], (0, 0, 1))
+            along = view.pose.R_w_c @ np.cross((0, 0, 1), SIDES[edge.side_a])
+            # A face that is turned by w shows a direction d where d - w x d would be.
+            row = np.zeros((6, 3))
+            row[edge.a] = np.cross(middle, along) * view.focal_px
+            row[edge.b] = -row[edge.a]
+            edges.append(edge)
+            rows.append(row)
+            shifts.append(moved[0] - (moved[1] + moved[2]) / (2 * _ROWS))
+    if not rows:
+        return np.zeros((6, 3)), np.zeros(6, np.int64)
+    A, y = np.array(rows), np.array(shifts)
+    turns = _few_turns(A, y)
+    of_face = (A * turns).sum(axis=2)  # (edges, 6) px that each face's turn explains
+    explained = np.abs(of_face.sum(axis=1) - y) < np.abs(y) / 2
+    proof = (np.abs(y) > _SLIP_PX) & explained
+    return turns, (proof[:, None] & (np.abs(of_face) > np.abs(y)[:, None] / 2)).sum(axis=0)
+
+
+def _shift_along(a: Array, b: Array) -> float:
+    """Px by which b (s,) shows the texture of a (s,) farther along; NaN where there is too little."""
+    one, other = (
+        line - np.convolve(np.pad(line, _BLUR_PX, "edge"), _BLUR, "valid")[: len(line)] for line in (a, b)
+    )
+    most = max(2, round(_MOST_SLIP * len(a)))
+    inner = one[most : len(a) - most]
+    alike = []
+    for shift in range(-most, most + 1):
+        there = other[most + shift : len(a) - most + shift]
+        alike.append((inner * there).sum() / max(np.sqrt((inner**2).sum() * (there**2).sum()), 1e-9))
+    best = int(np.argmax(alike))
+    if inner.std() < _TEXTURE or alike[best] < _ALIKE or not 0 < best < 2 * most:
+        return float("nan")
+    before, here, after = alike[best - 1 : best + 2]
+    return float(best - most + (before - after) / (2 * (before - 2 * here + after)))
+
+
+def _few_turns(A: Array, y: Array) -> Array:
+    """(6, 3) turns of few faces that explain shifts y: least squares, reweighted by the size of each turn."""
+    flat = A.reshape(len(A), 18)
+    x, weights = np.zeros(18), np.ones(18)
+    for _ in range(20):
+        scaled = flat * weights
+        x = weights * (scaled.T @ np.linalg.solve(scaled @ scaled.T + _NOISE_PX**2 * np.eye(len(A)), y))
+        size = np.linalg.norm(x.reshape(6, 3), axis=1)
+        weights = np.repeat(np.sqrt((size + 1e-6) / (size.max() + 1e-6)), 3)
+    return x.reshape(6, 3)
