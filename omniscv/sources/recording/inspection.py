@@ -61,7 +61,7 @@ def info(path: Path | str) -> Info:
         rows = store.listing()
         distinct = {text: view_from_json(text) for text in {row.captured for row in rows}}  # of several modes
         views = [distinct[row.captured] for row in rows]
-        provenances = [object_from_json(row.provenance) for row in rows]
+        provenances = [object_from_json(text) for text in {row.provenance for row in rows}]
         first, last = _period(provenances)
 
         def values(key: str) -> list[str]:
@@ -72,7 +72,7 @@ def info(path: Path | str) -> Info:
             bytes=store.path.stat().st_size,
             schema_version=SCHEMA_VERSION,
             captures=_by_mode(rows),
-            centers=len({view.key().position for view in views}),
+            centers=len({view.key().position for view in distinct.values()}),
             sizes=dict(Counter(f"{view.width}x{view.height}" for view in views).most_common()),
             servers=values("server"),
             scenes=values("scene"),
