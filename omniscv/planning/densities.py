@@ -17,7 +17,7 @@ from omniscv.cameras import Camera, Rays
 from omniscv.compiled import njit
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
-from omniscv.parallel import blocks
+from omniscv.parallel import row_blocks
 from omniscv.render_options import LARGEST_FACE_PX
 
 SMALLEST = 384
@@ -167,7 +167,7 @@ def rim_of(camera: Camera, valid: Mask) -> Rim:
 
 
 def unproject(camera: Camera, pixels: Array) -> Rays:
-    """Return the rays of (H, W, 2) pixels, computed in blocks of rows on all cores.
+    """Return the rays of (H, W, 2) pixels, computed on all cores in blocks that stay in the cache.
 
     Arrays are row-major, because rays are looked up by flat indices. A central camera's origins are 0 where
     not valid, too.
@@ -181,7 +181,7 @@ def unproject(camera: Camera, pixels: Array) -> Rays:
         if not camera.central:  # zeros that are never written take no time
             whole.origins[rows] = part.origins
 
-    blocks(fill, len(pixels), pixels[..., 0].size)
+    row_blocks(fill, *shape, pixels=1 << 16)
     return whole
 
 
