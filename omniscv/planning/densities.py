@@ -181,7 +181,7 @@ def unproject(camera: Camera, pixels: Array) -> Rays:
         if not camera.central:  # zeros that are never written take no time
             whole.origins[rows] = part.origins
 
-    row_blocks(fill, *shape, pixels=1 << 16)
+    row_blocks(fill, shape[0], shape[1], pixels=1 << 16)
     return whole
 
 
