@@ -38,8 +38,8 @@ def test_layers_read_back_are_those_in_memory(tmp_path, image_format):
 
 
 def as_half_floats(bounds):
-    """The least half floats of 8 binary digits that are not less, found among all of them."""
-    halves = np.arange(0, 0x7C01, 8, dtype=np.uint16).view(np.float16).astype(np.float64)  # 0 to +inf
+    """The least half floats of 7 binary digits that are not less, found among all of them."""
+    halves = np.arange(0, 0x7C01, 16, dtype=np.uint16).view(np.float16).astype(np.float64)  # 0 to +inf
     return halves[np.searchsorted(halves, bounds.astype(np.float64))]
 
 
