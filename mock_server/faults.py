@@ -60,6 +60,25 @@ KINDS = {
     "ignore-pause": Kind("for each frame: the clock advances though the game is paused"),
     "falling": Kind("for each frame: the player sinks by VALUE cm", 1.0),
     "authentication": Kind("for each command: it is refused, because the client has not authenticated"),
+    "turned": Kind("images that look steeply up or down are turned by VALUE degrees", 0.12, 180.0),
+    "jitter": Kind("every image is shifted by up to VALUE pixels, another way each time", 0.5, 100.0),
+    "far-origin": Kind("locations are single precision, VALUE km from the world's origin", 100.0),
+    "near-plane": Kind("surfaces are not seen nearer than VALUE cm before the camera", 10.0),
+    "far-plane": Kind("depth is at most VALUE metres", 100.0),
+    "radial-depth": Kind(
+        "planar depth goes the share VALUE of the way to the distance along the ray", 1.0, 1.0
+    ),
+    "depth-bits": Kind("depth is an integer of VALUE bits for 100 m", 16.0, 32.0),
+    "depth-mantissa": Kind("depth is a float with a mantissa of VALUE bits", 7.0, 52.0),
+    "mask-blur": Kind("masks: the edges of objects are blended over VALUE pixels", 1.0, 100.0),
+    "mask-noise": Kind("masks: colours are off by up to VALUE levels", 2.0, 255.0),
+    "near-colors": Kind(
+        "masks: every second object is VALUE levels beside the one before, however painted", 1.0, 255.0
+    ),
+    "distortion": Kind("a lens that sees the share VALUE farther out in the corners", 0.01, 1.0),
+    "lit-offset": Kind("lit is shifted by VALUE pixels against the other modes", 1.0, 100.0),
+    "depth-scale": Kind("depth is too large by the share VALUE", 0.01, 100.0),
+    "jpeg": Kind("8-bit images went through JPEG of quality 100 - VALUE", 10.0, 100.0),
     # The world, permanent.
     "dark-manual": Kind("lit: manual exposure is VALUE stops darker than the scene describes", 2.0, 20.0),
     "vignette": Kind(
@@ -173,6 +192,10 @@ class Faults(dict[str, Fault]):
             return None
         self.struck[name] += 1
         return fault
+
+    def generator(self, name: str) -> random.Random:
+        """Return the random generator of a fault that was started."""
+        return self._random[name]
 
     def _add(self, fault: Fault) -> None:
         self[fault.name] = fault

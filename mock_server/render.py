@@ -77,6 +77,7 @@ def render_view(
     height: int,
     hidden: Iterable[str] = frozenset(),
     center: tuple[float, float] | None = None,
+    near_m: float = 0.0,
 ) -> ViewHits:
     """Trace the ray of each pixel's centre.
 
@@ -88,9 +89,13 @@ def render_view(
         width, height: px.
         hidden: names of objects to leave out.
         center: (x, y) the principal point, px; None for the middle.
+        near_m: planar depth from which surfaces are seen.
     """
     directions, length = pinhole_rays(
         np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height), center=center
     )
-    hits = scene.trace(t_w_c, directions, hidden)
-    return ViewHits(hits.label, hits.distance / length, hits.distance, hits.normal, hits.paint)
+    skipped = near_m * length
+    origins = np.asarray(t_w_c) + skipped[..., None] * directions if near_m else t_w_c
+    hits = scene.trace(origins, directions, hidden)
+    distance = hits.distance + skipped
+    return ViewHits(hits.label, distance / length, distance, hits.normal, hits.paint)

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server import pixels
+from mock_server import flaws, pixels
 from mock_server.cine import Cine
 from mock_server.faults import Faults
 from mock_server.light import Film, mixed
@@ -231,6 +231,7 @@ class World:
         camera = dataclasses.replace(camera, location=location, rotation=rotation)
         if narrow := self.faults.strike("narrow-fov"):
             camera.fov = max(1.0, camera.fov - narrow.amount())
+        self._misaim(camera)
         hidden = moment.hidden
         view = self._traced(camera, moment, hidden)
         if self._glass and self._glass not in hidden:
@@ -246,11 +247,36 @@ class World:
             view = _domed(view, camera, self._dome_radius, len(self.things.scene.objects) + 1)
         return view
 
+    def _misaim(self, camera: Camera) -> None:
+        """Change the pose of one image by faults."""
+        if fault := self.faults.strike("turned"):
+            camera.rotation = flaws.turned(camera.rotation, fault.amount())
+        if fault := self.faults.strike("jitter"):
+            degrees = fault.amount() * camera.fov / max(camera.size)
+            camera.rotation = flaws.jittered(camera.rotation, degrees, self.faults.generator("jitter"))
+        if fault := self.faults.strike("far-origin"):
+            camera.location = flaws.rounded_far_away(camera.location, fault.amount())
+
     def image(self, view: ViewHits, mode: str, camera: Camera | None = None) -> pixels.Bytes:
         """Return (H, W, 3) a camera's view in a view mode; modes that the mock lacks look like ``lit``."""
+        image = self._image(view, mode, camera)
+        if mode == "object_mask" and (fault := self.faults.strike("mask-blur")):
+            image = flaws.blurred(image, fault.amount())
+        if mode == "object_mask" and (fault := self.faults.strike("mask-noise")):
+            image = flaws.recoloured(image, fault.amount(), self.faults.generator("mask-noise"))
+        if mode == "lit" and (fault := self.faults.strike("lit-offset")):
+            image = flaws.shifted(image, fault.amount())
+        if fault := self.faults.strike("distortion"):
+            image = flaws.distorted(image, fault.amount())
+        fault = self.faults.strike("jpeg")
+        return flaws.through_jpeg(image, fault.amount()) if fault else image
+
+    def _image(self, view: ViewHits, mode: str, camera: Camera | None) -> pixels.Bytes:
         if mode == "object_mask":
             colors = [(0, 0, 0), *self.things.colors(), self._dome.color]
             table = np.array(colors, dtype=np.uint8)
+            if fault := self.faults.strike("near-colors"):
+                table[2:-1:2] = table[1:-2:2] ^ (int(fault.amount()), 0, 0)
             shown = pixels.through_vertex_colors(table) if "mask-gamma" in self.faults else table
             return shown[view.label]
         if mode == "normal" and not self.faults.strike("lit-normals"):
@@ -275,16 +301,32 @@ class World:
         if growth := self.faults.strike("moving-world"):
             depth = depth * self._depth_scale
             self._depth_scale += growth.amount()
-        return depth
+        if fault := self.faults.strike("depth-scale"):
+            depth = depth * (1 + fault.amount())
+        if fault := self.faults.strike("distortion"):
+            depth = flaws.distorted(depth, fault.amount())
+        if fault := self.faults.strike("radial-depth"):
+            farther = np.where(np.isfinite(view.depth), view.distance, 0) - np.where(
+                np.isfinite(view.depth), view.depth, 0
+            )
+            depth = depth + fault.amount() * farther
+        if fault := self.faults.strike("far-plane"):
+            depth = np.minimum(depth, fault.amount())
+        if fault := self.faults.strike("depth-bits"):
+            depth = flaws.in_steps(depth, fault.amount())
+        fault = self.faults.strike("depth-mantissa")
+        return flaws.in_bits(depth, fault.amount()) if fault else depth
 
     def _traced(self, camera: Camera, moment: Moment, hidden: frozenset[str]) -> ViewHits:
         """Return a view, cached for requests of other modes."""
+        near = self.faults.strike("near-plane")
+        near_m = near.amount() / 100 if near else 0.0
         view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.center(), camera.size)
-        key = (*view, moment.scene, moment.time_s, moment.placed, hidden)
+        key = (*view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
         if key not in self._views:
             pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
             self._views[key] = render_view(
-                moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden, camera.center()
+                moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden, camera.center(), near_m
             )
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (

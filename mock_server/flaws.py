@@ -1,0 +1,83 @@
+"""Flaws of captures: what some faults of :mod:`mock_server.faults` do to pose, depth and pixels."""
+
+import random
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Triple = tuple[float, float, float]
+Depth = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+_STEEP_DEG = 45.0
+_DEPTH_RANGE_M = 100.0
+
+
+def turned(rotation: Triple, degrees: float) -> Triple:
+    """Return a rotator, turned about the vertical axis where it looks steeply up or down."""
+    pitch, yaw, roll = rotation
+    return pitch, yaw + degrees * (abs((pitch + 180) % 360 - 180) > _STEEP_DEG), roll
+
+
+def jittered(rotation: Triple, degrees: float, generator: random.Random) -> Triple:
+    """Return a rotator with pitch and yaw off by up to so many degrees, drawn evenly."""
+    pitch, yaw, roll = rotation
+    return pitch + generator.uniform(-degrees, degrees), yaw + generator.uniform(-degrees, degrees), roll
+
+
+def rounded_far_away(location: Triple, km: float) -> Triple:
+    """Return a location, cm, through single precision, that far from the world's origin along each axis."""
+    off = np.float32(1e5 * km)
+    x, y, z = (float(np.float32(value + off) - off) for value in location)
+    return x, y, z
+
+
+def in_steps(depth: Depth, bits: float) -> Depth:
+    """Return depth in 2^bits even steps up to 100 m, as in integer images."""
+    step = _DEPTH_RANGE_M / 2**bits
+    return np.asarray(np.round(np.minimum(depth, _DEPTH_RANGE_M) / step) * step)
+
+
+def in_bits(depth: Depth, bits: float) -> Depth:
+    """Return depth with a mantissa of so many bits: 23 float32, 10 half floats, 7 bfloat16."""
+    mantissa, exponent = np.frexp(depth)
+    return np.asarray(np.ldexp(np.round(mantissa * 2 ** (bits + 1)) / 2 ** (bits + 1), exponent))
+
+
+def blurred(image: Bytes, px: float) -> Bytes:
+    """Return a mask with edges as anti-aliasing makes them: blended over so many pixels."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), px) if px > 0 else image, np.uint8)
+
+
+def recoloured(image: Bytes, levels: float, generator: random.Random) -> Bytes:
+    """Return a mask, every channel off by up to so many levels, drawn evenly."""
+    rng = np.random.default_rng(generator.getrandbits(32))
+    noise = rng.uniform(-levels, levels, image.shape)
+    return np.clip(np.round(image + noise), 0, 255).astype(np.uint8)
+
+
+def through_jpeg(image: Bytes, loss: float) -> Bytes:
+    """Return an image that was a JPEG of quality ``100 - loss``, in full colour resolution."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, round(100 - loss), cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111]
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, options)[1], cv2.IMREAD_COLOR), np.uint8)
+
+
+def distorted(image: NDArray[Any], corner: float) -> NDArray[Any]:
+    """Return what a lens shows that sees so much farther out in the corners, by the squared radius."""
+    height, width = image.shape[:2]
+    v, u = np.mgrid[:height, :width] + 0.5
+    x, y = 2 * u / width - 1, 2 * v / height - 1
+    factor = 1 + corner * (x**2 + y**2) / 2
+    across, down = (
+        ((axis * factor + 1) * size / 2 - 0.5).astype(np.float32) for axis, size in ((x, width), (y, height))
+    )
+    return np.asarray(cv2.remap(image, across, down, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE))
+
+
+def shifted(image: Bytes, px: float) -> Bytes:
+    """Return an image, shifted to the right by so many pixels."""
+    matrix = np.array([[1.0, 0.0, px], [0.0, 1.0, 0.0]])
+    size = image.shape[1], image.shape[0]
+    return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
