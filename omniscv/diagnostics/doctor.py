@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from omniscv import storage
-from omniscv.diagnostics import Finding, native_panorama, seams
+from omniscv.diagnostics import Finding, agreement, native_panorama, seams
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
@@ -21,6 +21,7 @@ from omniscv.sources.base import Color
 from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
 from omniscv.sources.unreal import replies
+from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.driver import SETTLED
@@ -93,8 +94,14 @@ def examine_address(
                 masks(connection, camera, pairs),
                 *([] if quick else seams.findings(seams.measure(camera))),
                 *([] if quick else native_panorama.findings(connection, camera)),
+                *([] if quick else _agreement(connection, camera)),
                 *motion,
             ]
+
+
+def _agreement(connection: Connection, camera: RawCamera) -> list[Finding]:
+    table = colors(connection)
+    return list(agreement.findings(camera, table, boxes(connection, list(table))))
 
 
 def _examine_file(path: str) -> list[Finding]:

@@ -1,0 +1,322 @@
+"""Do captures agree with each other, and with what the server says of its objects?
+
+Depth predicts where each pixel of one capture is in another: from the same centre, and from one beside it.
+There the other must show the same surface, or a nearer one that hides it; never one behind it. Nothing here
+knows a cause: whatever makes captures contradict each other is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.diagnostics import Finding
+from omniscv.diagnostics.seams import FACES
+from omniscv.diagnostics.self_calibration import inside, sample
+from omniscv.diagnostics.server import RawCamera
+from omniscv.geometry import Array
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.sources.base import Color, View
+from omniscv.sources.unreal.replies import SKY
+
+Mask = NDArray[np.bool_]
+
+_TURNED = [(yaw, pitch) for yaw, pitch in zip(range(20, 380, 60), (35, -40, 10, 50, -25, -55), strict=True)]
+_BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
+_BESIDE_M, _BESIDE_SHARE = (
+    0.5,
+    0.4,
+)  # how far the second centre is: metres, and of the nearest surface's distance
+_FAR_M = 1e6  # of the sky
+_SMOOTH = 2e-3  # second differences of inverse depth, relative, below which it is interpolated
+_DEPTH, _LEVELS = 2e-3, 4.0  # relative depth and grey levels by which captures may differ
+_SCALE, _NEARLY, _LEAST_M = 4e-3, 0.02, 0.05  # of depth; in which points; after which moves, metres
+_AROUND = np.ones((5, 5), np.uint8)
+_GONE, _GONE_SHARE = (
+    0.05,
+    5e-4,
+)  # by how much farther another capture sees, and the share of pixels where it may
+_SHARE, _OF_OBJECT, _OF_COLORS = 0.01, 0.25, 0.015  # of pixels, of an object's points, and of its colours
+_LEAST_PX = 60
+_OUTSIDE_M, _OUTSIDE = (
+    0.03,
+    0.01,
+)  # by which points may be outside their object's box: metres, of the distance
+_CROSSED_PX, _CROSSED, _DEEP_M = 150, 0.3, 0.03  # rays that enter the box of an object that is not shown
+_SPHERE, _SPHERE_PX = 2e-3, 2000
+_AGAIN_LEVELS = 0.5
+_MOST_PX = 4  # by which colours are looked for beside the masks' edges
+_EFFECTS = "turn off auto exposure, vignette, bloom, anti-aliasing and compression"
+_POSES = "check field of view, poses and the meaning of depth; pause the game"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A view in three modes.
+
+    Attributes:
+        view: pose and field of view.
+        lit: (H, W, 3) float32.
+        depth: (H, W) planar metres; ``_FAR_M`` for the sky.
+        mask: (H, W) int64, codes of the mask colours; None where masks are pictures of another camera.
+    """
+
+    view: View
+    lit: NDArray[np.float32]
+    depth: Array
+    mask: NDArray[np.int64] | None
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(H, W) one over depth, which is linear on planes."""
+        return np.asarray(1 / np.maximum(self.depth, 1e-3))
+
+    @cached_property
+    def smooth(self) -> Mask:
+        """(H, W) where inverse depth may be interpolated, and the mask has one colour."""
+        bend = np.abs(cv2.Laplacian(self.inverse, cv2.CV_64F)) < _SMOOTH * self.inverse
+        if self.mask is not None:
+            codes = self.mask.astype(np.float32)
+            bend &= cv2.dilate(codes, np.ones((3, 3))) == cv2.erode(codes, np.ones((3, 3)))
+        return np.asarray(cv2.erode(bend.astype(np.uint8), np.ones((3, 3), np.uint8)), np.bool_)
+
+    @cached_property
+    def range(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The darkest and the brightest of the 5 x 5 pixels around each, (H, W, 3)."""
+        return cv2.erode(self.lit, _AROUND), cv2.dilate(self.lit, _AROUND)
+
+    @cached_property
+    def nearest(self) -> Array:
+        """(H, W) the least depth of the 5 x 5 pixels around each."""
+        return np.asarray(cv2.erode(self.depth, _AROUND))
+
+    @cached_property
+    def points_w(self) -> Array:
+        """(H, W, 3) what the pixels show, world frame."""
+        v, u = np.mgrid[: self.view.height, : self.view.width] + 0.5
+        at = (np.stack([u, v], -1) - (self.view.width / 2, self.view.height / 2)) / self.view.focal_px
+        rays = np.dstack([at, np.ones(at.shape[:2])])
+        return self.view.pose.to_world(rays * self.depth[..., None])
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """What two captures show of the same points: (N,) each.
+
+    Attributes:
+        behind: how much farther the first sees than the point, relative, on smooth surfaces.
+        scale: by how much depth is too large, from how much nearer the point is to the second's centre.
+        gone: of all surfaces, whether the first sees farther in all of the 5 x 5 pixels around the point.
+        masks: whether colours of masks differ; lit: by how many levels colours do; where depth agrees.
+        objects: codes of the mask's colours where depth agrees.
+    """
+
+    behind: Array
+    scale: Array
+    gone: Mask
+    masks: Mask
+    lit: Array
+    objects: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, first: Shot, second: Shot) -> Overlap:
+        """Compare the surfaces of the second with the first."""
+        uvz = first.view.project(second.points_w)
+        common = inside(uvz, first.view) & (second.depth < _FAR_M)
+        at = np.where(common[..., None], uvz[..., :2], 0).astype(np.int64)
+        there = at[..., 1], at[..., 0]
+        gone = (first.nearest[there] > (1 + _GONE) * uvz[..., 2])[common]
+        common &= second.smooth & first.smooth[there]
+        expected = uvz[..., 2][common]
+        behind = 1 / np.maximum(sample(first.inverse, uvz)[common], 1 / _FAR_M) / expected - 1
+        same = np.abs(behind) < _DEPTH
+        nearer = (second.view.pose.position - first.view.pose.position) @ first.view.pose.R_w_c[:, 2]
+        known = (np.abs(behind) < _NEARLY) & (abs(nearer) > _LEAST_M)
+        scale = (behind * expected)[known] / (nearer or 1.0)
+        row = tuple(axis[common][same] for axis in there)
+        least, most = (bound[row] for bound in first.range)
+        lit = second.lit[common][same]
+        levels = np.maximum(least - lit, lit - most).max(axis=-1, initial=0.0)
+        if first.mask is None or second.mask is None:
+            return cls(
+                behind, scale, gone, np.zeros(len(lit), np.bool_), levels, np.zeros(len(lit), np.int64)
+            )
+        objects = second.mask[common][same]
+        return cls(behind, scale, gone, first.mask[row] != objects, levels, objects)
+
+
+def shoot(camera: RawCamera, angles: Iterable[tuple[float, float]], beside_m: Array) -> list[Shot]:
+    """Capture views in three modes at a centre beside the camera's position."""
+    kind, unit = camera.driver.table.depth
+    start, shots = camera.position, []
+    camera.position = start + beside_m
+    for yaw, pitch in angles:
+        pose = camera.go(yaw, pitch)
+        lit, depth, mask = (camera.pixels(mode) for mode in ("lit", "depth", "object_mask"))
+        view = View(pose, camera.fov_deg, lit.shape[1], lit.shape[0])
+        metres = depth.astype(np.float64) * (0.01 if unit == "cm" else 1.0)
+        planar = metres / view.ray_lengths() if kind == "ray" else metres
+        usable = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
+        codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else None
+        shots.append(Shot(view, lit.astype(np.float32), np.where(depth < SKY, planar, _FAR_M), codes))
+    camera.position = start
+    return shots
+
+
+def findings(
+    camera: RawCamera, colors: Mapping[str, Color], boxes: Mapping[str, ObjectBox]
+) -> Iterator[Finding]:
+    """Yield what captures of one place say of each other, and of the objects' boxes.
+
+    Args:
+        camera: captures 19 views in three modes.
+        colors: of the objects in masks.
+        boxes: of objects, world frame.
+    """
+    here = np.zeros(3)
+    faces, turned = shoot(camera, FACES.values(), here), shoot(camera, _TURNED, here)
+    nearest = min(float(shot.depth.min()) for shot in faces)
+    beside = shoot(camera, FACES.values(), min(_BESIDE_M, _BESIDE_SHARE * nearest) * _BESIDE)
+    (again,) = shoot(camera, [FACES["front"]], here)
+    names = {red << 16 | green << 8 | blue: name for name, (red, green, blue) in colors.items()}
+    yield _again(faces[0], again)
+    of_turn = [Overlap.of(*pair) for a in faces for b in turned for pair in ((a, b), (b, a))]
+    of_move = [Overlap.of(*pair) for a in faces for b in beside for pair in ((a, b), (b, a))]
+    yield from _agree("turned", of_turn, np.abs)
+    yield from _agree("moved", of_move, lambda behind: behind)
+    yield _scale(of_move)
+    yield _gone([*of_turn, *of_move])
+    yield _view_dependent(of_move, names)
+    yield _aligned([*faces, *turned])
+    yield _spheres([*faces, *turned], names)
+    if boxes and faces[0].mask is not None:
+        yield _boxes([*faces, *turned], names, boxes)
+
+
+def _again(first: Shot, again: Shot) -> Finding:
+    lit = float(np.abs(first.lit - again.lit).mean())
+    depth = float((np.abs(again.depth / np.maximum(first.depth, 1e-3) - 1) > _DEPTH / 4).mean())
+    both = first.mask is not None and again.mask is not None
+    masks = float((np.asarray(first.mask) != np.asarray(again.mask)).mean()) if both else 0.0
+    same = lit <= _AGAIN_LEVELS and max(depth, masks) <= _SHARE
+    value = f"colours {lit:.1f} levels off at the mean, {depth:.1%} of depth, {masks:.1%} of masks"
+    return Finding.unless(same, "same again", value, "bad", f"pause the game; {_EFFECTS}")
+
+
+def _agree(how: str, overlaps: Sequence[Overlap], off: object) -> Iterator[Finding]:
+    behind = np.concatenate([each.behind for each in overlaps])
+    masks, lit = (np.concatenate([getattr(each, key) for each in overlaps]) for key in ("masks", "lit"))
+    if len(behind) < _LEAST_PX:
+        yield Finding(
+            f"depth, {how}", "nothing to compare", "warning", "give --position where more is visible"
+        )
+        return
+    wrong = float((off(behind) > _DEPTH).mean())  # type: ignore[operator]
+    yield Finding.unless(wrong <= _SHARE, f"depth, {how}", f"{wrong:.2%} disagrees", "bad", _POSES)
+    if len(lit) < _LEAST_PX:
+        return  # no surface is where the other capture shows it
+    other, levels = float(masks.mean()), float((lit > _LEVELS).mean())
+    yield Finding.unless(other <= _SHARE, f"masks, {how}", f"{other:.2%} disagree", "bad", _EFFECTS)
+    yield Finding.unless(levels <= _SHARE, f"colours, {how}", f"{levels:.2%} disagree", "bad", _EFFECTS)
+
+
+def _scale(overlaps: Sequence[Overlap]) -> Finding:
+    """Find by how much depth is too large: by so much more than the camera moved it grows."""
+    scales = np.concatenate([each.scale for each in overlaps])
+    scale = float(np.median(scales)) if len(scales) >= _LEAST_PX else 0.0
+    value = f"{scale:+.2%} against the camera's moves"
+    return Finding.unless(abs(scale) <= _SCALE, "depth scale", value, "bad", "check the scale of the world")
+
+
+def _gone(overlaps: Sequence[Overlap]) -> Finding:
+    share = float(np.concatenate([each.gone for each in overlaps]).mean())
+    remedy = "things thinner than a pixel (face_size), or nearer than the near clipping plane"
+    value = f"{share:.2%} of what one capture shows, another looks through"
+    return Finding.unless(share <= _GONE_SHARE, "things that come and go", value, "warning", remedy)
+
+
+def _view_dependent(overlaps: Sequence[Overlap], names: Mapping[int, str]) -> Finding:
+    """Find objects whose colours change with the centre: they mirror, or something is seen through them."""
+    objects, lit = (np.concatenate([getattr(each, key) for each in overlaps]) for key in ("objects", "lit"))
+    changing = [
+        names.get(code, "?")
+        for code in np.unique(objects)
+        if (objects == code).sum() >= _LEAST_PX and (lit[objects == code] > _LEVELS).mean() > _OF_COLORS
+    ]
+    remedy = "use strategy strips, which takes every colour from its own centre"
+    value = ", ".join(changing) or "nothing"
+    return Finding.unless(not changing, "colours that depend on the view", value, "bad", remedy)
+
+
+def _aligned(shots: Sequence[Shot]) -> Finding:
+    """Find whether colours change where masks do, or some pixels beside."""
+    name, found = "colours over masks", []
+    for axis, direction in ((1, "right"), (0, "down")):
+        scores = np.zeros(2 * _MOST_PX + 1)
+        for shot in shots:
+            if shot.mask is None:
+                return Finding(name, "masks are pictures of another camera")
+            edges = np.diff(shot.mask, axis=axis) != 0
+            steps = np.abs(np.diff(shot.lit, axis=axis)).sum(axis=-1)
+            inner = edges[_MOST_PX:-_MOST_PX, _MOST_PX:-_MOST_PX]
+            for i, px in enumerate(range(-_MOST_PX, _MOST_PX + 1)):
+                scores[i] += np.roll(steps, -px, axis)[_MOST_PX:-_MOST_PX, _MOST_PX:-_MOST_PX][inner].sum()
+        px = int(scores.argmax()) - _MOST_PX
+        found += [f"{px} px {direction}"] * (px != 0)
+    value = ", ".join(found) or "aligned"
+    return Finding.unless(not found, name, value, "bad", "capture all modes at one size, with one camera")
+
+
+def _spheres(shots: Sequence[Shot], names: Mapping[int, str]) -> Finding:
+    """Find objects that are spheres around the camera: domes that stand for the sky."""
+    found = []
+    distance = np.stack([shot.depth * shot.view.ray_lengths() for shot in shots])
+    if shots[0].mask is not None:
+        mask = np.stack([shot.mask for shot in shots if shot.mask is not None])
+        for code in np.unique(mask[distance < _FAR_M]):
+            of_object = distance[mask == code]
+            if len(of_object) >= _SPHERE_PX and np.ptp(of_object) < _SPHERE * of_object.mean():
+                found.append(f"{names.get(int(code), '?')} at {of_object.mean():.4g} m")
+    remedy = "hide it (--set hide=NAME), or depth there is no distance"
+    return Finding.unless(not found, "domes", ", ".join(found) or "none", "bad", remedy)
+
+
+def _boxes(shots: Sequence[Shot], names: Mapping[int, str], boxes: Mapping[str, ObjectBox]) -> Finding:
+    """Find objects that masks and depth show outside their boxes, or not at all though nothing hides them."""
+    points = np.concatenate([shot.points_w.reshape(-1, 3) for shot in shots])
+    mask = np.concatenate([shot.mask.reshape(-1) for shot in shots if shot.mask is not None])
+    center = shots[0].view.pose.position
+    reach = np.linalg.norm(points - center, axis=1)
+    wrong = []
+    for code, name in names.items():
+        if name not in boxes:
+            continue
+        box, of_object = boxes[name], mask == code
+        if of_object.sum() >= _LEAST_PX:
+            beyond = np.abs((points[of_object] - box.center_w) @ box.R_w_b) - box.size / 2
+            slack = _OUTSIDE_M + _OUTSIDE * reach[of_object]
+            if (reach[of_object] >= _FAR_M).all():
+                wrong.append(f"{name} has no depth")
+            elif (beyond.max(axis=1) > slack).mean() > _OF_OBJECT:
+                wrong.append(f"{name} is elsewhere")
+        elif not of_object.any() and _is_entered(center, points, box):
+            wrong.append(f"{name} is not shown")
+    value = ", ".join(wrong) or f"{len(boxes)} in their boxes"
+    remedy = "give it a mask colour and an opaque material; check units, poses and the field of view"
+    return Finding.unless(not wrong, "objects where they should be", value, "bad", remedy)
+
+
+def _is_entered(center: Array, points: Array, box: ObjectBox) -> bool:
+    """Return whether many of the rays from a centre (3,) to points (N, 3) end in a box or beyond it."""
+    start, end = (center - box.center_w) @ box.R_w_b, (points - box.center_w) @ box.R_w_b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bounds = (np.array((-1.0, 1.0))[:, None, None] * box.size / 2 - start) / (end - start)
+    enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
+    toward = (enter > 0) & (enter < leave)
+    deep = toward & ((1 - enter) * np.linalg.norm(end - start, axis=1) > _DEEP_M)
+    return bool(deep.sum() >= max(_CROSSED_PX, _CROSSED * toward.sum()))
