@@ -15,13 +15,15 @@ app = Typer(add_completion=False)
 
 @app.command(epilog="Example: omniscv chart central --width 128 --out charts")
 def chart(
-    kind: Annotated[Literal["central", "noncentral", "stability", "sensor"], Argument(help="What is drawn.")],
+    kind: Annotated[
+        Literal["accuracy", "central", "failures", "stability", "sensor"], Argument(help="What is drawn.")
+    ],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
     progress: StyleOption = None,
 ) -> None:
-    """Draw filters and peers, or strategies, by cost and error; models at their limits; noise of sensors."""
+    """Draw cost against error; what makes images fail; models at their limits; noise of sensors."""
     module = import_module(f"omniscv.chart.{kind}")
     given: dict[str, Any] = dict(module.QUICK) if quick else {}
     if width is not None:

@@ -34,4 +34,4 @@ def test_it_is_written_and_drawn(tmp_path):
     assert json.loads(data.read_text())[0]["model"] == "equirectangular"
     assert "octahedral" in drawn.read_text()
     with Image.open(picture) as opened:
-        assert opened.width == 1320
+        assert opened.width == 1600

@@ -1,0 +1,201 @@
+"""Cost against doubt: what is captured, and how much of the image may be wrong, by camera and strategy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omniscv.cameras import Camera, create
+from omniscv.chart import drawing
+from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
+from omniscv.chart.failures import wrong_depth
+from omniscv.chart.truth import traced
+from omniscv.compose.renderer import render
+from omniscv.geometry import Pose
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper
+from omniscv.sources.scene import SceneSource, open_scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+QUICK = {"width": 64}
+
+PAPER = "the paper"
+AIMS = (0.01, 0.003, 0.001, 0.0003)
+MS_REQUEST, MS_MEGAPIXEL = 5.0, 25.0
+LATENCIES_MS = (5, 30)
+
+_SIZES = (0.5, 1, 2, 4, 8)  # of faces, in quarters of the widest image
+_Ways = dict[str, list[tuple[str, int | None, float]]]
+_CENTRAL: _Ways = {PAPER: [("cube", None, 1)], "faces": [("faces", None, size) for size in _SIZES]}
+_NONCENTRAL: _Ways = {
+    PAPER: [("cube", None, 1)],
+    "strips": [("strips", count, 1) for count in (16, 64)] + [("strips", None, size) for size in (1, 2)],
+    "faces": [("faces", count, 1) for count in (4, 16, None)],
+    "adaptive": [("adaptive", None, size) for size in _SIZES[:-1]],
+}
+_POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
+_MODES = ("object_mask", "depth")
+_LEAST = 1e-4  # a share of 0 is drawn here
+_CHEAPER = 1.5  # times, from which the title says so
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way to make one camera's image.
+
+    Attributes:
+        face_size: px.
+        requests: of captures, in both modes; megapixels: captured, in both modes.
+        seconds: of capturing by the model: 5 ms a request and 25 ms a megapixel.
+        seconds_at: the same by latency, in milliseconds of a request.
+        doubtful: share of the valid pixels that are marked, or whose depth may be off by more than 1 %.
+        wrong: share of the valid pixels whose label differs or whose depth is off by more than 1 %.
+        compose_s: time of planning and composing, without captures.
+    """
+
+    camera: str
+    series: str
+    viewpoints: int | None
+    face_size: int
+    requests: int
+    megapixels: float
+    seconds: float
+    seconds_at: dict[int, float]
+    doubtful: float
+    wrong: float
+    compose_s: float
+
+
+def cameras(width: int) -> dict[str, Camera]:
+    """Return the cameras of the chart, by name."""
+    square = {"width": width // 4, "height": width // 4}
+    return {
+        "panorama": create("equirectangular", width=width, height=width // 2),
+        "fisheye": create("fisheye-equidistant", width=width // 2, height=width // 2, fov_deg=185),
+        "mirror ball": create(
+            "noncentral-spherical-mirror", **square, mirror_radius=0.3, distance=0.3, fov_deg=280
+        ),
+        "non-central panorama": create(
+            "noncentral-panorama", width=width // 2, height=width // 4, radius=0.4
+        ),
+    }
+
+
+def measure(width: int = 512, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+    """Measure every way in the four-wall room.
+
+    Args:
+        width: of the panorama, px; the other images are a half or a quarter as wide.
+        progress: called with (images done, images in total).
+    """
+    scene = open_scene("scene://four-wall").scene
+    every = [
+        (name, camera, series, *way)
+        for name, camera in cameras(width).items()
+        for series, ways in (_CENTRAL if camera.central else _NONCENTRAL).items()
+        for way in ways
+    ]
+    truth = {name: traced(scene, camera, _POSE) for name, camera in cameras(width).items()}
+    rows: list[Row] = []
+    for name, camera, series, strategy, viewpoints, size in every:
+        face_size = round(size * width / 4)
+        options: dict[str, Any] = {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
+        source, started = _Counting(SceneSource(scene, cached_views=1)), time.perf_counter()
+        image = render(camera, _POSE, source, _MODES, **options)
+        compose_s = time.perf_counter() - started - source.seconds
+        off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
+        wrong = float(off[image.valid].mean())
+        of_pixels = MS_MEGAPIXEL * source.pixels / 1e9
+        seconds_at = {ms: ms * source.requests / 1e3 + of_pixels for ms in LATENCIES_MS}
+        rows.append(
+            Row(
+                name, series, viewpoints, face_size, source.requests, source.pixels / 1e6,
+                seconds_at[LATENCIES_MS[0]], seconds_at, image.doubtful, wrong, compose_s,
+            )
+        )  # fmt: skip
+        if progress:
+            progress(len(rows), len(every))
+    return rows
+
+
+class _Counting(SourceWrapper):
+    """Counts requests and pixels, and measures the time of the captures."""
+
+    def __init__(self, source: Source) -> None:
+        super().__init__(source)
+        self.requests, self.pixels, self.seconds = 0, 0, 0.0
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        captures = self._source.capture(requests)
+        while True:
+            started = time.perf_counter()
+            capture = next(captures, None)
+            self.seconds += time.perf_counter() - started
+            if capture is None:
+                return
+            self.requests += 1
+            self.pixels += capture.view.width * capture.view.height
+            yield capture
+
+
+def write(rows: Sequence[Row], out: Path) -> list[Path]:
+    """Write the measurements and draw them, a panel a camera: ``chart-accuracy`` as JSON, SVG and PNG."""
+    names = list(dict.fromkeys(row.camera for row in rows))
+    figure, panels = drawing.figure(2, 6.4, finding(rows), lines=2)
+    series = [name for name in dict.fromkeys(row.series for row in rows) if name != PAPER]
+    looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
+    looks[PAPER] = Look(INK, "P", "")
+    drawn = {}
+    for name, axes in zip(names, panels, strict=True):
+        mine = [row for row in rows if row.camera == name]
+        drawn[name] = [_dot(row, mine) for row in mine]
+        drawing.dots(axes, drawn[name], looks)
+        drawn[name] += [_wrong(axes, row, looks[row.series]) for row in mine]
+        _draw_aims(axes)
+        axes.set_title(name, size=10, color=INK)
+    figure.supxlabel(
+        f"seconds of capturing: {MS_REQUEST:g} ms a request and {MS_MEGAPIXEL:g} ms a megapixel", size=9
+    )
+    figure.supylabel("pixels in doubt, % (hollow: truly wrong)", size=9)
+    for name, axes in zip(names, panels, strict=True):
+        drawing.label(axes, drawn[name], looks)
+    return drawing.write(rows, figure, out, "chart-accuracy")
+
+
+def _wrong(axes: Axes, row: Row, look: Look) -> Dot:
+    """Draw how much is truly wrong, hollow."""
+    dot = Dot(row.series, "", row.seconds, 100 * max(row.wrong, _LEAST), hollow=True)
+    axes.plot(dot.x, dot.y, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
+    return dot
+
+
+def _draw_aims(axes: Axes) -> None:
+    limits = axes.get_xlim()
+    for aim in AIMS:
+        axes.axhline(100 * aim, color=MUTED, lw=0.7, ls=":", zorder=1)
+        axes.annotate(
+            f"{100 * aim:g} %", (limits[1], 100 * aim), (-2, 1), textcoords="offset points", size=6.5,
+            color=MUTED, ha="right", va="bottom",
+        )  # fmt: skip
+    axes.set(xlim=limits, ylim=(100 * _LEAST / 1.5, 150))
+
+
+def _dot(row: Row, all_rows: Sequence[Row]) -> Dot:
+    """Return a dot; the last of a series is labelled."""
+    curve = [other for other in all_rows if other.series == row.series]
+    return Dot(row.series, row.series * (curve[-1] is row), row.seconds, 100 * max(row.doubtful, _LEAST))
+
+
+def finding(rows: Sequence[Row]) -> str:
+    """Return the title, which states the result: what an image no more doubtful than the paper's costs."""
+    cheaper = []
+    for camera in dict.fromkeys(row.camera for row in rows):
+        mine = [row for row in rows if row.camera == camera]
+        paper = next(row for row in mine if row.series == PAPER)
+        ratio = paper.seconds / min(row.seconds for row in mine if row.doubtful <= paper.doubtful)
+        cheaper += [f"a {camera} {ratio:.0f} times cheaper"] if ratio >= _CHEAPER else []
+    return "No more doubt than with the paper's full capture: " + (", ".join(cheaper) or "at no less cost")

@@ -1,0 +1,385 @@
+"""Where images fail: causes at growing strength, the error against exact truth, and what the software said.
+
+Captures come from the mock server with a fault; the doctor examines the same server.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from omniscv import light
+from omniscv.cameras import Camera, create
+from omniscv.chart import drawing
+from omniscv.chart.truth import traced
+from omniscv.compose.image import OmniImage
+from omniscv.compose.renderer import render
+from omniscv.diagnostics.doctor import examine_address
+from omniscv.errors import OmniscvError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.arrays import Mask
+from omniscv.sources.registry import Deadlines, open_source
+from omniscv.sources.scene import open_scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from mock_server import Hits, Scene
+
+QUICK = {"width": 32, "causes": ("radial depth",)}
+
+SAID = {
+    "holds": "#b6bcc6",
+    "refused": "#0072b2",
+    "doctor": "#009e73",
+    "marked": "#56b4e9",
+    "silent": "#d55e00",
+}
+"""What the software says, with colours. ``holds``: the image is as true as without the fault."""
+
+COLUMNS = ("panorama", "strips", "8 viewpoints", "adaptive")
+_RING: dict[str, dict[str, Any]] = {
+    "strips": {"strategy": "strips"},
+    "8 viewpoints": {"strategy": "faces", "viewpoints": 8},
+    "adaptive": {"strategy": "adaptive"},
+}
+
+_LEGEND = {
+    "holds": "holds",
+    "refused": "refused",
+    "doctor": "found by the doctor",
+    "marked": "marked or bounded in the image",
+    "silent": "silent",
+}
+_KEY = "Each cell: strength from weak to strong; its height: pixels wrong, 0.01 % to 100 %, logarithmic"
+_LINE_IN = 0.36
+_MODES = ("lit", "object_mask", "depth")
+_FACE = 96 / 128  # px of a face for each of the image's width
+_RADIUS_M = 0.4
+_POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
+_LEVELS, _DEPTH = 8 / 255, 0.01  # by which colours, and depth relatively, are wrong
+_SLACK = _DEPTH / 10  # by which a bound may be too small before it misleads
+_BROKEN, _UNMARKED = 0.002, 0.001  # shares of the pixels, above those without the fault
+_LEAST = 1e-4  # an error of 0 is drawn here
+_DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
+
+_RODS = """
+sky: [0.6, 0.8, 0.9]
+room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
+  walls: [{{kind: plain, colors: [[0.8, 0.7, 0.6]]}}],
+  floor_texture: {{kind: plain, colors: [[0.5, 0.4, 0.3]]}},
+  ceiling_texture: {{kind: plain, colors: [[0.9, 0.9, 0.9]]}}}}
+objects: {{Rods: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
+"""
+
+
+class Cause(NamedTuple):
+    """A cause of failures.
+
+    Attributes:
+        name: of the row.
+        unit: of the strengths.
+        strengths: from weak to strong.
+        query: of the mock server's address; ``{}`` is the strength.
+        scene: name, or ``rods`` of the strength in mm.
+        sound: as ``query``, without the fault.
+    """
+
+    name: str
+    unit: str
+    strengths: tuple[float | str, ...]
+    query: str = ""
+    scene: str = "four-wall"
+    sound: str = ""
+
+    def pose(self, strength: float | str) -> Pose:
+        """Return the camera's pose: in the middle, or so near to a wall that viewpoints lie beyond it."""
+        if self.name != "beyond a wall":
+            return _POSE
+        return Pose.from_angles((0.13, -2.5 + _RADIUS_M - float(strength) / 100, 1.47), yaw_deg=20.0)
+
+
+def _fault(name: str, unit: str, *strengths: float | str, fault: str = "") -> Cause:
+    return Cause(name, unit, strengths, f"fault={fault or name.replace(' ', '-')}={{}}")
+
+
+CAUSES = (
+    _fault("exposure drift", "of the way", 0.001, 0.01, 0.1, 1),
+    _fault("vignette", "in corners", 0.001, 0.01, 0.1, 1),
+    _fault("bloom", "of the light", 0.001, 0.01, 0.1, 1),
+    _fault("gloss", "", "Vase", "Picture", "Layout_Wall_2", "Layout_Floor"),
+    _fault("glass", "", "Pole", "Picture", "Door", "Sofa"),
+    _fault("jpeg", "quality lost", 1, 5, 20, 80),
+    _fault("narrow field of view", "degrees", 0.01, 0.1, 1, 10, fault="narrow-fov"),
+    _fault("poles turned", "degrees", 0.01, 0.1, 1, 10, fault="turned"),
+    _fault("jitter", "px", 0.01, 0.1, 1, 10),
+    _fault("far origin", "km", 1, 10, 100, 1000),
+    _fault("stale", "images", 1, 3, 10, 30),
+    _fault("growing world", "each depth", 1e-5, 1e-4, 1e-3, 1e-2, fault="moving-world"),
+    Cause(
+        "moving objects", "s a frame", (1e-5, 1e-4, 1e-3, 1e-2), "time_step_s={}", "workshop", "time_step_s=0"
+    ),
+    _fault("radial depth", "of the way", 0.001, 0.01, 0.1, 1),
+    _fault("depth mantissa", "bits", 10, 7, 4, 2),
+    _fault("integer depth", "bits of 100 m", 24, 16, 12, 8, fault="depth-bits"),
+    _fault("far plane", "m", 1000, 10, 3, 1),
+    _fault("near plane", "cm", 1, 10, 100, 200),
+    _fault("sky dome", "m", 1000000, 10000, 100, 10, fault="sky-dome")._replace(scene="open"),
+    _fault("mask blur", "px", 0.1, 0.3, 1, 3),
+    _fault("mask noise", "levels", 0.5, 1, 4, 16),
+    _fault("near colours", "levels", 64, 4, 1, 0, fault="near-colors"),
+    _fault("distortion", "in corners", 0.001, 0.01, 0.1, 1)._replace(scene="six-wall"),
+    _fault("lit offset", "px", 0.1, 1, 10, 30)._replace(scene="six-wall"),
+    _fault("depth scale", "too large", 0.001, 0.01, 0.1, 1)._replace(scene="six-wall"),
+    Cause("thin rods", "mm", (100, 30, 10, 1), scene="rods"),
+    Cause("beyond a wall", "cm", (1, 10, 30, 100)),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A cause at a strength, by a strategy.
+
+    Attributes:
+        column: the panorama, or a strategy of a ring of viewpoints.
+        wrong: share of the valid pixels with a wrong label, depth off by more than 1 %, or a colour of more
+            than 8 levels outside what is seen within the pixel; None if refused.
+        unmarked: share of the pixels that are wrong and not marked.
+        said: one of ``SAID``.
+        findings: the names of what the doctor finds, beside what it finds without the fault.
+        refusal: the error that was raised.
+    """
+
+    cause: str
+    unit: str
+    strength: float | str
+    column: str
+    wrong: float | None
+    unmarked: float | None
+    said: str
+    findings: tuple[str, ...] = ()
+    refusal: str = ""
+
+
+class _Truth:
+    """What the rays of a camera meet, and which colours are seen within each pixel.
+
+    ``special`` is an object that the fault ``gloss`` or ``glass`` mixes with other light.
+    """
+
+    def __init__(self, scene: Scene, camera: Camera, pose: Pose, special: tuple[str, str]) -> None:
+        self.hits = traced(scene, camera, pose)
+        around = []
+        for dv, du in ((0, 0), *product((-0.5, 0.5), repeat=2)):
+            rays = camera.unproject(camera.pixels() + np.array([du, dv]))
+            directions = rays.directions @ pose.rotation.T
+            origins = np.broadcast_to(pose.to_world(rays.origins), directions.shape)
+            around.append(_color(scene, origins, directions, *special))
+        self.least, self.most = np.nanmin(around, axis=0), np.nanmax(around, axis=0)
+
+    def judge(self, image: OmniImage) -> tuple[float, float]:
+        """Return the shares of the valid pixels that are wrong, and that are wrong and not marked."""
+        off = wrong_depth(image["depth"], self.hits)
+        label = image["labels"] != self.hits.label
+        lit = image["lit"].astype(np.float64) / 255
+        color = ((lit < self.least - _LEVELS) | (lit > self.most + _LEVELS)).any(axis=-1)
+        with np.errstate(invalid="ignore"):
+            beyond = np.abs(image["depth"] - self.hits.distance) - image["depth_error"]
+            unbounded = off & ~(beyond <= _SLACK * self.hits.distance)
+        unmarked = ~image["unsure"] & (unbounded | (label & ~image["label_edge"]))
+        doubt = image["label_edge"] | image["unsure"] | ~(image["depth_error"] <= _DEPTH * image["depth"])
+        unmarked |= color & ~doubt
+        valid = image.valid
+        return float((off | label | color)[valid].mean()), float(unmarked[valid].mean())
+
+
+def _color(scene: Scene, origins: Array, directions: Array, fault: str, name: str) -> Array:
+    """Return (..., 3) colours, of an object with half of the light from what it faces, or from behind it."""
+    hits = scene.trace(origins, directions)
+    if not name:
+        return hits.color
+    at = hits.label == scene.label(name)
+    start, ray, normal = origins[at], directions[at], hits.normal[at]
+    if fault == "gloss":
+        start = start + hits.distance[at, None] * ray + 1e-6 * normal
+        ray = ray - 2 * (ray * normal).sum(axis=-1, keepdims=True) * normal
+    other = scene.trace(start, ray, (name,) if fault == "glass" else ()).color
+    color = hits.color.copy()
+    color[at] = light.light_to_srgb((light.srgb_to_light(color[at]) + light.srgb_to_light(other)) / 2)
+    return color
+
+
+def wrong_depth(depth: Array, hits: Hits) -> Mask:
+    """Return where depth is off by more than 1 %, or endless on one side only."""
+    endless = np.isposinf(depth) & np.isposinf(hits.distance)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(~endless & ~(np.abs(depth - hits.distance) <= _DEPTH * hits.distance))
+
+
+def measure(
+    width: int = 128, progress: Callable[[int, int], None] | None = None, causes: Sequence[str] = ()
+) -> list[Row]:
+    """Measure causes at all strengths.
+
+    Args:
+        width: of the images, px.
+        progress: called with (strengths done, in total).
+        causes: names; all if not given.
+    """
+    chosen = [cause for cause in CAUSES if not causes or cause.name in causes]
+    steps = [(cause, strength) for cause in chosen for strength in cause.strengths]
+    rows: list[Row] = []
+    sound: dict[str, _Measured] = {}
+    with TemporaryDirectory() as folder:
+        for done, (cause, strength) in enumerate(steps, start=1):
+            scene, pose = _scene(cause, strength, Path(folder)), cause.pose(strength)
+            base = scene if cause.query else "four-wall"
+            if base not in sound:
+                sound[base] = _measured(base, cause.sound, width, _POSE)
+            query = cause.query.format(strength)
+            rows += _rows(cause, strength, _measured(scene, query, width, pose), sound[base])
+            if progress:
+                progress(done, len(steps))
+    return rows
+
+
+class _Measured(NamedTuple):
+    """What a server's images have wrong, by column, and what the doctor finds."""
+
+    images: dict[str, tuple[float, float] | str]
+    findings: frozenset[str]
+
+
+def _measured(scene: str, query: str, width: int, pose: Pose) -> _Measured:
+    size = {"width": width, "height": width // 2}
+    ring = create("noncentral-panorama", **size, radius=_RADIUS_M)
+    fault, _, name = query.removeprefix("fault=").partition("=")
+    special = (fault, name) if fault in ("gloss", "glass") else ("", "")
+    address, exact = f"mock://{scene}?seed=1&{query}", open_scene(f"scene://{scene}").scene
+    images: dict[str, tuple[float, float] | str] = {}
+    truth: dict[bool, _Truth] = {}
+    for column in COLUMNS:
+        camera = ring if column in _RING else create("equirectangular", **size)
+        if camera.central not in truth:
+            truth[camera.central] = _Truth(exact, camera, pose, special)
+        try:
+            with open_source(address, **_DEADLINES) as source:
+                image = render(
+                    camera, pose, source, _MODES, face_size=round(_FACE * width), **_RING.get(column, {})
+                )
+        except OmniscvError as refusal:
+            images[column] = f"{type(refusal).__name__}: {refusal}"
+        else:
+            images[column] = truth[camera.central].judge(image)
+    if address.endswith("&") and pose is not _POSE:
+        return _Measured(images, frozenset())  # a sound server
+    try:
+        found = examine_address(address, pose.position, **_DEADLINES)
+    except OmniscvError as refusal:
+        return _Measured(images, frozenset({f"{type(refusal).__name__}"}))
+    return _Measured(images, frozenset(each.name for each in found if each.verdict != "ok"))
+
+
+def _scene(cause: Cause, strength: float | str, folder: Path) -> str:
+    if cause.scene != "rods":
+        return cause.scene
+    path = folder / f"rods-{strength}.yaml"
+    angles = np.arange(0, 2 * np.pi, np.pi / 8)
+    at = [f"[{2 * np.cos(angle):.4f}, {2 * np.sin(angle):.4f}, 1.5]" for angle in angles]
+    path.write_text(
+        _RODS.format(", ".join(f"{{cylinder: [{float(strength) / 2000}, 3], at: {each}}}" for each in at))
+    )
+    return quote(str(path))
+
+
+def _rows(cause: Cause, strength: float | str, found: _Measured, sound: _Measured) -> Iterator[Row]:
+    findings = tuple(sorted(found.findings - sound.findings))
+    for column, result in found.images.items():
+        base = sound.images[column]
+        assert not isinstance(base, str), base
+        where = cause.name, cause.unit, strength, column
+        if isinstance(result, str):
+            yield Row(*where, None, None, "refused", findings, result)
+            continue
+        wrong, unmarked = result
+        if wrong <= base[0] + _BROKEN and unmarked <= base[1] + _BROKEN:
+            said = "holds"
+        elif findings:
+            said = "doctor"
+        else:
+            said = "marked" if unmarked <= base[1] + _UNMARKED else "silent"
+        yield Row(*where, wrong, unmarked, said, findings)
+
+
+def write(rows: Sequence[Row], out: Path) -> list[Path]:
+    """Write the measurements and draw them: ``chart-failures`` as JSON, SVG and PNG."""
+    causes = list(dict.fromkeys(row.cause for row in rows))
+    figure, (whole,) = drawing.figure(1, 1.2 + _LINE_IN * len(causes), f"{finding(rows)}. {_KEY}")
+    figure.delaxes(whole)
+    panels = figure.subplots(len(causes), len(COLUMNS), sharex=True, sharey=True, squeeze=False)
+    for (i, cause), (j, column) in product(enumerate(causes), enumerate(COLUMNS)):
+        _draw(panels[i, j], [row for row in rows if (row.cause, row.column) == (cause, column)])
+    for axes, column in zip(panels[0], COLUMNS, strict=True):
+        axes.set_title(column, size=10, color=drawing.INK)
+    for axes, cause in zip(panels[:, 0], causes, strict=True):
+        mine = [row for row in rows if row.cause == cause]
+        text = f"{cause}\n{mine[0].strength} to {mine[-1].strength} {mine[0].unit}"
+        axes.set_ylabel(text, rotation=0, ha="right", va="center", size=8, color=drawing.INK)
+    for said, color in SAID.items():
+        panels[0, 0].plot([], [], "o", color=color, label=_LEGEND[said], ms=6)
+    figure.legend(loc="outside lower center", ncols=len(SAID), frameon=False, fontsize=8.5)
+    return drawing.write(rows, figure, out, "chart-failures")
+
+
+def _draw(axes: Axes, rows: Sequence[Row]) -> None:
+    share = [1.0 if row.wrong is None else max(row.wrong, _LEAST) for row in rows]
+    axes.semilogy(range(len(rows)), share, color="#c3c9d2", lw=1.2, zorder=1)
+    for at, (row, value) in enumerate(zip(rows, share, strict=True)):
+        marker = "x" if row.said == "refused" else "o"
+        axes.plot(at, value, marker, color=SAID[row.said], ms=5.5, mew=2 if marker == "x" else 0, zorder=2)
+    axes.set(ylim=(_LEAST / 2, 6), xlim=(-0.5, max(len(rows), 1) - 0.5))
+    axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False, which="both")
+    for side in axes.spines.values():
+        side.set(color="#d5d9e0", lw=0.6)
+
+
+def finding(rows: Sequence[Row]) -> str:
+    """Return the title, which states the result."""
+    fails = [row for row in rows if row.said != "holds"]
+    silent = [row for row in fails if row.said == "silent"]
+    said = len(fails) - len(silent)
+    return f"Of {len(fails)} failures, {said} are refused, found or marked; {len(silent)} are silent"
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return a Markdown table: by cause and strategy, at which strength it breaks, and what is said there."""
+    lines = [
+        "| cause | strengths | " + " | ".join(COLUMNS) + " | the doctor |",
+        "|---" * (len(COLUMNS) + 3) + "|",
+    ]
+    for cause in dict.fromkeys(row.cause for row in rows):
+        mine = [row for row in rows if row.cause == cause]
+        strengths = ", ".join(dict.fromkeys(str(row.strength) for row in mine))
+        cells = []
+        for column in COLUMNS:
+            broken = [row for row in mine if row.column == column and row.said != "holds"]
+            first = "; ".join(f"{row.strength}: {row.said}" for row in _changes(broken))
+            cells.append(first or "holds")
+        found = next((row.findings for row in mine if row.findings), ())
+        lines.append(
+            f"| {cause} | {strengths} {mine[0].unit}".rstrip()
+            + f" | {' | '.join(cells)} | {'; '.join(found[:3])} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _changes(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that say something else than the one before."""
+    return [row for i, row in enumerate(rows) if i == 0 or rows[i - 1].said != row.said]

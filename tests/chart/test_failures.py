@@ -1,0 +1,70 @@
+"""The chart of failures: what is wrong is measured against exact truth, and what was said is told apart."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from omniscv.chart import failures
+from omniscv.chart.failures import Cause, Row
+from omniscv.sources.scene import open_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Depth that is radial by a thousandth and in full."""
+    with pytest.MonkeyPatch.context() as patch:
+        radial = Cause("radial depth", "of the way", (0.001, 1), "fault=radial-depth={}")
+        patch.setattr(failures, "CAUSES", (radial,))
+        return failures.measure(width=32)
+
+
+def test_what_is_weak_holds_and_what_is_strong_is_found(rows):
+    weak = {row.column: row.said for row in rows if row.strength == 0.001}
+    assert weak.keys() == set(failures.COLUMNS)
+    assert weak["panorama"] == weak["strips"] == weak["adaptive"] == "holds"
+    strong = [row for row in rows if row.strength == 1]
+    assert {row.said for row in strong} == {"doctor"}
+    assert all(row.wrong > 0.5 and "depth, turned" in row.findings for row in strong)
+
+
+def test_a_mirror_has_half_of_its_light_from_what_it_faces():
+    """The ceiling, 1.3 m above, in a mirror of the floor below."""
+    scene = open_scene("scene://four-wall").scene
+    down, up = np.array([[0.1, 0.1, -1.0]]), np.array([[0.1, 0.1, 1.0]])
+    origin, unit = np.array([[0.5, -1.0, 1.5]]), np.sqrt(1.02)
+    floor, mixed = (
+        failures._color(scene, origin, down / unit, *special)
+        for special in (("", ""), ("gloss", "Layout_Floor"))
+    )
+    at = origin + down * 1.5
+    ceiling = scene.trace(at + 1e-9 * up, up).color
+    light = ((mixed + 0.055) / 1.055) ** 2.4  # IEC 61966-2-1, of colours above 0.04
+    expected = (((floor + 0.055) / 1.055) ** 2.4 + ((ceiling + 0.055) / 1.055) ** 2.4) / 2
+    np.testing.assert_allclose(light, expected, rtol=1e-6)
+
+
+def test_it_is_written_and_drawn_and_a_table_says_where_it_breaks(rows, tmp_path):
+    refused = Row("stale", "images", 3, "strips", None, None, "refused", (), "TornSetError: expected")
+    data, drawn, picture = failures.write([*rows, refused], tmp_path)
+    assert json.loads(data.read_text())[-1]["refusal"] == "TornSetError: expected"
+    assert "found by the doctor" in drawn.read_text()
+    with Image.open(picture) as opened:
+        assert opened.width == 1600
+    lines = failures.table([*rows, refused]).splitlines()
+    assert lines[2].startswith("| radial depth | 0.001, 1 of the way | 1: doctor |")
+    assert "| 3: refused |" in lines[3]
+
+
+def test_the_page_has_the_table_of_its_data():
+    """And a sentence for all that is silent."""
+    found = [Row(**row) for row in json.loads((ROOT / "docs" / "chart-failures.json").read_text())]
+    page = (ROOT / "docs" / "failures.md").read_text(encoding="utf-8")
+    assert failures.table(found) in page
+    assert {row.cause for row in found} == {cause.name for cause in failures.CAUSES}
+    silent = {row.cause for row in found if row.said == "silent"}
+    assert all(f"**{cause}**" in page for cause in silent)
