@@ -3,15 +3,17 @@
 from collections.abc import Sequence
 from typing import Any, Literal, TypedDict, get_args
 
-from omniscv.arguments import flag, number, one_of, shown, text, whole_number
+from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, text, whole_number
 from omniscv.errors import ArgumentError
-from omniscv.records import checked, record
+from omniscv.records import checked, optional, record
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
 Normals = Literal["captured", "from-depth"]
 Seams = Literal["keep", "gains", "close"]
 FINEST_TRUTH = 8
+PRICE = (5.0, 25.0)
+"""ms that a source takes for a request and for a megapixel, unless they were measured."""
 LARGEST_FACE_PX = 8192
 MOST_VIEWPOINTS = 1_000_000
 """As an image has columns, at most."""
@@ -25,6 +27,19 @@ def _face_size(name: str, value: object) -> Any:
 
 def _viewpoints(name: str, value: object) -> int | None:
     return None if value is None else whole_number(name, value, most=MOST_VIEWPOINTS)
+
+
+def _accuracy(name: str, value: object) -> float | None:
+    if value is None:
+        return None
+    percent = isinstance(value, str) and value.strip().endswith("%")
+    share = value.strip().removesuffix("%") if isinstance(value, str) else value
+    return number(name, share, above=0, below=100 if percent else 1) / (100 if percent else 1)
+
+
+def _price(name: str, value: object) -> tuple[float, float]:
+    request, megapixel = numbers(name, value, (2,)).tolist()
+    return number(f"{name}[0]", request, least=0), number(f"{name}[1]", megapixel, least=0)
 
 
 def _max_error(name: str, value: Any) -> Any:
@@ -50,6 +65,10 @@ class RenderOptions:
             they explain the steps; or ``close`` what is left, too (:mod:`omniscv.compose.seams`).
         straighten: whether faces of a recording that are measurably turned against the others of their cube
             are resampled to what they should show (:mod:`omniscv.compose.slips`).
+        accuracy: share of the valid pixels that may be doubtful (:attr:`omniscv.OmniImage.doubtful`), as a
+            number or as ``"0.1%"``; captures then become finer where the image needs it.
+        most_captures, most_megapixels: budgets of an image, over all modes, at which that ends.
+        capture_ms: what a request and a megapixel cost, by which captures are chosen.
 
     Raises:
         ArgumentError: a value outside its domain.
@@ -94,6 +113,20 @@ class RenderOptions:
         default=False,
         help="resample faces of a recording that are measurably turned against the others",
     )
+    accuracy: float | None = checked(
+        _accuracy, default=None, help="share of the valid pixels that may be doubtful, such as 0.1%"
+    )
+    most_captures: int | None = checked(
+        optional(whole_number), default=None, help="captures of an image at which accuracy stops"
+    )
+    most_megapixels: float | None = checked(
+        optional_number, default=None, above=0, help="captured megapixels at which accuracy stops"
+    )
+    capture_ms: tuple[float, float] = checked(
+        _price,
+        default=PRICE,
+        help="ms that the source takes for a request and for a megapixel, as plan --measure finds them",
+    )
 
     def sampled(self, modes: Sequence[str]) -> tuple[str, ...]:
         """Return the modalities that are sampled for those that an image shows: normals may come from
@@ -114,3 +147,7 @@ class RenderKeywords(TypedDict, total=False):
     normals: Normals
     seams: Seams
     straighten: bool
+    accuracy: Any  # a number, or a text such as "0.1%"
+    most_captures: int | None
+    most_megapixels: float | None
+    capture_ms: tuple[float, float]

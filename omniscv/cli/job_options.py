@@ -107,6 +107,19 @@ _SET_HELP = (
     "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
 )
 
+AIM: Mapping[str, JobOption] = {
+    "accuracy": JobOption(
+        key("accuracy"), str | None, None, "Share of the pixels that may be doubtful, such as 0.1%.", _OUTPUT
+    ),
+    "most_captures": JobOption(
+        key("most_captures"), int | None, None, "Captures of an image at which --accuracy stops.", _OUTPUT
+    ),
+    "most_megapixels": JobOption(
+        key("most_megapixels"), float | None, None, "Megapixels at which --accuracy stops.", _OUTPUT
+    ),
+}
+"""How accurate images are, and what that may take."""
+
 OLD: Mapping[str, JobOption] = {
     "strategy": JobOption(key("strategy"), str | None),
     "viewpoints": JobOption(key("viewpoints"), int | None),
@@ -159,6 +172,7 @@ VIEW: Mapping[str, JobOption] = {
     "pitch": JobOption(key("poses.*.pitch_deg"), float, 0.0, "Degrees, nose up +.", _POSE),
     "roll": JobOption(key("poses.*.roll_deg"), float, 0.0, "Degrees, right side down +.", _POSE),
     "modes": MODES,
+    **AIM,
     **OLD,
     **SET,
 }

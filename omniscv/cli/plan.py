@@ -1,6 +1,6 @@
 """``omniscv plan``: the captures of each strategy."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Annotated
 
 from typer import Option, Typer
@@ -29,7 +29,7 @@ _COLUMNS = (
 @with_job(VIEW)
 def plan(
     job: JobArguments,
-    measure: Annotated[bool, Option("--measure", help="Open the source, and time a request.")] = False,
+    measure: Annotated[bool, Option("--measure", help="Open the source, and time captures.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """List what each strategy would capture for a job, and how long that takes, without capturing it.
@@ -37,11 +37,16 @@ def plan(
     The last columns are the largest distance from a pixel's own optical centre to that of its captures, and
     the share of pixels that are expected to be marked as inexact or unsure: the price of fewer viewpoints.
     """
-    from omniscv.make import costs
+    from omniscv.make import aims, costs, measured_price
 
-    strategies = costs(job.load(), measure=measure)
+    wanted = job.load()
+    if measure:
+        price = measured_price(wanted)
+        console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
+        wanted = replace(wanted, options=replace(wanted.options, capture_ms=(price.request, price.megapixel)))
+    strategies, accuracies = costs(wanted, measure=measure), aims(wanted)
     if as_json:
-        console.as_json([asdict(cost) for cost in strategies])
+        console.as_json([asdict(cost) for cost in (*strategies, *accuracies)])
         return
     rows = []
     for cost in strategies:
@@ -51,3 +56,8 @@ def plan(
             (cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}", f"{100 * cost.marked:.0f}")
         )
     console.table(_COLUMNS, rows)
+    aimed = [
+        (each.strategy, each.requests, f"{each.pixels / 1e6:.2f}", f"{each.seconds:.1f}")
+        for each in accuracies
+    ]
+    console.table(("accuracy", "requests", "Mpx", "seconds"), aimed)

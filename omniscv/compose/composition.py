@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from omniscv import light, modalities
 from omniscv.compose.depth import NEAR_PLANE_M
-from omniscv.compose.image import OmniImage
+from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seams import Mended
@@ -58,17 +58,19 @@ class Composition:
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
+        self._pixels, self._stopped = 0, ""
 
     def capture(self, round_: Round) -> Kept:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
+        self._stopped = round_.stopped or self._stopped
         if serving and self._canvas is None:
-            rays = self._task.rays
-            whole = len(serving[0].pixels) == rays.valid_count and rays.origins is None
-            self._canvas = _Canvas(rays.valid, whole)
+            self._canvas = _Canvas(self._task.rays.valid, self._task.rays.origins is None)
             self._filter = self._filter_for(serving[len(serving) // 2])
-        kept = []
-        self._progress += Progress(of_captures=len(round_.requests(self._modes)))
+        kept = Kept(doubt=lambda: self._composed().doubt)
+        requests = round_.requests(self._modes)
+        self._pixels += sum(request.view.width * request.view.height for request in requests)
+        self._progress += Progress(of_captures=len(requests))
         for viewpoint, captures in captured(round_, self._source, self._modes):
             if len(viewpoint.pixels):
                 self._compose(viewpoint, captures)
@@ -80,21 +82,26 @@ class Composition:
 
     def image(self) -> OmniImage:
         """Return the image."""
+        self._report(self._progress + Progress(images=1))
+        return self._composed()
+
+    def _composed(self) -> OmniImage:
+        """Return the image as far as it is composed."""
         task, valid = self._task, self._task.rays.valid
-        canvas = self._canvas or _Canvas(valid, whole=False)
+        canvas = self._canvas or _Canvas(valid, central=False)
         sampled = canvas.layers()
         layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
         marks = {"unsure", "occluded", "relit", *(modalities.get(mode).marked_by for mode in self._modes)}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
         _mark_beyond_reach(layers, valid)
-        self._report(self._progress + Progress(images=1))
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
             centers_w=canvas.centers_w, objects=objects, unknown_colors=unknown,
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=task.options,
+            effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped),
         )  # fmt: skip
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:
@@ -230,11 +237,16 @@ class Composition:
 
     def _new_sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
         rays, R_w_c = self._task.rays, self._task.pose.R_w_c
-        if self._image.whole:
+        if self._whole(viewpoint):
             return self._make_sampler(rays.blocks, R_w_c, views, True)
         toward_w = viewpoint.toward_w
         R_w_d = R_w_c if toward_w is None else np.eye(3)
         return self._make_sampler(lambda: rays.blocks(viewpoint.pixels, toward_w), R_w_d, views, False)
+
+    def _whole(self, viewpoint: Viewpoint) -> bool:
+        """Return whether a viewpoint serves all of an image with one centre, so that layers need no copy."""
+        rays = self._task.rays
+        return rays.origins is None and len(viewpoint.pixels) == rays.valid_count
 
     def _offsets_w(self, viewpoint: Viewpoint) -> Array | None:
         """Return (N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they
@@ -284,18 +296,17 @@ class _Canvas:
 
     Args:
         valid: (H, W) of the image.
-        whole: whether one viewpoint serves all of it, so that layers need no copy.
+        central: whether depth is measured from one centre.
     """
 
-    def __init__(self, valid: Mask, whole: bool) -> None:
-        self._valid, self.whole = valid, whole
+    def __init__(self, valid: Mask, central: bool) -> None:
+        self._valid, self._central = valid, central
         self._flat: dict[str, NDArray[Any]] = {}
-        self._centers_w: Array = np.zeros(3) if whole else np.zeros((valid.size, 3))
+        self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
 
     def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
-        """Set a layer's values at the pixels of a viewpoint; where it serves the whole image, at all
-        pixels."""
-        if self.whole:
+        """Set a layer's values at the pixels of a viewpoint; at all pixels if there are as many values."""
+        if self._central and len(values) == self._valid.size:
             self._flat[name] = values
         else:
             self.put_part(name, pixels, values)
@@ -308,7 +319,7 @@ class _Canvas:
 
     def put_centers(self, pixels: Ints, centers_w: Array) -> None:
         """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
-        if self.whole:
+        if self._central:
             self._centers_w = centers_w
         else:
             self._centers_w[pixels] = centers_w
@@ -325,7 +336,7 @@ class _Canvas:
     @property
     def centers_w(self) -> Array:
         """(3,) or (H, W, 3) where depth is measured from, world frame, metres."""
-        return self._centers_w if self.whole else self._centers_w.reshape(*self._valid.shape, 3)
+        return self._centers_w if self._central else self._centers_w.reshape(*self._valid.shape, 3)
 
 
 def _parallax(viewpoint: Viewpoint, offsets_w: Array | None) -> Floats | None:

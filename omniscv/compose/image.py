@@ -28,6 +28,22 @@ if TYPE_CHECKING:
 _DOUBTFUL = 0.01  # of the depth
 
 
+@dataclass(frozen=True)
+class Effort:
+    """What an image took.
+
+    Attributes:
+        captures: requests, over all modes.
+        megapixels: captured, over all modes.
+        stopped: why captures did not become finer: ``aim`` where the accuracy is reached; empty for images
+            that were asked for none.
+    """
+
+    captures: int = 0
+    megapixels: float = 0.0
+    stopped: str = ""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class OmniImage:
     """An image that :func:`omniscv.render` returns. Indexing gives a layer: ``image["depth"]``.
@@ -42,6 +58,7 @@ class OmniImage:
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`), as the source declares it.
         provenance: where the captures came from.
         options: how it was captured and composed.
+        effort: what it took.
     """
 
     camera: Camera
@@ -54,6 +71,7 @@ class OmniImage:
     transfer: Transfer = "unknown"
     provenance: Mapping[str, Any] = field(default_factory=dict)
     options: RenderOptions = field(default_factory=RenderOptions)
+    effort: Effort = field(default_factory=Effort)
 
     def __getitem__(self, layer: str) -> NDArray[Any]:
         if layer not in self.layers:
@@ -108,10 +126,10 @@ class OmniImage:
         return self.layers.get("occluded")
 
     @property
-    def doubtful(self) -> float:
-        """Share of the valid pixels, 0 to 1, whose label or depth may be wrong, as far as the image has them.
+    def doubt(self) -> Mask:
+        """(H, W) bool: the label or depth may be wrong, as far as the image has them.
 
-        Those of ``label_edge`` and ``unsure``, and those whose depth may be off by more than 1 % of it.
+        Pixels of ``label_edge`` and ``unsure``, and those whose depth may be off by more than 1 % of it.
         """
         doubt = np.zeros(self.valid.shape, np.bool_)
         for mask in (self.label_edge, self.unsure):
@@ -119,7 +137,18 @@ class OmniImage:
                 doubt |= mask
         if self.depth is not None and self.depth_error is not None:
             doubt |= ~np.isfinite(self.depth_error) | (self.depth_error > _DOUBTFUL * self.depth)
-        return float(doubt[self.valid].mean()) if self.valid.any() else 0.0
+        return doubt & self.valid
+
+    @property
+    def doubtful(self) -> float:
+        """Share of the valid pixels, 0 to 1, that are in ``doubt``."""
+        return float(self.doubt[self.valid].mean()) if self.valid.any() else 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Modelled time of the captures, one after the other, by ``options.capture_ms``."""
+        request_ms, megapixel_ms = self.options.capture_ms
+        return (request_ms * self.effort.captures + megapixel_ms * self.effort.megapixels) / 1e3
 
     def points(self) -> Array:
         """Return (N, 3) world points, metres, of the pixels with finite depth, row by row.
@@ -197,11 +226,13 @@ class OmniImage:
 
     def description(self) -> dict[str, Any]:
         """Return the plain values of ``STEM.json``."""
+        reached = {**asdict(self.effort), "doubtful": self.doubtful, "seconds": self.seconds}
         return {
             "camera": self.camera.to_dict(),
             "pose": self.pose.to_dict(),
             "options": asdict(self.options),
             **({"transfer": self.transfer} if self.lit is not None and self.transfer != "unknown" else {}),
+            **({"accuracy": reached} if self.options.accuracy is not None else {}),
             "source": dict(self.provenance),
             "unsure_pixels": _count(self.unsure),
             "occluded_pixels": _count(self.occluded),

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property, partial
 from typing import Any, Unpack
 
@@ -189,8 +189,9 @@ class Renderer:
         progress: Report | None,
     ) -> Iterator[OmniImage]:
         """Yield the images of a moment, captured from a source in place of the renderer's own."""
-        tasks = [self.task(camera, pose, options) for camera, pose in shots]
-        plans = share_captures(tasks, options.sampled(modes))
+        sampled = options.sampled(modes)
+        tasks = [replace(self.task(camera, pose, options), modes=sampled) for camera, pose in shots]
+        plans = share_captures(tasks, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
         if needed := Counter(request for plan in plans for request in plan.requests):
             source = SharedCaptures(source, needed)

@@ -3,18 +3,20 @@
 from omniscv.make.contents import check, check_dataset
 from omniscv.make.dataset import Made, finish, make, run_part
 from omniscv.make.parts import Part, parts_of
-from omniscv.make.render import capture, costs, run
+from omniscv.make.render import aims, capture, costs, measured_price, run
 from omniscv.make.source import opened, source_options
 
 __all__ = [
     "Made",
     "Part",
+    "aims",
     "capture",
     "check",
     "check_dataset",
     "costs",
     "finish",
     "make",
+    "measured_price",
     "opened",
     "parts_of",
     "run",

@@ -2,9 +2,9 @@
 
 import time
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache, partial, reduce
 from operator import add
@@ -23,17 +23,21 @@ from omniscv.job import Job
 from omniscv.make.contents import check, check_face_size
 from omniscv.make.moments import images_of, moments, renderer_at
 from omniscv.make.source import opened
-from omniscv.planning import ImageRays, Kept, Plan, Round, Task, drive
+from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
+from omniscv.planning.accuracy import expected
 from omniscv.planning.cost import Cost, cost
+from omniscv.planning.prices import Price
 from omniscv.progress import Meter, Progress, Report, without_images
-from omniscv.sources.base import Request, Source, View, check_modes
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
 from omniscv.sources.brackets import exposed
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 
 _TICK_S = 1 / 60
 """Least seconds of a request to a live engine; used if no source is opened to measure them."""
-_PROBES, _PROBE_PX = 3, 16
+_PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
+_AIMS = (0.01, 0.003, 0.001)
+_Planned = list[tuple[tuple[str, ...], list[list[Task]]]]
 
 
 def run(
@@ -90,6 +94,10 @@ _WARNINGS = {
 }
 
 
+_KNOBS = ("strategy", "viewpoints", "face_size", "truth_scale", "max_error_px")
+"""Options that win against ``accuracy``."""
+
+
 def transfer_warning(job: Job, source: Source) -> Iterator[str]:
     """Yield a line if a job averages colours, and the source does not say what its codes mean."""
     averages = job.exposure.seconds > 0 or job.options.filter == "area"
@@ -99,7 +107,18 @@ def transfer_warning(job: Job, source: Source) -> Iterator[str]:
 
 
 def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
-    """Yield a line for each layer that marks pixels of an image as unsure or occluded."""
+    """Yield a line if an image misses its accuracy, and for each layer that marks pixels."""
+    aim = image.options.accuracy
+    if aim is not None and image.doubtful > aim:
+        defaults, given = RenderOptions(), image.options
+        knobs = [
+            f"{name}={getattr(given, name)}"
+            for name in _KNOBS
+            if getattr(given, name) != getattr(defaults, name)
+        ]
+        fixed = f"; {', '.join(knobs)} may make it impossible" if knobs else ""
+        missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
+        yield f"{stem}: {missed}: {image.effort.stopped}{fixed}"
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
@@ -134,11 +153,29 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                         renderer_then.task(camera, pose, job.options, border_px=border_px)
                         for camera, pose in take.views
                     ]
+                    if job.options.accuracy is not None:
+                        noting = _Noting(renderer_then.source, needed)
+                        list(renderer.of(noting).render_together(take.views, take.modes, job.options))
+                        report(Progress(images=len(take.views)))
+                        continue
                     modes = job.options.sampled(take.modes)
                     plans = planning.share_captures(views, modes)
                     capturing = _Capturing(plans, modes, needed, report)
                     needed |= planning.verify_still(renderer_then.source, modes, capturing)
     return sum(len(exposed(request, job.brackets)) if job.brackets else 1 for request in needed)
+
+
+class _Noting(SourceWrapper):
+    """Notes the requests that it passes on."""
+
+    def __init__(self, source: Source, needed: dict[Request, None]) -> None:
+        super().__init__(source)
+        self._needed = needed
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for capture in self._source.capture(requests):
+            self._needed[capture.request] = None
+            yield capture
 
 
 class _Capturing:
@@ -179,7 +216,7 @@ class _Capturing:
         self._progress += Progress(
             of_captures=len({each for each in round_.requests(modes) if each not in known})
         )
-        kept = []
+        kept = Kept()
         for viewpoint, captures in planning.captured(round_, source, modes, skip=known):
             requests = dict.fromkeys(each for each in viewpoint.requests(modes) if each not in known)
             new.update(requests)
@@ -199,28 +236,55 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         job: whose images.
         measure: open the source in any case.
     """
+    with _tasks(job, job.options, measure) as (planned, source):
+        seconds_per_request = _TICK_S if source is None else _request_seconds(source)
+        costs_of_all = []
+        for name in planning.names():
+            with suppress(ArgumentError):  # the source does not support the strategy
+                of_states = [cost(name, tasks, modes, seconds_per_request) for modes, tasks in planned]
+                costs_of_all.append(reduce(add, of_states))
+    return costs_of_all
+
+
+def aims(job: Job) -> list[Cost]:
+    """Return what three accuracies of a job's images are expected to take in a furnished room.
+
+    Seconds are by the job's ``capture_ms``. The strategy's name is the accuracy, such as ``1.0%``. Images
+    share no captures.
+    """
+    rows = []
+    for aim in _AIMS:
+        options = replace(job.options, accuracy=aim)
+        with _tasks(job, options, measure=False) as (planned, _):
+            pairs = [expected(replace(t, modes=modes)) for modes, of in planned for each in of for t in each]
+        requests, pixels = map(sum, zip(*pairs, strict=True))
+        seconds = Price(*options.capture_ms).of(requests, pixels) / 1e3
+        rows.append(Cost(f"{aim:.1%}", requests, requests, requests, pixels, 0.0, seconds, marked=aim))
+    return rows
+
+
+@contextmanager
+def _tasks(job: Job, options: RenderOptions, measure: bool) -> Iterator[tuple[_Planned, Source | None]]:
+    """Yield the modes and tasks of a job, and its source where that had to be opened."""
     check(job)
     capabilities = known_capabilities(job.sources[0])
     if capabilities is not None and not measure and job.sampling is None:
         rays = cache(ImageRays)
-        planned = _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
-        seconds_per_request = _TICK_S
-    else:
-        with opened(replace(job, record=None)) as (job, source):
-            renderer = Renderer(source)
-            planned = _planned(job, partial(renderer.task, options=job.options))
-            seconds_per_request = _request_seconds(source)
-    costs_of_all = []
-    for name in planning.names():
-        with suppress(ArgumentError):  # the source does not support the strategy
-            of_states = [cost(name, tasks, modes, seconds_per_request) for modes, tasks in planned]
-            costs_of_all.append(reduce(add, of_states))
-    return costs_of_all
+        yield _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, options)), None
+        return
+    with opened(replace(job, record=None)) as (job, source):
+        yield _planned(job, partial(Renderer(source).task, options=options)), source
 
 
-def _planned(
-    job: Job, task_of: Callable[[Camera, Pose], Task]
-) -> list[tuple[tuple[str, ...], list[list[Task]]]]:
+def measured_price(job: Job) -> Price:
+    """Return what a job's source takes, by captures; nothing for a recording, which captures nothing."""
+    with opened(replace(job, record=None)) as (job, source):
+        small = _request_seconds(source)
+        large = _request_seconds(source, _LARGE_PX) if source.capabilities.can_set_size else small
+    return Price(1e3 * small, 1e3 * max(0.0, large - small) / (_LARGE_PX**2 / 1e6))
+
+
+def _planned(job: Job, task_of: Callable[[Camera, Pose], Task]) -> _Planned:
     """Return the modes and tasks of each state of the world, whose captures are shared."""
     tasks_of: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
     for moment in moments(job):
@@ -232,11 +296,11 @@ def _planned(
     return planned + exposures * max(0, len(job.brackets) - 1)
 
 
-def _request_seconds(source: Source) -> float:
-    """Return the seconds that a small capture takes; 0 for a recording, which captures nothing."""
+def _request_seconds(source: Source, edge: int = _PROBE_PX) -> float:
+    """Return the seconds that a capture takes; 0 for a recording, which captures nothing."""
     if source.recorded_views() is not None:
         return 0.0
-    size = source.capabilities.image_size or (_PROBE_PX, _PROBE_PX)
+    size = source.capabilities.image_size or (edge, edge)
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
     requests = [Request(View(pose, 90.0, *size), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view

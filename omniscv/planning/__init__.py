@@ -1,5 +1,6 @@
 """From a camera and a pose to the views that its image needs."""
 
+from omniscv.planning.accuracy import rounds
 from omniscv.planning.ray_marching import KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.recorded_views import RecordedViews
@@ -24,7 +25,7 @@ from omniscv.planning.strategies import (
     face_viewpoints,
     strip_viewpoints,
 )
-from omniscv.planning.strategy import Strategy, Task, get, names, register, rounds
+from omniscv.planning.strategy import Strategy, Task, get, names, register
 from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
 
 for _strategy in (Auto, Cube, Faces, Strips, Reproject, Adaptive):

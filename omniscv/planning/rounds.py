@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 from omniscv import modalities
@@ -92,17 +92,33 @@ class Viewpoint:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """Viewpoints that are captured one after the other, before the strategy decides on the next round."""
+    """Viewpoints that are captured one after the other, before the strategy decides on the next round.
+
+    Attributes:
+        viewpoints: in the order of their capture.
+        stopped: why no round follows that would make the image more accurate; empty where that is not known.
+    """
 
     viewpoints: tuple[Viewpoint, ...]
+    stopped: str = ""
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """Return the captures of an image in some modes, viewpoint by viewpoint."""
         return [request for viewpoint in self.viewpoints for request in viewpoint.requests(modes)]
 
 
-Kept = Sequence[Mapping[str, Sequence[Capture]]]
-"""The captures of a round's viewpoints that are kept, in their order: by mode, in the views' order."""
+class Kept(list[Mapping[str, Sequence[Capture]]]):
+    """The captures of a round's viewpoints that are kept, in their order: by mode, in the views' order.
+
+    Attributes:
+        doubt: returns (H, W) bool, the pixels that the image doubts, as far as it is composed; None where
+            captures are not composed.
+    """
+
+    def __init__(self, doubt: Callable[[], Mask] | None = None) -> None:
+        super().__init__()
+        self.doubt = doubt
+
 
 Rounds = Generator[Round, Kept | None, None]
 """Yields rounds, is sent their kept captures; None where a plan is made without capturing."""
@@ -117,7 +133,7 @@ def change_viewpoints(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) 
                 planned = rounds.send(kept)
             except StopIteration:
                 return
-            kept = yield Round(tuple(map(change, planned.viewpoints)))
+            kept = yield replace(planned, viewpoints=tuple(map(change, planned.viewpoints)))
 
 
 def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from omniscv.geometry import Pose
+from omniscv.planning.accuracy import rounds
 from omniscv.planning.rounds import Round, Rounds, drive
-from omniscv.planning.strategy import Task, rounds
+from omniscv.planning.strategy import Task
 from omniscv.planning.strips import PIXELS_PER_REQUEST
 from omniscv.sources.base import Request
 
@@ -46,7 +47,8 @@ class Plan:
     def rounds(self) -> Rounds:
         """Yield the rounds: as planned, or anew by the strategy if they depend on captures."""
         planned = self.planned
-        if planned is None or any(viewpoint.keep for round_ in planned for viewpoint in round_.viewpoints):
+        aims = self.task.options.accuracy is not None
+        if planned is None or aims or any(each.keep for round_ in planned for each in round_.viewpoints):
             yield from rounds(self.task)
         else:
             for round_ in planned:  # noqa: UP028 - a tuple takes nothing that is sent

@@ -33,6 +33,7 @@ class Task:
         recorded: the views of a recording; None for sources that make new captures.
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
         state: of the world, in which captures are made.
+        modes: that the image samples; only a planner that is asked for an accuracy reads them.
     """
 
     rays: ImageRays
@@ -43,6 +44,7 @@ class Task:
     recorded: RecordedViews | None = None
     border_px: int | None = None
     state: str = ""
+    modes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.border_px is not None and self.border_px < 0:

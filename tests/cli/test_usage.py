@@ -297,7 +297,9 @@ def test_plan_lists_every_strategy(job, capsys):
 
     for measured in ([], ["--measure"]):
         assert run(["plan", str(job), *measured]) == 0
-        heading, *rows = capsys.readouterr().out.splitlines()
+        strategies, aims = capsys.readouterr().out.split("accuracy ")
+        heading, *rows = strategies.splitlines()
+        assert [row.split()[0] for row in aims.splitlines()] == ["requests", "1.0%", "0.3%", "0.1%"]
         columns = "strategy views requests at most Mpx MB seconds shift m marked %"
         assert heading.split() == columns.split()
         assert [row.split()[0] for row in rows] == list(planning.names())
@@ -317,7 +319,7 @@ def test_plan_shows_how_far_fewer_viewpoints_shift_the_optical_centre(capsys):
     shift, marked = {}, {}
     for given in ([], ["--viewpoints", "4"]):
         assert run(["plan", *ring, *given]) == 0
-        rows = [row.split() for row in capsys.readouterr().out.splitlines()[1:]]
+        rows = [row.split() for row in capsys.readouterr().out.split("accuracy ")[0].splitlines()[1:]]
         shift[len(given)] = {row[0]: float(row[-2]) for row in rows}
         marked[len(given)] = {row[0]: float(row[-1]) for row in rows}
     assert set(shift[0].values()) == {0.0}

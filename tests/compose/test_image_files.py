@@ -169,6 +169,10 @@ def test_the_json_describes_the_image(image, folder):
         "truth_scale": 1,
         "normals": "captured",
         "seams": "keep",
+        "accuracy": None,
+        "most_captures": None,
+        "most_megapixels": None,
+        "capture_ms": [5.0, 25.0],
         **OPTIONS,
     }
     assert found["source"]["scene"] == "four-wall"

@@ -1,0 +1,391 @@
+"""Captures that become finer where an image doubts itself, until as little is doubtful as was asked for.
+
+Colours are captured as fine as the image needs, ground truth first coarsely. Its doubt lies along edges, in
+bands as wide as a capture's pixel. Next are the cheapest views that narrow these bands enough: patches along
+the edges (:mod:`omniscv.planning.patches`), or finer faces where the source cannot set a field of view. What
+they leave in doubt is measured, and captured finer again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omniscv import modalities
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats, Ints
+from omniscv.planning import strategy
+from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
+from omniscv.planning.densities import SMALLEST
+from omniscv.planning.patches import Patch, Precision, held, patches
+from omniscv.planning.prices import Price
+from omniscv.planning.rays import RayGroup
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, drive
+from omniscv.planning.strategy import Task
+from omniscv.render_options import FINEST_TRUTH, LARGEST_FACE_PX, PRICE
+from omniscv.sources.base import View
+
+AIM = "aim"
+_ROOM = 0.029
+"""Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
+_SIZES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Sizes of the first faces of ground truth, as multiples of the smallest."""
+_RESOLVED = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+_LOCAL_MS = (0.0, 50.0, 110.0, 170.0, 250.0, 380.0, 650.0, 900.0, 1600.0)
+"""What patches in two modes take that resolve a part of the doubt of a room, by measurement."""
+_PATCH_PX = 200_000  # of a typical patch
+_PROBED = 3
+"""An image of so many views or more is measured in the first of them."""
+_MOST_PROBED = 3
+_UNCERTAIN = (0.6, 1.0, 1.5)
+"""By how much the doubt of an image may differ from what its first views promise."""
+_CAPS, _STEEP = 0.2, 0.7
+"""Density of edges in faces that look up or down, against others, and the sine from which they do."""
+_FINER = (2.0, 3.0, 4.5, 7.0, 11.0, 18.0, 30.0)
+"""How many times finer patches may be than what is in doubt."""
+_BAND_PX = 4.0  # of a capture: the width of a band of doubt
+_LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
+_SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
+_AGAIN = 0.85  # chance that a pixel still in doubt leaves it, for each patch that it was in
+_FALLS, _PATIENCE = 0.05, 3  # part of the doubt that a round must resolve, and how many may not
+_MOST_ROUNDS = 12
+_STILL = 0.9  # of the doubt: what finer captures of everything must bring it below
+_FEW = "adaptive"
+"""The strategy of few viewpoints, which several centres are captured with unless another one is given."""
+_STUCK, _SPENT = "doubt no longer falls", "a budget is spent"
+
+_Probed = Generator[Round, Kept | None, tuple[int, int]]
+_Sent = Generator[Round, Kept | None, Kept | None]
+"""Rounds that return what was sent for the last one."""
+
+
+def rounds(task: Task) -> Rounds:
+    """Return the rounds of a task's strategy; with ``accuracy``, and finer ones until it is reached.
+
+    Then the last round has no viewpoints, and says why captures stop.
+
+    Raises:
+        ArgumentError: as :func:`omniscv.planning.strategy.rounds`.
+    """
+    return strategy.rounds(task) if task.options.accuracy is None else _Planner(task).rounds()
+
+
+def expected(task: Task) -> tuple[int, int]:
+    """Return how many requests and pixels a task's accuracy is expected to take in a furnished room."""
+    planner = _Planner(task)
+    planned: list[Round] = []
+    drive(planner.rounds(), planned.append)
+    requests = [each for round_ in planned for each in round_.requests(task.modes)]
+    pixels = sum(each.view.width * each.view.height for each in requests)
+    local = planner.expected_ms / (planner.price.of(1, _PATCH_PX) or 1)
+    return len(requests) + round(local), pixels + round(local * _PATCH_PX)
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """Patches that may follow.
+
+    Attributes:
+        patches: of the pixels in doubt.
+        focal_px: of the patches.
+        ms: their price, and that of what is expected to follow until the aim is reached.
+    """
+
+    patches: list[Patch]
+    focal_px: float
+    ms: float
+
+
+class _Planner:
+    """The rounds of one image.
+
+    Attributes:
+        price: of captures.
+        expected_ms: of patches, in a furnished room.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task, options = task, task.options
+        assert options.accuracy is not None
+        self.price = Price(*options.capture_ms)
+        self._truth = tuple(mode for mode in task.modes if modalities.get(mode).truth)
+        self._colors = tuple(mode for mode in task.modes if mode not in self._truth)
+        self._aim = options.accuracy * task.rays.valid_count
+        self._requests, self._pixels, self.expected_ms = 0, 0, 0.0
+        self._limited = False  # by a budget
+        self._focal_px: Floats = np.zeros(task.rays.valid.size, np.float32)
+        self._tries = np.zeros(task.rays.valid.size, np.uint8)  # patches that a pixel was in
+
+    def rounds(self) -> Rounds:
+        """Yield the first rounds, and finer ones."""
+        if self._task.rays.origins is not None:
+            yield from self._noncentral()
+            return
+        kept = yield from self._counted(self._first())
+        if kept is not None:
+            yield from self._finer(kept)
+
+    def _counted(self, rounds: Rounds) -> _Sent:
+        """Yield rounds, and count what they capture."""
+        kept: Kept | None = None
+        with closing(rounds):
+            while True:
+                try:
+                    planned = rounds.send(kept)
+                except StopIteration:
+                    return kept
+                for request in planned.requests(self._task.modes):
+                    self._requests += 1
+                    self._pixels += request.view.width * request.view.height
+                kept = yield planned
+
+    # -- The first captures
+
+    def _first(self) -> Rounds:
+        """Yield captures of all that the image shows: ground truth as coarse as the aim allows."""
+        task = self._task
+        base = self._faces(task.edge)
+        if base is None or not self._sizes_free() or not self._truth:
+            yield from strategy.rounds(task)
+            self._focal_px[:] = task.edge / 2 * task.options.truth_scale
+            return
+        if self._colors:
+            yield Round((replace(base, modes=self._colors),))
+        edge, probed = self._best_edge(_ROOM, base), 0
+        small = self._faces(SMALLEST) or base
+        face_of = _view_of(self._directions_w(base.pixels), small.views, FACE_BORDER_PX)
+        if len(small.views) >= _PROBED:
+            edge, probed = yield from self._probe(base, small, face_of)
+        self.expected_ms = self._local_ms(_ROOM, edge)
+        chosen, pixels = self._faces(edge) or base, base.pixels
+        if edge == SMALLEST:
+            chosen, pixels = replace(small, views=small.views[probed:]), pixels[face_of >= probed]
+        self._focal_px[:] = chosen.views[0].focal_px
+        yield Round((replace(chosen, pixels=pixels, modes=self._truth),))
+
+    def _probe(self, base: Viewpoint, small: Viewpoint, face_of: Ints) -> _Probed:
+        """Yield the first small faces, until what they leave in doubt says how fine all should be.
+
+        Args:
+            base, small: the views of colours, and those of the smallest faces.
+            face_of: (N,) the small view that shows each pixel.
+
+        Returns:
+            The size of faces that promises to reach the aim for least, and how many small ones are captured.
+        """
+        dense = np.array([_CAPS if abs(view.pose.R_w_c[2, 2]) > _STEEP else 1.0 for view in small.views])
+        expected = dense * np.bincount(face_of, minlength=len(dense))
+        edge = SMALLEST
+        for number in range(_MOST_PROBED):
+            view, pixels = small.views[number], base.pixels[face_of == number]
+            kept = yield Round((replace(small, views=(view,), pixels=pixels, modes=self._truth),))
+            if kept is None or kept.doubt is None:
+                return self._best_edge(_ROOM, base), number + 1
+            doubtful = np.count_nonzero(kept.doubt())
+            share = doubtful / max(1.0, expected[: number + 1].sum()) * expected.sum() / len(face_of)
+            low, edge, high = (self._best_edge(share * each, base) for each in _UNCERTAIN)
+            if low > SMALLEST or high == SMALLEST:
+                break
+        return edge, number + 1
+
+    def _sizes_free(self) -> bool:
+        """Return whether ground truth may be captured in another size than colours."""
+        options, capabilities = self._task.options, self._task.capabilities
+        return options.face_size == "auto" and options.truth_scale == 1 and capabilities.can_set_size
+
+    def _faces(self, edge: int) -> Viewpoint | None:
+        """Return the only viewpoint of a central camera, with views as fine as faces of a size; else None."""
+        task = self._task
+        sized = replace(task, options=replace(task.options, face_size=edge))
+        planned = strategy.rounds(task if edge == task.edge else sized)
+        with closing(planned):
+            viewpoints = next(planned).viewpoints
+        return viewpoints[0] if len(viewpoints) == 1 else None
+
+    def _best_edge(self, share: float, base: Viewpoint) -> int:
+        """Return the size of the first faces of ground truth that promises to reach the aim for least.
+
+        Args:
+            share: of the pixels that the smallest faces leave in doubt.
+            base: the views of colours.
+        """
+        count, area = len(base.views), sum(view.width * view.height for view in base.views)
+        modes = len(self._truth)
+
+        def pixels(edge: int) -> float:
+            return modes * area * (edge / self._task.edge) ** 2
+
+        def ms(edge: int) -> float:
+            return float(self.price.of(modes * count, pixels(edge))) + self._local_ms(share, edge)
+
+        edges = [int(SMALLEST * size) for size in _SIZES if SMALLEST * size <= LARGEST_FACE_PX]
+        within = [edge for edge in edges if not self._full(pixels(edge), modes * count)]
+        return min(within or edges[:1], key=ms)
+
+    def _local_ms(self, share: float, edge: int) -> float:
+        """Return what patches are expected to take after faces of a size; arguments as :meth:`_best_edge`."""
+        aim, left = self._aim / max(1, self._task.rays.valid_count), share * SMALLEST / edge
+        resolved = max(0.0, 1 - aim / left) if left > 0 else 0.0
+        dearer = (self.price.request / PRICE[0] + self.price.megapixel / PRICE[1]) / 2
+        return (
+            dearer * len(self._truth) / 2 * share / _ROOM * float(np.interp(resolved, _RESOLVED, _LOCAL_MS))
+        )
+
+    # -- Several centres
+
+    def _noncentral(self) -> Rounds:
+        """Yield the rounds of a strategy with ground truth as fine as the aim takes in a room, then finer."""
+        task, options = self._task, self._task.options
+        chosen = _FEW if options.strategy == "auto" else options.strategy
+        finest = FINEST_TRUTH if task.capabilities.can_set_size else 1
+        expected = _ROOM * SMALLEST / task.edge * task.rays.valid_count / (_SAFE * self._aim)
+        scale, before = max(options.truth_scale, min(finest, math.ceil(expected))), np.inf
+        while True:
+            changed = replace(options, accuracy=None, strategy=chosen, truth_scale=scale)
+            planned = strategy.rounds(replace(task, options=changed))
+            if before < np.inf:  # colours are there
+                planned = change_viewpoints(planned, self._without_colors)
+            kept = yield from self._counted(planned)
+            if kept is None or kept.doubt is None:
+                return
+            doubtful = int(np.count_nonzero(kept.doubt()))
+            finer = min(finest, math.ceil(scale * doubtful / (_SAFE * self._aim)))
+            stopped = ""
+            if doubtful <= self._aim:
+                stopped = AIM
+            elif doubtful > _STILL * before:
+                stopped = _STUCK
+            elif finer == scale:
+                stopped = "no finer view fits" if finest > 1 else "the source captures one size"
+            elif self._full(self._pixels * (finer / scale) ** 2, self._requests):
+                stopped = _SPENT
+            elif task.recorded is not None:
+                stopped = "the recording holds no finer views"
+            if stopped:
+                yield Round((), stopped)
+                return
+            scale, before = finer, doubtful
+
+    def _without_colors(self, viewpoint: Viewpoint) -> Viewpoint:
+        return replace(viewpoint, modes=self._truth) if viewpoint.modes is None else viewpoint
+
+    # -- Finer captures
+
+    def _finer(self, kept: Kept) -> Rounds:
+        """Yield finer captures of what is in doubt, and at last why they end."""
+        before, stuck = np.inf, 0
+        for _ in range(_MOST_ROUNDS):
+            assert kept.doubt is not None
+            doubt = np.flatnonzero(kept.doubt())
+            if len(doubt) <= self._aim:
+                yield Round((), AIM)
+                return
+            stuck = stuck + 1 if len(doubt) > before * (1 - _FALLS) else 0
+            if stuck == _PATIENCE:
+                break
+            before = len(doubt)
+            choice = self._choice(doubt)
+            if isinstance(choice, str):
+                yield Round((), choice)
+                return
+            viewpoints = []
+            for patch in sorted(choice.patches, key=lambda each: (each.view.width, each.view.height)):
+                pixels, view = doubt[patch.rows], patch.view
+                self._focal_px[pixels] = choice.focal_px
+                self._tries[pixels] += 1
+                viewpoints.append(
+                    Viewpoint(view.pose.t_w_c, (view,), pixels, self._truth, state=self._task.state)
+                )
+            sent = yield from self._counted(_once(Round(tuple(viewpoints))))
+            assert sent is not None
+            kept = sent
+        yield Round((), _SPENT if self._limited else _STUCK)
+
+    def _choice(self, doubt: Ints) -> _Choice | str:
+        """Return the patches that promise to reach the aim for least, or why there are none."""
+        task = self._task
+        if not task.capabilities.can_set_size:
+            return "the source captures one size"
+        directions_w = self._directions_w(doubt)
+        coarse = float(np.median(self._focal_px[doubt]))
+        best: _Choice | None = None
+        self._limited = False
+        for finer in _FINER:
+            choice = self._patched(doubt, directions_w, finer * coarse, best.ms if best else np.inf)
+            if choice.patches and (best is None or choice.ms < best.ms):
+                best = choice
+        if best is None:
+            return _SPENT if self._limited else "no finer view fits"
+        if task.recorded is not None:
+            held_ones = [each for each in best.patches if task.recorded.hold([each.view])]
+            return replace(best, patches=held_ones) if held_ones else "the recording holds no finer views"
+        return best
+
+    def _patched(self, doubt: Ints, directions_w: Array, focal_px: float, most_ms: float) -> _Choice:
+        """Return patches of a focal length; not all of them if they cost more than another choice."""
+        modes, left, target, ms, area = len(self._truth), float(len(doubt)), _SAFE * self._aim, 0.0, 0.0
+        chosen: list[Patch] = []
+        for patch in self._patches(doubt, directions_w, focal_px):
+            area += modes * patch.view.width * patch.view.height
+            if self._full(area, modes * (len(chosen) + 1)):
+                self._limited = True
+                break
+            chosen.append(patch)
+            ms, left = ms + patch.price, left - patch.worth
+            if left <= target or ms > most_ms:
+                break
+        if left > target and chosen:  # bands are then thinner, views longer
+            more = left / target
+            thin = sum(each.view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for each in chosen)
+            ms += (1 - target / left) * modes * self.price.of(len(chosen), thin)
+        return _Choice(chosen, focal_px, ms)
+
+    def _patches(self, doubt: Ints, directions_w: Array, focal_px: float) -> Iterator[Patch]:
+        """Yield patches, those first that resolve the most doubt at their price."""
+        task, coarse = self._task, self._focal_px[doubt]
+        worth = np.maximum(0, 1 - _LEFT * coarse / focal_px) * _AGAIN ** self._tries[doubt]
+        if not task.capabilities.can_set_fov:
+            yield from self._finer_faces(directions_w, focal_px, worth)
+            return
+        fine = Precision(focal_px, FACE_BORDER_PX, _BAND_PX / float(np.median(coarse)), len(self._truth))
+        yield from patches(task.pose.t_w_c, directions_w, worth, fine, self.price, task.capabilities)
+
+    def _finer_faces(self, directions_w: Array, focal_px: float, worth: Array) -> list[Patch]:
+        """Return finer faces of a source that cannot set a field of view."""
+        edge, found = int(2 * focal_px), []
+        if edge > LARGEST_FACE_PX:
+            return []
+        views = CubeFaces(self._task, edge, 0).views(self._task.pose.t_w_c, ALL_FACES)
+        for number, view in enumerate(views):
+            rows = np.flatnonzero(_view_of(directions_w, views, 0) == number)
+            price = len(self._truth) * self.price.of(1, view.width * view.height)
+            found.append(Patch(view, rows, float(worth[rows].sum()), price))
+        return sorted((each for each in found if each.worth > 0), key=lambda each: -each.worth / each.price)
+
+    def _full(self, pixels: float, requests: int) -> bool:
+        """Return whether more captures exceed a budget."""
+        options = self._task.options
+        requests, megapixels = self._requests + max(1, requests), (self._pixels + pixels) / 1e6
+        too_many = options.most_captures is not None and requests > options.most_captures
+        return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
+
+    def _directions_w(self, pixels: Ints) -> Array:
+        """Return (N, 3) unit rays of pixels, world frame."""
+        return RayGroup(np.zeros(3), pixels, self._task.rays).directions @ self._task.pose.R_w_c.T
+
+
+def _view_of(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:
+    """Return (N,) the first view that holds each ray, or the last one."""
+    view_of = np.full(len(directions_w), len(views) - 1)
+    for number, view in reversed(list(enumerate(views))):
+        half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
+        view_of[held(directions_w, view.pose.R_w_c, half)] = number
+    return view_of
+
+
+def _once(round_: Round) -> Rounds:
+    yield round_

@@ -1,0 +1,141 @@
+"""``accuracy``: as little in doubt as asked for, for less than finer captures of everything take."""
+
+import numpy as np
+import pytest
+from support.judged import Errors
+
+import mock_server
+import omniscv
+from omniscv import Pose
+from omniscv.cameras import create
+from omniscv.errors import ArgumentError
+from omniscv.sources.base import Capabilities, SourceWrapper
+from omniscv.sources.recording import Recording
+from omniscv.sources.scene import SceneSource, open_scene
+
+POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
+TRUTH = ("object_mask", "depth")
+MODES = ("lit", *TRUTH)
+PANORAMA = create("equirectangular", width=256, height=128)
+RING = create("noncentral-panorama", width=64, height=32, radius=0.3)
+NARROW = create("pinhole", width=160, height=120, fov_deg=90)
+
+
+class Counted(SourceWrapper):
+    """Counts captures and their pixels."""
+
+    requests = pixels = 0
+
+    def capture(self, requests):
+        for capture in self._source.capture(requests):
+            self.requests += 1
+            self.pixels += capture.view.width * capture.view.height
+            yield capture
+
+
+def source(capabilities=None, scene="four-wall"):
+    return Counted(SceneSource(open_scene(f"scene://{scene}").scene, capabilities, cached_views=6))
+
+
+def made(camera, where, modes=MODES, **options):
+    return omniscv.render(camera, POSE, where, modes, **options)
+
+
+@pytest.fixture(scope="module")
+def half_percent():
+    with source() as counted:
+        return made(PANORAMA, counted, accuracy="0.5%"), counted
+
+
+def test_an_aim_is_reached_for_less_than_by_finer_captures_of_everything(half_percent):
+    image, counted = half_percent
+    assert image.doubtful <= 0.005
+    assert image.effort.stopped == "aim"
+    assert (image.effort.captures, image.effort.megapixels) == (counted.requests, counted.pixels / 1e6)
+    assert image.seconds == pytest.approx(0.005 * counted.requests + 0.025 * counted.pixels / 1e6)
+    with source() as whole:
+        finer = made(PANORAMA, whole, truth_scale=4)
+    assert finer.doubtful > 0.005
+    assert image.seconds < finer.seconds
+
+
+def test_what_is_not_doubted_is_right(half_percent):
+    """By exact tracing: patches claim no more than faces do, 0.05 % at most."""
+    image, _ = half_percent
+    found = Errors(image, mock_server.load_scene("four-wall"))
+    wrong = found.uncovered & (found.label | (found.depth_m > image.depth_error))
+    assert wrong[image.valid].mean() <= 0.0005
+    assert found.label[image.valid].mean() < 0.0025  # faces of 384 px: 0.5 %
+
+
+def test_colours_are_those_of_an_image_without_an_aim(half_percent):
+    with source() as plain:
+        np.testing.assert_array_equal(half_percent[0].lit, made(PANORAMA, plain, ("lit",)).lit)
+
+
+def test_a_view_of_a_narrow_camera_and_an_aim_that_coarse_captures_reach():
+    with source(scene="open") as counted:
+        assert made(NARROW, counted, accuracy=0.05).effort.captures == 3
+    with source() as counted:
+        image = made(NARROW, counted, accuracy="0.3%")
+    assert image.doubtful <= 0.003
+
+
+@pytest.mark.parametrize(
+    ("capabilities", "stopped"),
+    [
+        (Capabilities(can_set_fov=False, fov_deg=90.0), "aim"),
+        (
+            Capabilities(can_set_fov=False, fov_deg=90.0, can_set_size=False, image_size=(256, 256)),
+            "the source captures one size",
+        ),
+    ],
+    ids=["one field of view", "one picture"],
+)
+def test_sources_that_cannot_set_views(capabilities, stopped):
+    with source(capabilities) as counted:
+        image = made(PANORAMA, counted, TRUTH, accuracy="1%")
+    assert image.effort.stopped == stopped
+    assert (image.doubtful <= 0.01) == (stopped == "aim")
+
+
+def test_budgets_are_kept_and_named():
+    for budget in ({"most_captures": 24}, {"most_megapixels": 4.0}):
+        with source() as counted:
+            image = made(PANORAMA, counted, accuracy="0.1%", **budget)
+        assert image.effort.stopped == "a budget is spent"
+        assert counted.requests <= budget.get("most_captures", np.inf)
+        assert counted.pixels <= 1e6 * budget.get("most_megapixels", np.inf)
+        assert image.doubtful > 0.001
+
+
+def test_a_replay_is_the_image_and_one_without_finer_views_says_so(tmp_path):
+    with Recording(source(), tmp_path / "aimed.sqlite") as live:
+        image = made(PANORAMA, live, accuracy="1%")
+    with omniscv.open_source(tmp_path / "aimed.sqlite") as replayed:
+        again = made(PANORAMA, replayed, accuracy="1%")
+        finer = made(PANORAMA, replayed, accuracy="0.2%")
+    for layer in ("lit", "labels", "depth", "depth_error", "label_edge"):
+        np.testing.assert_array_equal(again[layer], image[layer])
+    assert finer.effort.stopped == "the recording holds no finer views"
+    assert 0.002 < finer.doubtful <= 0.02
+
+
+def test_a_ring_of_centres_becomes_finer_until_it_is_accurate():
+    with source() as counted:
+        image = made(RING, counted, TRUTH, accuracy="2%")
+    assert image.doubtful <= 0.02
+    assert image.effort.stopped == "aim"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"accuracy": 0}, {"accuracy": "100%"}, {"accuracy": 1}, {"accuracy": "much"}, {"most_captures": 0},
+        {"most_megapixels": -1}, {"capture_ms": (5,)}, {"capture_ms": (-1, 5)},
+    ],
+)  # fmt: skip
+def test_bad_values_are_refused(options):
+    (name,) = options
+    with pytest.raises(ArgumentError, match=name):
+        omniscv.RenderOptions(**options)
