@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import light
 from omniscv.arguments import numbers, one_of, shown
 from omniscv.errors import ArgumentError, BadReplyError, SourceError
 from omniscv.geometry import Pose, cube_rotations
@@ -105,6 +104,8 @@ def merged(request: Request, captures: Sequence[Capture]) -> Capture:
         ArgumentError: captures that do not say what their codes are.
         BadReplyError: captures of several sizes, or in floats.
     """
+    from omniscv import light  # compiled; sources are imported without numba
+
     first = captures[0]
     found = {(each.pixels.shape, each.pixels.dtype.name) for each in captures}
     if len(found) > 1 or first.pixels.dtype != np.uint8:
@@ -165,6 +166,8 @@ def _prove(source: Source, first: Request) -> Response:
     Raises:
         SourceError: it does not; light must double from one stop to the next.
     """
+    from omniscv import light
+
     known = source.capabilities.transfer
     stops = _PROBED[known != "unknown"]
     position = first.view.pose.position

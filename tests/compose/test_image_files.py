@@ -169,6 +169,7 @@ def test_the_json_describes_the_image(image, folder):
         "truth_scale": 1,
         "normals": "captured",
         "seams": "keep",
+        "straighten": False,
         "accuracy": None,
         "most_captures": None,
         "most_megapixels": None,

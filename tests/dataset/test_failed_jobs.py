@@ -12,7 +12,7 @@ CAMERAS = """
 cameras:
   pano: {model: equirectangular, width: 64, height: 32}
   ahead: {model: pinhole, width: 16, height: 8, fov_deg: 20}
-face_size: 32
+face_size: 192
 out: made
 """
 TWO = "[{position: [0, 0, 1.5]}, {position: [1, 0, 1.5]}]"

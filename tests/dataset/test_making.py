@@ -94,7 +94,10 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
         ("export: [{format: webdataset, max_count: 0}]", "max_count: expected a whole number >= 1"),
         ("export: [{format: hf, out: ../x}]", "out: expected the name of a folder"),
         ("export: {webdataset: true}", "export: expected a list"),
-        ("export: [{format: hf, cameras: [left]}]", "cameras: expected one of pano, lens; got 'left'"),
+        (
+            "export: [{format: hf, cameras: [left]}]",
+            "--camera, or 'cameras' in a job: expected one of pano, lens; got 'left'",
+        ),
         ("export: [colmap, horizonnet]", "cannot carry camera 'lens'"),
         ("export: [{format: horizonnet, cameras: [pano]}]", "horizonnet: expected frames with layout"),
         ("truth: {boxen: true}", "truth: unknown key 'boxen'; known keys: poses, layout"),
