@@ -23,6 +23,7 @@ def rows():
         return failures.measure(width=32)
 
 
+@pytest.mark.soak
 def test_what_is_weak_holds_and_what_is_strong_is_found(rows):
     weak = {row.column: row.said for row in rows if row.strength == 0.001}
     assert weak.keys() == set(failures.COLUMNS)

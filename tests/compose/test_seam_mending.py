@@ -221,6 +221,7 @@ def slipped():
     return faces(1024, turned=SLIP)
 
 
+@pytest.mark.soak
 def test_a_turned_face_slips(slipped):
     """Where its edges have texture; faces that are not turned have no slip."""
     found = slips(cube(slipped))

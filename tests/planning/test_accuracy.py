@@ -121,6 +121,7 @@ def test_a_replay_is_the_image_and_one_without_finer_views_says_so(tmp_path):
     assert 0.002 < finer.doubtful <= 0.02
 
 
+@pytest.mark.soak
 def test_a_ring_of_centres_becomes_finer_until_it_is_accurate():
     with source() as counted:
         image = made(RING, counted, TRUTH, accuracy="2%")
