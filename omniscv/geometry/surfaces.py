@@ -276,12 +276,22 @@ def _at(face: Floats, r: int, c: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _jump(face: Floats, r: int, c: int) -> float:
-    """Return the largest difference to a neighbour's depth, metres."""
+    """Return the largest difference in depth to the surfaces of the neighbours, metres.
+
+    Each is continued to this pixel by its slope on the far side: a wall at a grazing angle recedes by metres
+    within a pixel.
+    """
     z, most = face[r, c], 0.0
     for j in range(max(r - 1, 0), min(r + 2, face.shape[0])):
         for k in range(max(c - 1, 0), min(c + 2, face.shape[1])):
-            if face[j, k] != z:
-                most = max(most, abs(face[j, k] - z))
+            near = face[j, k]
+            if near != z:
+                most = max(most, abs(near - z))
+                next_, beyond = _at(face, 2 * j - r, 2 * k - c), _at(face, 3 * j - 2 * r, 3 * k - 2 * c)
+                step, on = _one_sided(near, next_, beyond, allowed_step(near))
+                if on and near < np.inf:
+                    inverse = inverse_depth(near)
+                    most = max(most, abs(1.0 / max(inverse - step, 0.5 * inverse) - z))
     return float(most)
 
 

@@ -1,0 +1,30 @@
+"""Surfaces between the pixels of a depth picture, against planes whose depth is known at every point."""
+
+import numpy as np
+import pytest
+
+from omniscv.geometry.surfaces import Precision, surface_point
+
+EDGE_PX = 12.0
+"""A box hides the wall to the left of it."""
+BOX_M = 1.0
+
+
+def wall_m(x):
+    """Planar depth of a wall at a grazing angle: 15.4 m where the box ends, 8.5 m four pixels farther."""
+    return 1.0 / (0.065 + 0.013 * (x - EDGE_PX))
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["across", "down"])
+@pytest.mark.parametrize("edge_px", [11.55, 12.0, 12.45])
+def test_a_wall_at_a_grazing_angle_behind_an_edge_is_within_the_jump(edge_px, turned):
+    """A ray through a pixel of the box, beside its edge, may meet the wall where no pixel shows it."""
+    column = np.arange(24) + 0.5
+    depth = np.tile(np.where(column < edge_px, BOX_M, wall_m(column)), (24, 1)).astype(np.float32)
+    if turned:
+        depth = depth.T.copy()
+    for x in np.linspace(edge_px, edge_px + 0.5, 9):
+        at = (12.2, x) if turned else (x, 12.2)
+        point = surface_point(depth, *at, 100.0, Precision())
+        z = 1.0 / point.inverse
+        assert abs(z - wall_m(x)) <= z * z * point.error + point.jump
