@@ -25,10 +25,12 @@ class Counted(SourceWrapper):
     """Counts captures and their pixels."""
 
     requests = pixels = 0
+    fields = ()
 
     def capture(self, requests):
         for capture in self._source.capture(requests):
             self.requests += 1
+            self.fields += (capture.view.fov_deg,)
             self.pixels += capture.view.width * capture.view.height
             yield capture
 
@@ -140,3 +142,11 @@ def test_bad_values_are_refused(options):
     (name,) = options
     with pytest.raises(ArgumentError, match=name):
         omniscv.RenderOptions(**options)
+
+
+def test_no_view_is_narrower_than_an_engine_can_capture():
+    """A server refuses less than 1 degree, and the last doubts are spots that narrower views would hold."""
+    cube = create("equiangular-cube", width=96, height=64)
+    with source() as counted:
+        made(cube, counted, TRUTH, accuracy="0.3%")
+    assert min(counted.fields) >= 1.0
