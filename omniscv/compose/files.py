@@ -103,14 +103,14 @@ def write(
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
     check_format(image_format)
     if objects is not None:
-        _merged_objects(out / OBJECTS, objects)  # refused before anything is written
+        _objects_with(out / OBJECTS, objects)  # refused before anything is written
     transfer = description.get("transfer", "unknown")
     written = list(write_layers(layers, out, stem, image_format, transfer).values())
     facts = {**description, "blank": blank(layers), "versions": versions()}
     written.append(write_json(out / f"{stem}.json", facts))
     if objects is not None:
         with locked(out):  # others may save images into this folder at the same time
-            written.append(write_json(out / OBJECTS, _merged_objects(out / OBJECTS, objects)))
+            written.append(_write_objects(out / OBJECTS, objects))
     return written
 
 
@@ -256,8 +256,14 @@ _FORMS = {"jpg": "jpeg", "jxl": "jpegxl", "exr": "openexr"}
 _SPARE_BYTES = 1 << 20
 
 
-def _merged_objects(path: Path, objects: ObjectTable) -> dict[str, Any]:
-    """Return the content of ``objects.json``: the objects, and those of the images in the folder.
+def _write_objects(path: Path, objects: ObjectTable) -> Path:
+    """Add objects to ``objects.json``, which most images of a folder leave as it is, and return its path."""
+    existing, merged = _objects_with(path, objects)
+    return path if existing == merged else write_json(path, merged)
+
+
+def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | None, dict[str, Any]]:
+    """Return the content of ``objects.json``, None if there is no file, and the same with more objects.
 
     Raises:
         ArgumentError: a label would get another object or mask colour, or an object another label.
@@ -265,7 +271,7 @@ def _merged_objects(path: Path, objects: ObjectTable) -> dict[str, Any]:
     named = ((name, list(objects.colors[name])) for name in objects.names())
     listed = {str(k): {"name": name, "mask_color": color} for k, (name, color) in enumerate(named, 1)}
     if not path.exists():
-        return listed
+        return None, listed
     try:
         existing = parse_json(read_bytes(path, MOST_JSON_BYTES))
         label_of = {entry["name"]: label for label, entry in existing.items()}
@@ -279,7 +285,8 @@ def _merged_objects(path: Path, objects: ObjectTable) -> dict[str, Any]:
             conflict = f"label {shown(previous)}" if previous != label else shown(existing[label])
             expected = f"expected the objects of the images in this folder, {conflict}"
             raise ArgumentError(f"{path}: {expected}; got {label}: {shown(entry)}; save into another folder")
-    return dict(sorted({**existing, **listed}.items(), key=lambda item: (len(item[0]), item[0])))
+    merged = sorted({**existing, **listed}.items(), key=lambda item: (len(item[0]), item[0]))
+    return existing, dict(merged)
 
 
 def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -> str:
@@ -356,15 +363,15 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
 def _rounded_up(bounds: NDArray[np.float32]) -> NDArray[np.float16]:
     """Return bounds >= 0 as the next half floats of 7 binary digits that are not less; +inf beyond the last.
 
-    By measurement all 11 digits take 1.6 times the bytes: the last ones of a bound say nothing.
+    By measurement all 11 digits take 1.6 times the bytes: the last ones of a bound say nothing. The bits of
+    floats have the order of their values: exponent, then 23 digits of float32 or 10 of half floats.
     """
-    with np.errstate(over="ignore"):
-        halves = bounds.astype(np.float16)
-    bits = halves.view(np.uint16)  # in the order of the values
-    bits += halves < bounds
-    bits += _FEWER_BITS
-    bits &= ~_FEWER_BITS
-    return halves
+    bits = bounds.view(np.int32) + 0x1FFFF >> 17  # the exponent and 6 digits, rounded up
+    bits -= (127 - 15) << 6  # from one type's exponent to the other's
+    halves = bits.clip(0, 0x1F << 6).astype(np.uint16) << 4  # at most +inf
+    tiny = (bounds > 0) & (bounds < 2.0**-14)  # half floats are evenly spaced there
+    halves[tiny] = np.ceil(bounds[tiny] * 2.0**20) * 16
+    return halves.view(np.float16)
 
 
 def _check_space(path: Path) -> None:

@@ -226,13 +226,16 @@ class OmniImage:
 
     def description(self) -> dict[str, Any]:
         """Return the plain values of ``STEM.json``."""
-        reached = {**asdict(self.effort), "doubtful": self.doubtful, "seconds": self.seconds}
+        reached = {}
+        if self.options.accuracy is not None:
+            effort = asdict(self.effort)
+            reached = {"accuracy": {**effort, "doubtful": self.doubtful, "seconds": self.seconds}}
         return {
             "camera": self.camera.to_dict(),
             "pose": self.pose.to_dict(),
             "options": asdict(self.options),
             **({"transfer": self.transfer} if self.lit is not None and self.transfer != "unknown" else {}),
-            **({"accuracy": reached} if self.options.accuracy is not None else {}),
+            **reached,
             "source": dict(self.provenance),
             "unsure_pixels": _count(self.unsure),
             "occluded_pixels": _count(self.occluded),
