@@ -53,6 +53,9 @@ _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
 }
 
+_CACHED_COMMANDS, _CACHED_LENGTH = 512, 200
+"""Most commands whose handlers are cached, and their longest length: clients repeat few, short ones."""
+
 
 class Command:
     """A template such as ``vset /camera/[uint]/fov [float]`` and its handler.
@@ -137,6 +140,7 @@ class Dialect(ABC):
         self.held = 0
         """How many requests the next frames hold until all of them have come."""
         self.commands = [Command(*row) for row in self.rows()]
+        self._find_again = functools.lru_cache(_CACHED_COMMANDS)(self._find)
 
     @abstractmethod
     def rows(self) -> list[Row]:
@@ -164,12 +168,20 @@ class Dialect(ABC):
         """Return the reply to a command; an empty one is sent as ``ok``."""
         if self.world.faults.strike("authentication"):
             return "error Authentication required, use: vset /unrealcv/auth <token>"
+        command = self._find(text) if len(text) > _CACHED_LENGTH else self._find_again(text)
+        if command is None:
+            return self.unknown.format(text)
+        handler, arguments = command
+        reply: Reply = handler(*arguments)
+        return reply
+
+    def _find(self, text: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
+        """Return the handler of a command and its arguments; None for an unknown command."""
         for command in reversed(self.commands):  # templates registered later win
             arguments = self.match(command, text)
             if arguments is not None:
-                reply: Reply = command.handler(*arguments)
-                return reply
-        return self.unknown.format(text)
+                return command.handler, arguments
+        return None
 
     def match(self, command: Command, text: str) -> tuple[Any, ...] | None:
         """Return the arguments of a command; None if it does not match."""
