@@ -18,7 +18,7 @@ from omniscv.compiled import njit
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.prices import Price
-from omniscv.planning.strips import holding_size, looking
+from omniscv.planning.strips import LEAST_HALF, holding_size, looking
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import Capabilities, View
 
@@ -27,7 +27,6 @@ _CIRCLES = 400  # great circles that are tried
 _NEARLY = 0.9  # of the best ratio: good enough
 _NEAREST, _FARTHEST = np.cos(np.radians((3.0, 70.0)))  # two rays that define one
 _SPANS = np.radians((3.0, 6.0, 12.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0))
-_LEAST_HALF = np.tan(np.radians(0.5))  # engines take narrower views for 1 degree, in silence
 _NOTHING = 1e-9  # worth at a price, ms: rounding
 _HEIGHTS = (1.0, 2.0, 4.0, 8.0, 16.0)  # of the narrowest views
 
@@ -211,7 +210,7 @@ def _view(
 ) -> tuple[View, Array, Array]:
     """Return the view of rays, its orientation, and the tangents within which it may serve rays."""
     R_w_c, half = looking(rays, middle, normal)
-    half = np.maximum(half, (_LEAST_HALF, 0.0))
+    half = np.maximum(half, (LEAST_HALF, 0.0))
     width, height = holding_size(half, fine.focal_px, fine.border_px, capabilities)
     view = View(Pose(center_w, R_w_c), pinhole.fov_deg(width, fine.focal_px), width, height)
     return view, R_w_c, (np.array([width, height]) / 2 - fine.border_px) / fine.focal_px

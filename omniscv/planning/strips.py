@@ -18,6 +18,7 @@ _MOST_VIEWS = 12
 _CENTERING_STEPS = 4
 _GRAZING = 0.05  # z of a unit ray: nearer to 0 it is as good as behind the view
 _ROUNDING = 1e-7
+LEAST_HALF = np.tan(np.radians(0.5))  # engines take narrower views for 1 degree, in silence
 STEEPEST = np.tan(np.radians(62.0))  # farther off a view's axis pixels are stretched more than four times
 _SAMPLED_VIEWPOINTS = 24
 _SAMPLED_RAYS = 192
@@ -58,7 +59,7 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
         half = np.max([_strip(*strip)[1] for strip in strips], axis=0)
         if half[0] > STEEPEST:
             continue
-        size = holding_size(half, focal_px, border_px, capabilities)
+        size = holding_size(np.maximum(half, (LEAST_HALF, 0.0)), focal_px, border_px, capabilities)
         cost = len(strips) * (1 + size[0] * size[1] / PIXELS_PER_REQUEST)
         if cost < least:
             best, least = size, cost

@@ -42,6 +42,12 @@ def some(cases):
     ]
 
 
+def test_no_strip_is_narrower_than_an_engine_can_capture():
+    """The parallel rays that share a viewpoint may lie within less than the 1 degree of an engine."""
+    camera = create("orthographic", width=15, height=16, width_m=0.07)
+    assert min(view.fov_deg for view in views_of(task(camera, strategy="strips", viewpoints=8))) >= 1
+
+
 @pytest.mark.parametrize(("name", "strategy"), some((n, s) for n in LINED_UP for s in EXACT))
 def test_every_pixel_is_served_once_and_its_ray_is_seen(name, strategy):
     camera = CAMERAS[name]
