@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from omniscv.compose.seams import SIDES, Cube
+from omniscv.compose.cube import SIDES, Cube
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.planning import RecordedViews

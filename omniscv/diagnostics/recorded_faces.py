@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omniscv.compose.seams import Cube, estimate_gains
+from omniscv.compose.cube import Cube
+from omniscv.compose.seams import estimate_gains
 from omniscv.compose.slips import proven_turns
 from omniscv.diagnostics import Finding
 from omniscv.errors import MissingCaptureError

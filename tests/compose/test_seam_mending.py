@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import omniscv
 from omniscv import light
-from omniscv.compose.seams import Cube, close, estimate_gains, mend
+from omniscv.compose.cube import Cube
+from omniscv.compose.seams import close, estimate_gains, mend
 from omniscv.diagnostics.recorded_faces import examine_recording, slips
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import View

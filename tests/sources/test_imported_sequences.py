@@ -80,25 +80,6 @@ def tartanair(folder):
     (folder.parent / "seg_label_map.json").write_text(json.dumps({"name_map": names}))
 
 
-def matterport(folder):
-    """Poses of image i1_5, camera to world with y up and looking along -z; skybox 1 has its orientation."""
-    (folder / "matterport_skybox_images").mkdir(parents=True)
-    (folder / "undistorted_camera_parameters").mkdir()
-    lines = ["dataset matterport"]
-    for i, rig in enumerate(RIGS):
-        for k, word in enumerate(("top", "front", "right", "back", "left", "bottom")):
-            lit, _, _ = pictures(rig, axes(rig)[word])
-            Image.fromarray(lit).save(
-                folder / f"matterport_skybox_images/ab{i}_skybox{k}_sami.jpg", quality=95
-            )
-        r, d, f = rig.R_w_c.T
-        matrix = np.eye(4)
-        matrix[:3] = np.column_stack([r, -d, -f, rig.position])
-        values = " ".join(f"{v:.8f}" for v in matrix.ravel())
-        lines.append(f"scan ab{i}_d1_5.png ab{i}_i1_5.jpg {values}")
-    (folder / "undistorted_camera_parameters/ab.conf").write_text("\n".join(lines) + "\n")
-
-
 def ob3d(folder):
     """Panoramas with depth along the ray; poses are world to camera."""
     wide = omniscv.cameras.create("equirectangular", 512, 256)
@@ -120,41 +101,13 @@ def omniscv_exr(path, depth):
     assert buffer.write(str(path), "float")
 
 
-def airsim(folder):
-    """Poses are the vehicle's, 0.5 m behind and 0.25 m below its cameras.
-
-    Depth is along the ray, the first row at the top.
-    """
-    (folder / "images").mkdir(parents=True)
-    angles = {
-        "front": (0, 0), "right": (90, 0), "back": (180, 0),
-        "left": (-90, 0), "top": (0, 90), "bottom": (0, -90),
-    }  # fmt: skip
-    cameras = {
-        f"cam_{word}": {"X": 0.5, "Y": 0, "Z": -0.25, "Yaw": yaw, "Pitch": pitch, "Roll": 0}
-        for word, (yaw, pitch) in angles.items()
-    }
-    (folder / "settings.json").write_text(json.dumps({"Vehicles": {"Drone_1": {"Cameras": cameras}}}))
-    rows = ["VehicleName\tTimeStamp\tPOS_X\tPOS_Y\tPOS_Z\tQ_W\tQ_X\tQ_Y\tQ_Z\tImageFile"]
-    for i, rig in enumerate(RIGS):
-        r, d, f = rig.R_w_c.T
-        at = (rig.position - 0.5 * f + 0.25 * d) * NED
-        x, y, z, w = Rotation.from_matrix(NED[:, None] * np.stack([f, r, d], axis=1)).as_quat()
-        names = []
-        for word in angles:
-            lit, planar, _ = pictures(rig, axes(rig)[word])
-            along = planar * View(rig, 90, EDGE, EDGE).ray_lengths()
-            names += [f"img_Drone_1_cam_{word}_{kind}_{1000 + i}" for kind in ("0", "2")]
-            Image.fromarray(lit).save(folder / f"images/{names[-2]}.png")
-            data = f"Pf\n{EDGE} {EDGE}\n-1.0\n".encode() + along.astype("<f4").tobytes()
-            (folder / f"images/{names[-1]}.pfm").write_bytes(data)
-            names[-2:] = [f"{names[-2]}.png", f"{names[-1]}.pfm"]
-        numbers = "\t".join(f"{v:.7f}" for v in (*at, w, x, y, z))
-        rows.append(f"Drone_1\t{1000 + i}\t{numbers}\t{';'.join(names)}")
-    (folder / "airsim_rec.txt").write_text("\n".join(rows) + "\n")
+def tartanground(folder):
+    """As TartanAir V2, and a file of metadata."""
+    tartanair(folder)
+    (folder / "P0000_metadata.json").write_text("{}")
 
 
-@pytest.mark.parametrize("write", [tartanair, matterport, ob3d, airsim])
+@pytest.mark.parametrize("write", [tartanair, tartanground, ob3d])
 def test_frames_with_poses_compose_to_what_is_there(write, tmp_path, capsys):
     folder = tmp_path / "ENV" / "P000"
     write(folder)
@@ -171,9 +124,15 @@ def test_frames_with_poses_compose_to_what_is_there(write, tmp_path, capsys):
                 assert np.quantile(off, 0.9) < 0.02  # a panorama's depth is the nearest pixel's
             if "object_mask" in modes:
                 assert (image["labels"] == truth.label).mean() > 0.97
-    assert modes == {"matterport": ("lit",), "tartanair": ("depth", "lit", "object_mask")}.get(
-        write.__name__, ("depth", "lit")
-    )
+    assert modes == (("depth", "lit") if write is ob3d else ("depth", "lit", "object_mask"))
+
+
+def test_a_named_layout_of_frames_is_taken_at_its_word(tmp_path):
+    tartanair(tmp_path / "P000")
+    found = import_pictures(tmp_path / "P000", tmp_path / "a.sqlite", "tartanground")
+    assert found.lines[0].startswith("layout tartanground: 2 places")
+    with pytest.raises(ArgumentError, match="expected pictures of layout ob3d, got none"):
+        import_pictures(tmp_path / "P000", tmp_path / "b.sqlite", "ob3d")
 
 
 def test_depth_and_masks_stay_as_received(tmp_path):
@@ -205,14 +164,7 @@ def test_poses_that_contradict_each_other_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("write", "file", "text", "says"),
     [
-        (airsim, "settings.json", None, "expected settings.json: the poses"),
-        (airsim, "settings.json", "{", "expected a folder of layout airsim, got JSONDecodeError"),
-        (airsim, "settings.json", "[]", "expected a folder of layout airsim, got AttributeError"),
-        (airsim, "airsim_rec.txt", "VehicleName\nx\n", "expected a folder of layout airsim, got KeyError"),
-        (airsim, "images/img_Drone_1_cam_top_2_1001.pfm", None, "expected a picture, got no file"),
-        (airsim, "images/img_Drone_1_cam_top_2_1001.pfm", "Pf 96 96 -1.0 x", "bytes of pixels in a PFM"),
         (ob3d, "cameras/00001_cam.json", "[{}]", "expected a folder of layout ob3d, got KeyError"),
-        (matterport, "undistorted_camera_parameters/ab.conf", "", "expected its pose, of image i1_5"),
         (tartanair, "pose_lcam_front.txt", "1 2 3\n", "expected lines x y z qx qy qz qw"),
         (tartanair, "depth_lcam_top/000001_lcam_top_depth.png", "x", "expected a PNG"),
     ],
@@ -266,3 +218,13 @@ def test_floats_in_four_bytes(rgba, metres):
     depth = codecs.decode(payload, "png float32", "depth", VIEW)
     # The known answer is of four bytes: half a step of the last is 3e-5 at 655.
     np.testing.assert_allclose(depth, np.full((2, 2), metres), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("encoding", "corner"), [("pfm planar", 1.0), ("pfm ray", 1 / np.sqrt(1.5))])
+def test_the_first_row_of_a_pfm_is_the_top_one(encoding, corner):
+    """As AirSim writes it. The rays of 2 x 2 pixels of 90 degrees are sqrt(1.5) long."""
+    payload = b"Pf\n2 2\n-1.0\n" + np.array([[1, 1], [4, 4]], "<f4").tobytes()
+    depth = codecs.decode(payload, encoding, "depth", VIEW)
+    np.testing.assert_allclose(depth, [[corner, corner], [4 * corner, 4 * corner]], rtol=1e-6)
+    with pytest.raises(BadReplyError, match="expected 16 bytes of pixels in a PFM"):
+        codecs.decode(payload[:-1], encoding, "depth", VIEW)

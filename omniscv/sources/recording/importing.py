@@ -20,7 +20,7 @@ from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, Seams, choose, cut, named
 from omniscv.sources.recording.pictures import Pixels, read_picture, to_faces
-from omniscv.sources.recording.sequences import find_sequence
+from omniscv.sources.recording.sequences import SEQUENCES, find_sequence
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
 """Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
@@ -53,7 +53,7 @@ class Imported:
 
 def layouts() -> tuple[str, ...]:
     """Return the names of all layouts."""
-    return (*LAYOUTS, *PANORAMAS)
+    return (*LAYOUTS, *PANORAMAS, *SEQUENCES)
 
 
 def import_pictures(
@@ -75,7 +75,7 @@ def import_pictures(
             ``mask``; or one picture: a strip, a cross, a dice, an EXR environment cube, a panorama.
         path: of the recording; new, or one to add to.
         layout: one of :func:`layouts`, or ``auto``: frames with poses (see
-            :mod:`omniscv.sources.recording.sequences`) by what lies in a folder, else names, shapes, seams.
+            :mod:`omniscv.sources.recording.sequences`) by what lies in a folder; else by names and seams.
         position: (3,) of the optical centre, world frame, metres.
         yaw_deg: of the front face, to the left.
         depth: one of :data:`DEPTHS`. Integers of 0 are no surface.
@@ -89,9 +89,7 @@ def import_pictures(
     center_w, turn_w = numbers("position", position, (3,)), _turn(number("yaw_deg", yaw_deg))
     pictures = Path(pictures)
     with within(pictures):
-        if layout == "auto" and (sequence := find_sequence(pictures)):
-            if not sequence.pictures:
-                raise ArgumentError(f"expected pictures of layout {sequence.layout}, got none")
+        if sequence := find_sequence(pictures, layout):
             count = add_captures(path, sequence.captures, sequence.objects)
             return Imported(count, sequence.lines())
         faces, lines = _faces_of_file(pictures, layout) if pictures.is_file() else _faces_in(pictures, layout)

@@ -1,6 +1,6 @@
-"""Import folders of frames with poses: TartanAir V2 and TartanGround, Matterport, AirSim, OB3D.
+"""Import folders of frames with poses: TartanAir V2 and TartanGround, OB3D.
 
-Poses of TartanAir and AirSim are NED (x ahead, y right, z down), camera and world alike, so that with
+Poses of TartanAir are NED (x ahead, y right, z down), camera and world alike, so that with
 ``N`` from the camera's axes to theirs and ``M = diag(1, -1, -1)`` it is ``R_w_c = M R N``. Sources:
 docs/capture-folders.md.
 """
@@ -8,10 +8,9 @@ docs/capture-folders.md.
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ _FRONT = cube_rotations()[0][1]
 _FACES = {name: _FRONT.T @ R_w_c for name, R_w_c in cube_rotations()}  # from front's frame
 _TARTAN = {"front": "front", "right": "right", "back": "back", "left": "left", "top": "up", "bottom": "down"}
 _SAME = 2e-3  # of a rotation's entries: poses have six digits or fewer
-_AIRSIM = {0: ("lit", "png"), 1: ("depth", "pfm planar"), 2: ("depth", "pfm ray"), 5: ("object_mask", "png")}
 
 
 @dataclass(frozen=True)
@@ -39,17 +37,17 @@ class Sequence:
     """Pictures with poses.
 
     Attributes:
-        layout: what was found.
         pictures: file, mode, rotation (3, 3) and position (3,) of the camera in the world, field of view in
             degrees, and encoding; without one the pixels are read, and encoded anew.
         objects: of masks.
         panoramas: whether pictures show all directions, and are resampled to six faces.
+        layout: what was found.
     """
 
-    layout: str
     pictures: list[tuple[Path, str, Array, Array, float, str]]
     objects: ObjectTable = field(default_factory=lambda: ObjectTable({}))
     panoramas: bool = False
+    layout: str = ""
 
     def lines(self) -> tuple[str, ...]:
         """Return what was found, for people."""
@@ -81,30 +79,36 @@ def _as_received(
 ) -> Capture:
     payload = file.read_bytes()
     try:
-        view = View(pose, fov_deg, *_size(payload))
+        view = View(pose, fov_deg, *codecs.picture_size(payload))
         pixels = codecs.decode(payload, encoding, mode, view)
     except BadReplyError as cause:
         raise ArgumentError(str(cause)) from cause
     return Capture(Request(view, mode), view, pixels, provenance, payload, encoding)
 
 
-def find_sequence(folder: Path) -> Sequence | None:
-    """Return the frames of a folder by what lies in it; None where it is none of these layouts.
+def find_sequence(folder: Path, layout: str = "auto") -> Sequence | None:
+    """Return the frames of a folder, by what lies in it if no layout is named.
+
+    Returns:
+        None where it is none of these layouts, or another one is named.
 
     Raises:
         ArgumentError: files of a layout without poses, or poses that contradict each other.
     """
-    found = next((each for each in _LAYOUTS if all((folder / mark).exists() for mark in each[1])), None)
-    if found is None:
+    found = (name for name, (mark, _) in SEQUENCES.items() if any(folder.glob(mark)))
+    name = next(found, None) if layout == "auto" else layout
+    if name not in SEQUENCES:
         return None
-    layout, _, read = found
     try:
-        return read(folder)
+        sequence = SEQUENCES[name][1](folder)
     except ArgumentError:
         raise
     except (ValueError, LookupError, TypeError, AttributeError, OSError) as cause:
         got = f"{type(cause).__name__} {shown(str(cause))}"
-        raise ArgumentError(f"expected a folder of layout {layout}, got {got}") from cause
+        raise ArgumentError(f"expected a folder of layout {name}, got {got}") from cause
+    if not sequence.pictures:
+        raise ArgumentError(f"expected pictures of layout {name}, got none")
+    return replace(sequence, layout=name)
 
 
 def _tartanair(folder: Path) -> Sequence:
@@ -124,7 +128,7 @@ def _tartanair(folder: Path) -> Sequence:
                     if i >= len(R_w_c):
                         raise ArgumentError(f"{file.name}: expected one of {len(R_w_c)} poses of {camera}")
                     pictures.append((file, mode, R_w_c[i], front[1][i], 90.0, encoding))
-    return Sequence("tartanair", pictures, _classes(folder))
+    return Sequence(pictures, _classes(folder))
 
 
 def _ned_poses(file: Path) -> tuple[Array, Array]:
@@ -160,24 +164,6 @@ def _classes(folder: Path) -> ObjectTable:
     return ObjectTable({})
 
 
-def _matterport(folder: Path) -> Sequence:
-    conf = sorted((folder / "undistorted_camera_parameters").glob("*.conf"))
-    if not conf:
-        raise ArgumentError("expected undistorted_camera_parameters/*.conf with the poses, got none")
-    scans = re.findall(r"^scan \S+ (\S+)_i1_5\.jpg ((?:\S+ ?){16})$", conf[0].read_text(), re.MULTILINE)
-    poses = {place: np.array(values.split(), float).reshape(4, 4) for place, values in scans}
-    pictures = []
-    for file in sorted((folder / "matterport_skybox_images").glob("*_skybox?_sami.jpg")):
-        place, face = file.name.split("_skybox")
-        if place not in poses:
-            raise ArgumentError(f"{file.name}: expected its pose, of image i1_5, in {conf[0].name}")
-        name = ("up", "front", "right", "back", "left", "down")[int(face[0])]
-        pose = poses[place]
-        R_w_c = _orthonormal(pose[:3, :3] @ _M) @ _FACES[name]
-        pictures.append((file, "lit", R_w_c, pose[:3, 3], 90.0, ""))
-    return Sequence("matterport", pictures)
-
-
 def _ob3d(folder: Path) -> Sequence:
     pictures = []
     for file in sorted((folder / "cameras").glob("*_cam.json")):
@@ -190,36 +176,7 @@ def _ob3d(folder: Path) -> Sequence:
             picture = folder / kind / f"{number}_{ending}"
             if picture.exists():
                 pictures.append((picture, mode, R_c_w.T, t_w_c, 360.0, ""))
-    return Sequence("ob3d", pictures, panoramas=True)
-
-
-def _airsim(folder: Path) -> Sequence:
-    if not (folder / "settings.json").exists():
-        raise ArgumentError("expected settings.json: the poses of airsim_rec.txt are the vehicle's")
-    settings = json.loads((folder / "settings.json").read_text())
-    pictures = []
-    lines = (folder / "airsim_rec.txt").read_text().splitlines()
-    for line in lines[1:]:
-        row = dict(zip(lines[0].split("\t"), line.split("\t"), strict=False))
-        t_v = np.array([float(row[f"POS_{axis}"]) for axis in "XYZ"])
-        R_v = Rotation.from_quat([float(row[f"Q_{axis}"]) for axis in "XYZW"]).as_matrix()
-        for name in row["ImageFile"].split(";"):
-            match = re.fullmatch(rf"img_{re.escape(row['VehicleName'])}_(.*)_(\d)_\d+\.\w+", name)
-            if match is None or int(match[2]) not in _AIRSIM:
-                raise ArgumentError(f"airsim_rec.txt: expected img_VEHICLE_CAMERA_TYPE_NS, got {shown(name)}")
-            vehicle = settings.get("Vehicles", {}).get(row["VehicleName"], {})
-            camera: dict[str, Any] = vehicle.get("Cameras", {}).get(match[1])
-            if camera is None:
-                raise ArgumentError(f"settings.json: expected the camera {shown(match[1])} of its vehicle")
-            angles = [camera.get(axis, 0.0) for axis in ("Yaw", "Pitch", "Roll")]
-            R_c = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
-            offset = R_v @ [camera.get(axis, 0.0) for axis in "XYZ"]
-            mode, encoding = _AIRSIM[int(match[2])]
-            of_type = {each["ImageType"]: each for each in camera.get("CaptureSettings", [])}
-            fov_deg = float(of_type.get(int(match[2]), {}).get("FOV_Degrees", 90))
-            R_w_c, t_w_c = _orthonormal(_M @ R_v @ R_c @ _N), _M @ (t_v + offset)
-            pictures.append((folder / "images" / name, mode, R_w_c, t_w_c, fov_deg, encoding))
-    return Sequence("airsim", pictures)
+    return Sequence(pictures, panoramas=True)
 
 
 def _orthonormal(R: Array) -> Array:
@@ -227,17 +184,9 @@ def _orthonormal(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(R).as_matrix())
 
 
-def _size(payload: bytes) -> tuple[int, int]:
-    if header := re.match(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s", payload):
-        return int(header[1]), int(header[2])
-    return codecs.picture_size(payload)
-
-
-_LAYOUTS: tuple[tuple[str, tuple[str, ...], Callable[[Path], Sequence]], ...] = (
-    ("airsim", ("airsim_rec.txt",), _airsim),
-    ("ob3d", ("cameras", "images"), _ob3d),
-    ("tartanair", ("image_lcam_front",), _tartanair),
-    ("tartanair", ("image_rcam_front",), _tartanair),
-    ("matterport", ("matterport_skybox_images",), _matterport),
-)
-"""Layouts, what lies in their folders, and their readers."""
+SEQUENCES: dict[str, tuple[str, Callable[[Path], Sequence]]] = {
+    "ob3d": ("cameras/*_cam.json", _ob3d),
+    "tartanground": ("*_metadata.json", _tartanair),
+    "tartanair": ("image_?cam_front", _tartanair),
+}
+"""Layouts of frames with poses: what lies in their folders, and their readers."""

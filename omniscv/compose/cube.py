@@ -1,0 +1,118 @@
+"""Six faces of one place as a cube: which edges meet, and the steps across them.
+
+Engines compute bloom, reflections and exposure for each picture alone, so that the faces of one place differ
+at their edges. The step of an edge is the mean difference across it, less that between pixels beside it.
+Where masks show another object across an edge, the step is an outline, and does not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.geometry import Array
+from omniscv.sources.base import View
+
+SIDES = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])  # top, right, bottom, left
+_SAME = 1e-3  # directions of the middles of edges
+
+
+class Edge(NamedTuple):
+    """Two faces and their sides (top, right, bottom, left) that meet."""
+
+    a: int
+    side_a: int
+    b: int
+    side_b: int
+
+
+@dataclass(frozen=True, eq=False)
+class Cube:
+    """Six square pictures that together see every direction once.
+
+    Attributes:
+        views: of 90 degrees, at one centre, in any orientation.
+        pixels: (6, s, s, 3) uint8.
+        border: px that were captured beyond the 90 degrees on every side, and are left out.
+        labels: (6, s, s) of the objects; all 0 without masks.
+    """
+
+    views: tuple[View, ...]
+    pixels: NDArray[np.uint8]
+    border: int
+    labels: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls, views: Sequence[View], pixels: Sequence[NDArray[Any]], masks: Sequence[NDArray[Any]] = ()
+    ) -> Cube | None:
+        """Return the cube that views, their pixels and object masks are; None for other views and floats.
+
+        Masks, (h, w) ids or (h, w, 3) colours, may have other sizes than colours; they show the same views.
+        """
+        alike = {(view.width, view.height, round(view.fov_deg, 3)) for view in views}
+        if len(views) != 6 or len(alike) > 1 or any(each.dtype != np.uint8 for each in pixels):
+            return None
+        border = round(views[0].width / 2 - views[0].focal_px)
+        size = views[0].width - 2 * border
+        if views[0].width != views[0].height or border < 0 or size < 2:
+            return None
+        inner = slice(border, border + size)
+        faces = tuple(View(view.pose, 90, size, size) for view in views)
+        labels = np.zeros((6, size, size), np.int64)
+        for of_face, mask in zip(labels, masks, strict=False):
+            rows = (np.arange(border, border + size) + 0.5) * len(mask) // views[0].width
+            colors = np.atleast_3d(mask)[np.ix_(rows.astype(int), rows.astype(int))].astype(np.int64)
+            of_face[:] = colors @ (1 << 16 * np.arange(colors.shape[-1]))
+        cube = cls(faces, np.stack([each[inner, inner] for each in pixels]), border, labels)
+        return cube if len(cube.edges) == 12 else None
+
+    @cached_property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges at which two faces meet: twelve."""
+        middles = [
+            (face, side, view.pose.R_w_c @ np.add(SIDES[side], (0, 0, 1)))
+            for face, view in enumerate(self.views)
+            for side in range(4)
+        ]
+        return tuple(
+            Edge(a, i, b, j)
+            for k, (a, i, p) in enumerate(middles)
+            for b, j, q in middles[k + 1 :]
+            if a != b and np.abs(p - q).max() < _SAME
+        )
+
+    def lines(self, edge: Edge, depth: int = 2) -> tuple[Array, Array]:
+        """Return (depth, s, 3) rows of both faces, the outermost first, in the same order along the edge."""
+        a, b = (
+            np.rot90(self.pixels[face], side)[:depth].astype(np.float64)
+            for face, side in ((edge.a, edge.side_a), (edge.b, edge.side_b))
+        )
+        return a, b[:, ::-1]
+
+    def at_edge(self, edge: Edge) -> tuple[Array, Array]:
+        """Return (s, 3) colours of both faces on the edge itself, extrapolated from two rows."""
+        a, b = (1.5 * lines[0] - 0.5 * lines[1] for lines in self.lines(edge))
+        return a, b
+
+    def continuous(self, edge: Edge) -> NDArray[np.bool_]:
+        """Return (s,) where both faces show one object, in the order of :meth:`lines`."""
+        a, b = np.rot90(self.labels[edge.a], edge.side_a), np.rot90(self.labels[edge.b], edge.side_b)
+        return np.asarray(a[0] == b[0, ::-1])
+
+    def steps(self) -> Array:
+        """Return (12,) the step across each edge, levels, less what pixels beside it differ by.
+
+        Outlines that lie on an edge are left out; an edge of nothing else has no step.
+        """
+        steps = []
+        for edge in self.edges:
+            a, b = (lines[:, self.continuous(edge)] for lines in self.lines(edge))
+            inside = np.abs(a[0] - a[1]) / 2 + np.abs(b[0] - b[1]) / 2
+            steps.append((np.abs(a[0] - b[0]) - inside).mean() if inside.size else 0.0)
+        return np.array(steps)
