@@ -170,6 +170,8 @@ for _row in (
              doc="the optical centre is not visible from the camera's position"),
     Modality("relit", ("bool",), 0, "nearest", "png", captured=False,
              doc="colours changed by more than two levels, so that faces agree at their edges"),
+    Modality("light", ("uint8",), 0, "nearest", "png", captured=False,
+             doc="bits: 1 dome, 2 translucent, 4 mismatch, 8 view-dependent, 16 clipped, 32 relit"),
     Modality("unsure", ("bool",), 0, "nearest", "png", captured=False,
              doc="not verified by any capture"),
 ):  # fmt: skip

@@ -3,7 +3,17 @@
 from collections.abc import Sequence
 from typing import Any, Literal, TypedDict, get_args
 
-from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, text, whole_number
+from omniscv.arguments import (
+    flag,
+    number,
+    numbers,
+    one_of,
+    optional_number,
+    shown,
+    text,
+    texts,
+    whole_number,
+)
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, optional, record
 
@@ -11,6 +21,7 @@ Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
 Normals = Literal["captured", "from-depth"]
 Seams = Literal["keep", "gains", "close"]
+Checks = Literal["none", "light"]
 FINEST_TRUTH = 8
 PRICE = (5.0, 25.0)
 """ms that a source takes for a request and for a megapixel, unless they were measured."""
@@ -35,6 +46,10 @@ def _accuracy(name: str, value: object) -> float | None:
     percent = isinstance(value, str) and value.strip().endswith("%")
     share = value.strip().removesuffix("%") if isinstance(value, str) else value
     return number(name, share, above=0, below=100 if percent else 1) / (100 if percent else 1)
+
+
+def _names(name: str, value: object) -> tuple[str, ...]:
+    return texts(name, value) if value else ()
 
 
 def _price(name: str, value: object) -> tuple[float, float]:
@@ -65,6 +80,9 @@ class RenderOptions:
             they explain the steps; or ``close`` what is left, too (:mod:`omniscv.compose.seams`).
         straighten: whether faces of a recording that are measurably turned against the others of their cube
             are resampled to what they should show (:mod:`omniscv.compose.slips`).
+        checks: ``light`` makes the layer ``light`` (:mod:`omniscv.compose.light_checks`); it takes captures
+            from beside the camera, and without objects that only colours show.
+        sky: objects that stand for the sky: they become pixels without a surface.
         accuracy: share of the valid pixels that may be doubtful (:attr:`omniscv.OmniImage.doubtful`), as a
             number or as ``"0.1%"``; captures then become finer where the image needs it.
         most_captures, most_megapixels: budgets of an image, over all modes, at which that ends.
@@ -113,6 +131,13 @@ class RenderOptions:
         default=False,
         help="resample faces of a recording that are measurably turned against the others",
     )
+    checks: Checks = checked(
+        one_of,
+        default="none",
+        words=get_args(Checks),
+        help="none, or light: mark what light makes doubtful, in the layer light",
+    )
+    sky: tuple[str, ...] = checked(_names, default=(), help="objects that stand for the sky")
     accuracy: float | None = checked(
         _accuracy, default=None, help="share of the valid pixels that may be doubtful, such as 0.1%"
     )
@@ -147,6 +172,8 @@ class RenderKeywords(TypedDict, total=False):
     normals: Normals
     seams: Seams
     straighten: bool
+    checks: Checks
+    sky: tuple[str, ...]
     accuracy: Any  # a number, or a text such as "0.1%"
     most_captures: int | None
     most_megapixels: float | None

@@ -10,6 +10,7 @@ from omniscv import light, modalities
 from omniscv.compose.depth import NEAR_PLANE_M
 from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
+from omniscv.compose.light_checks import BITS
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seams import Mended
 from omniscv.compose.seen_points import SeenPoints
@@ -91,7 +92,13 @@ class Composition:
         canvas = self._canvas or _Canvas(valid, central=False)
         sampled = canvas.layers()
         layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
-        marks = {"unsure", "occluded", "relit", *(modalities.get(mode).marked_by for mode in self._modes)}
+        marks = {
+            "unsure",
+            "occluded",
+            "relit",
+            "light",
+            *(modalities.get(mode).marked_by for mode in self._modes),
+        }
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
         _mark_beyond_reach(layers, valid)
@@ -203,6 +210,12 @@ class Composition:
         else:
             values = sample(sampler, self._filter, faces)
         self._image.put(row.name, viewpoint.pixels, values)
+        if row.name == "lit" and self._task.options.checks == "light" and faces[0].dtype == np.uint8:
+            extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
+            clipped = sampler.sample(self._filter, extreme).any(axis=-1)
+            self._image.put(
+                "light", viewpoint.pixels, np.where(clipped, np.uint8(BITS["clipped"]), np.uint8(0))
+            )
         if not row.marked_by:
             return
         if seen is None:

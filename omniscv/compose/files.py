@@ -8,6 +8,7 @@ STEM.normals.exr               float32, camera frame
 STEM.depth_error.exr           float16 metres that depth may be off, rounded up
 STEM.label_edge.png            255 where a label may be the neighbour's
 STEM.relit.png                 255 where closing seams changed a colour by more than two levels
+STEM.light.png                 8-bit, what light makes doubtful: see :mod:`omniscv.compose.light_checks`
 STEM.unsure.png                255 where no capture verified a pixel
 STEM.occluded.png              255 where the optical centre is not visible from the camera position
 STEM.json                      camera, pose, options, source, versions, the blank layers

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 _DOUBTFUL = 0.01  # of the depth
+_REPORTS = "seams", "light"  # in the provenance: what composition did to colours, and found
 
 
 @dataclass(frozen=True)
@@ -226,6 +227,7 @@ class OmniImage:
 
     def description(self) -> dict[str, Any]:
         """Return the plain values of ``STEM.json``."""
+        reports = {key: self.provenance[key] for key in _REPORTS if key in self.provenance}
         reached = {}
         if self.options.accuracy is not None:
             effort = asdict(self.effort)
@@ -236,7 +238,8 @@ class OmniImage:
             "options": asdict(self.options),
             **({"transfer": self.transfer} if self.lit is not None and self.transfer != "unknown" else {}),
             **reached,
-            "source": dict(self.provenance),
+            "source": {key: each for key, each in self.provenance.items() if key not in reports},
+            **reports,
             "unsure_pixels": _count(self.unsure),
             "occluded_pixels": _count(self.occluded),
             "unknown_mask_colors": [[*color, count] for color, count in self.unknown_colors.items()],

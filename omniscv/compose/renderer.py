@@ -15,6 +15,7 @@ from omniscv.compose.cache import ByteCache
 from omniscv.compose.composition import Composition
 from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
+from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
 from omniscv.compose.seams import Mended, mend
 from omniscv.compose.slips import StraightFaces
@@ -193,6 +194,7 @@ class Renderer:
         tasks = [replace(self.task(camera, pose, options), modes=sampled) for camera, pose in shots]
         plans = share_captures(tasks, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
+        another = partial(self._another, source, options)
         if needed := Counter(request for plan in plans for request in plan.requests):
             source = SharedCaptures(source, needed)
         if options.straighten and self._recorded is not None:
@@ -209,7 +211,24 @@ class Renderer:
             )
             drive(plan.rounds(), composition.capture)
             self._cache.trim()
-            yield composition.image()
+            image = composition.image()
+            examined = options.checks == "light" or options.sky
+            yield examine(image, self.source, another) if examined else image
+
+    def _another(
+        self,
+        captured: Source,
+        options: RenderOptions,
+        source: Source,
+        camera: Camera,
+        pose: Pose,
+        modes: tuple[str, ...],
+    ) -> OmniImage:
+        """Return another image for the checks of one: of its own source, or of one without an object."""
+        renderer = self.of(captured if source is self.source else source)
+        options = replace(options, checks="none", sky=(), accuracy=None)
+        (image,) = renderer._rendered(renderer._captures, [(camera, pose)], modes, options, None, None)
+        return image
 
     def _unprojected(self, camera: Camera) -> ImageRays:
         """Return a camera's rays: in blocks if it is central and its map would take more than both bounds."""

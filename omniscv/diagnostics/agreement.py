@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.compose.light_checks import entered
 from omniscv.diagnostics import Finding
 from omniscv.diagnostics.seams import FACES
 from omniscv.diagnostics.self_calibration import inside, sample
@@ -47,7 +48,7 @@ _OUTSIDE_M, _OUTSIDE = (
     0.03,
     0.01,
 )  # by which points may be outside their object's box: metres, of the distance
-_CROSSED_PX, _CROSSED, _DEEP_M = 150, 0.3, 0.03  # rays that enter the box of an object that is not shown
+_CROSSED_PX = 150  # rays that enter the box of an object that is not shown
 _SPHERE, _SPHERE_PX = 2e-3, 2000
 _AGAIN_LEVELS = 0.5
 _MOST_PX = 4  # by which colours are looked for beside the masks' edges
@@ -304,19 +305,8 @@ def _boxes(shots: Sequence[Shot], names: Mapping[int, str], boxes: Mapping[str, 
                 wrong.append(f"{name} has no depth")
             elif (beyond.max(axis=1) > slack).mean() > _OF_OBJECT:
                 wrong.append(f"{name} is elsewhere")
-        elif not of_object.any() and _is_entered(center, points, box):
+        elif not of_object.any() and entered(center, points, box, _CROSSED_PX):
             wrong.append(f"{name} is not shown")
     value = ", ".join(wrong) or f"{len(boxes)} in their boxes"
     remedy = "give it a mask colour and an opaque material; check units, poses and the field of view"
     return Finding.unless(not wrong, "objects where they should be", value, "bad", remedy)
-
-
-def _is_entered(center: Array, points: Array, box: ObjectBox) -> bool:
-    """Return whether many of the rays from a centre (3,) to points (N, 3) end in a box or beyond it."""
-    start, end = (center - box.center_w) @ box.R_w_b, (points - box.center_w) @ box.R_w_b
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bounds = (np.array((-1.0, 1.0))[:, None, None] * box.size / 2 - start) / (end - start)
-    enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
-    toward = (enter > 0) & (enter < leave)
-    deep = toward & ((1 - enter) * np.linalg.norm(end - start, axis=1) > _DEEP_M)
-    return bool(deep.sum() >= max(_CROSSED_PX, _CROSSED * toward.sum()))

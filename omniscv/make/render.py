@@ -153,7 +153,7 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                         renderer_then.task(camera, pose, job.options, border_px=border_px)
                         for camera, pose in take.views
                     ]
-                    if job.options.accuracy is not None:
+                    if job.options.accuracy is not None or job.options.checks == "light":
                         noting = _Noting(renderer_then.source, needed)
                         list(renderer.of(noting).render_together(take.views, take.modes, job.options))
                         report(Progress(images=len(take.views)))

@@ -170,6 +170,8 @@ def test_the_json_describes_the_image(image, folder):
         "normals": "captured",
         "seams": "keep",
         "straighten": False,
+        "checks": "none",
+        "sky": [],
         "accuracy": None,
         "most_captures": None,
         "most_megapixels": None,

@@ -1,0 +1,342 @@
+"""What light makes doubtful: the layer ``light``, a byte of bits for each pixel, and domes that are the sky.
+
+Bits are found by comparing captures of one world: with what is known of its shapes (``mismatch``), from a
+place beside the camera (``view_dependent``, and domes that follow the camera), and without an object
+(``translucent``). What cannot be compared is named in the image's provenance, and has no bit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import light
+from omniscv.cameras import Camera, create
+from omniscv.compose.image import OmniImage
+from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.arrays import Mask
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.sources.base import Source, known_objects
+
+BITS = {
+    "dome": 1,  # an object that stands for the sky
+    "translucent": 2,  # seen through: depth and label are of what is behind
+    "mismatch": 4,  # depth, label and colour are not of one object
+    "view_dependent": 8,  # colour changes with the place it is seen from
+    "clipped": 16,  # a code of 0 or 255 in a sample that was used
+    "relit": 32,  # colour changed to close a seam
+}
+"""Bits of the layer ``light``; 0 is a pixel against which nothing is known."""
+
+Render = Callable[[Source, Camera, Pose, tuple[str, ...]], OmniImage]
+"""Makes another image, of a source, camera, pose and modes, with the options of the first."""
+
+_SKY_NAMES = re.compile(r"sky|dome|backdrop|hdri", re.IGNORECASE)
+_DOME_PX, _SPHERE, _RADIUS = 200, 0.01, 2.0  # misfit of a sphere; its radius, by the median distance
+_LEAST_PX = 60
+_OUTSIDE_M, _OUTSIDE = (
+    0.02,
+    0.01,
+)  # by which points may be outside their object's box: metres, of the distance
+_BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
+_BESIDE_M, _NEAREST = 0.5, 0.4  # how far beside: metres, and of the nearest surface's distance
+_LARGEST_PX = 4096  # of the panorama that is seen there
+_LEVELS, _SHARE = 4.0, 0.015  # by which colours of a surface may differ, and of how many pixels
+_CHANGED, _TRANSMITS = 2.0, 0.1  # levels of a pixel without the object; how much of what is behind shows
+_CROSSED, _DEEP_M = 0.3, 0.03  # of the rays that enter the box of an object, how many end in it, how deep
+_FAR_M = 1e6  # of the sky
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """An image, and what is known of its objects.
+
+    Attributes:
+        image: with labels, depth and colours as far as it has them.
+        names: by label.
+        boxes: by name.
+    """
+
+    image: OmniImage
+    names: Mapping[int, str]
+    boxes: Mapping[str, ObjectBox]
+
+    @cached_property
+    def rays_w(self) -> Array:
+        """(H, W, 3) directions, world frame."""
+        return self.image.camera.unproject().directions @ self.image.pose.R_w_c.T
+
+    @cached_property
+    def centers_w(self) -> Array:
+        """(H, W, 3) where depth is measured from."""
+        return np.broadcast_to(self.image.centers_w, self.rays_w.shape)
+
+    @cached_property
+    def points_w(self) -> Array:
+        """(H, W, 3) what pixels show; the sky far away."""
+        depth = np.where(np.isfinite(self.image["depth"]), self.image["depth"], _FAR_M)
+        return self.centers_w + depth[..., None] * self.rays_w
+
+    @cached_property
+    def sure(self) -> Mask:
+        """(H, W) where depth is finite and bounded, and the label no neighbour's."""
+        error, edge = self.image["depth_error"], self.image["label_edge"]
+        finite = np.isfinite(self.image["depth"]) & np.isfinite(error)
+        return np.asarray(self.image.valid & finite & ~edge & ~self.image["unsure"])
+
+    def of_label(self, sure: bool = True) -> Iterator[tuple[str, Mask]]:
+        """Yield objects and their pixels (H, W)."""
+        labels = self.image["labels"]
+        for label in np.unique(labels[self.image.valid]):
+            if label:
+                yield self.names[int(label)], (labels == label) & (self.sure if sure else self.image.valid)
+
+
+@dataclass
+class Findings:
+    """The bits of an image, and their reasons.
+
+    Attributes:
+        bits: (H, W) uint8.
+        objects: by the name of a bit, the objects that have it; of domes, what says so.
+        untested: by the name of a bit, why it was not tested.
+    """
+
+    bits: NDArray[np.uint8]
+    objects: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    untested: dict[str, str] = field(default_factory=dict)
+
+    def mark(self, bit: str, at: Mask, name: str = "", *why: str) -> None:
+        """Set a bit where ``at`` (H, W) is."""
+        self.bits[at] |= BITS[bit]
+        if name:
+            self.objects.setdefault(bit, {})[name] = list(why)
+
+
+def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
+    """Return an image with the layer ``light`` if its options ask for it, and with domes as sky.
+
+    Args:
+        image: of the source.
+        source: captured once more from beside the camera, and without objects that are seen through.
+        render: makes these images.
+
+    Raises:
+        ArgumentError: ``sky`` names no object of the scene.
+    """
+    options, found = image.options, Findings(np.zeros(image.valid.shape, np.uint8))
+    table = image.objects.names() if image.objects else []
+    if image.objects:
+        known_objects(options.sky, table, "sky")
+    examined = Examined(image, dict(enumerate(table, start=1)), {})
+    listed = {name: ["sky"] for name in options.sky}
+    if options.checks == "light":
+        found.bits[:] = image.layers.get("light", 0)
+        if "relit" in image.layers:
+            found.mark("relit", image["relit"])
+        if lacking := [name for name in ("lit", "labels", "depth") if name not in image.layers]:
+            why = f"expected an image with {', '.join(lacking)}"
+            found.untested = dict.fromkeys(("dome", "translucent", "mismatch", "view_dependent"), why)
+        else:
+            if source.capabilities.moves:
+                found.untested |= dict.fromkeys(
+                    ("translucent", "mismatch"), "expected a world that stands still"
+                )
+            else:
+                examined = replace(examined, boxes=source.geometry().boxes)
+            beside = _beside(examined, source, render, found)
+            for name, signs in _domes(examined, beside).items():
+                listed[name] = [*listed.get(name, []), *signs]
+            _mark_mismatch(examined, listed, found)
+            _mark_translucent(examined, source, render, found)
+    if image.labels is not None:
+        for name, at in examined.of_label(sure=False):
+            if name in listed:
+                found.mark("dome", at, name, *listed[name])
+    layers = _with_sky(image, (found.bits & BITS["dome"]) > 0)
+    if options.checks == "light":
+        layers["light"] = np.where(image.valid, found.bits, np.uint8(0))
+    report = {"objects": found.objects, "untested": found.untested}
+    return replace(image, layers=layers, provenance={**image.provenance, "light": report})
+
+
+def _mark_mismatch(examined: Examined, domes: Collection[str], found: Findings) -> None:
+    """Mark points that are outside the box of the object that the mask shows there, and no dome."""
+    image, sure = examined.image, examined.sure
+    slack = _OUTSIDE_M + _OUTSIDE * image["depth"] + image["depth_error"]
+    for name, at in examined.of_label():
+        box = None if name in domes else examined.boxes.get(name)
+        if box is not None and box.source != "points":
+            beyond = np.abs((examined.points_w[at] - box.center_w) @ box.R_w_b) - box.size / 2
+            outside = np.zeros_like(sure)
+            outside[at] = beyond.max(axis=1) > slack[at]
+            if outside.any():
+                found.mark("mismatch", outside, name, "depth is outside its box")
+
+
+def _beside(examined: Examined, source: Source, render: Render, found: Findings) -> Examined | None:
+    """Return what is seen from beside the camera, and mark colours that differ there."""
+    image = examined.image
+    if not examined.sure.any():
+        found.untested["view_dependent"] = "expected depth, got none that is sure"
+        return None
+    near = _NEAREST * float(image["depth"][examined.sure].min())
+    # In powers of two, so that other cameras at this place find the same captures in a recording.
+    reach = min(_BESIDE_M, 2.0 ** np.floor(np.log2(max(near, 1e-3))))
+    center_w = image.pose.position + reach * _BESIDE / np.linalg.norm(_BESIDE)
+    turns = np.arccos(np.clip((examined.rays_w[:, 1:] * examined.rays_w[:, :-1]).sum(axis=-1), -1, 1))
+    width = min(2 * round(np.pi / max(float(np.nanmedian(turns)), 1e-9)), _LARGEST_PX)
+    camera = create("equirectangular", width, width // 2)
+    try:
+        other = render(source, camera, Pose.from_angles(center_w), ("lit", "object_mask", "depth"))
+    except MissingCaptureError as cause:
+        found.untested["view_dependent"] = str(cause)
+        return None
+    beside = Examined(other, examined.names, examined.boxes)
+    if image["lit"].dtype == np.uint8:
+        _mark_view_dependent(examined, beside, found)
+    else:
+        found.untested["view_dependent"] = "expected colours of 8 bits"
+    return beside
+
+
+def _mark_view_dependent(examined: Examined, beside: Examined, found: Findings) -> None:
+    """Mark objects of whose pixels many have colours that the same points do not have from beside."""
+    import cv2
+
+    image, other, around = examined.image, beside.image, np.ones((5, 5), np.uint8)
+    to_points = examined.points_w - other.pose.position
+    pixels, seen = other.camera.project(to_points @ other.pose.R_w_c)
+    column, row = np.moveaxis(np.where(seen[..., None], pixels, 0).astype(int), -1, 0)
+    there = row, column
+    off = np.abs(other["depth"][there] - np.linalg.norm(to_points, axis=-1))
+    error = image["depth_error"] + other["depth_error"][there] + 2e-3 * image["depth"]
+    agree = seen & examined.sure & beside.sure[there] & (off <= error)
+    agree &= image["labels"] == other["labels"][there]
+    codes = image["labels"].astype(np.float32)
+    agree &= cv2.erode(codes, around) == cv2.dilate(codes, around)  # thin things are mixed into colours
+    if agree.sum() < _LEAST_PX:
+        found.untested["view_dependent"] = "expected surfaces that are seen from beside, got none"
+        return
+    low, high = (np.float32(f(other["lit"], around)[there]) for f in (cv2.erode, cv2.dilate))
+    lit = _as_bright(image["lit"], other["lit"][there], agree, image.transfer)
+    beyond = np.maximum(np.maximum(low - lit, lit - high).max(axis=-1), 0)
+    for name, at in examined.of_label():
+        compared = at & agree
+        if compared.sum() >= _LEAST_PX and (share := (beyond[compared] > _LEVELS).mean()) > _SHARE:
+            label = image["labels"] == image["labels"][at][0]
+            found.mark("view_dependent", label & image.valid, name, f"{share:.0%} of its pixels")
+
+
+def _as_bright(lit: NDArray[Any], other: NDArray[Any], agree: Mask, transfer: str) -> NDArray[np.float32]:
+    """(H, W, 3) codes of colours with the exposure of others, by the median ratio of their light."""
+    curve = "srgb" if transfer == "unknown" else transfer
+    first, second = light.decode(lit, curve), light.decode(other, curve)
+    bright = agree & (np.minimum(lit, other).min(axis=-1) > 10) & (np.maximum(lit, other).max(axis=-1) < 245)
+    gain = np.median(second[bright] / first[bright]) if bright.any() else 1.0
+    return light.encode(np.asarray(first * gain, np.float32), curve).astype(np.float32)
+
+
+def _domes(examined: Examined, beside: Examined | None) -> dict[str, list[str]]:
+    """Return objects that stand for the sky, by two signs or more: what they are."""
+    domes = {}
+    for name, at in examined.of_label():
+        if at.sum() < _DOME_PX:
+            continue
+        signs = ["its name"] if _SKY_NAMES.search(name) else []
+        signs += ["a sphere around the camera"] * _is_sphere(examined, at)
+        signs += ["its box holds all others"] * _holds_all(examined, name)
+        signs += ["it follows the camera"] * (beside is not None and _follows(examined, beside, at))
+        if len(signs) >= 2:
+            domes[name] = signs
+    return domes
+
+
+def _is_sphere(examined: Examined, at: Mask) -> bool:
+    """Return whether points lie on a sphere that the camera is well inside of: by least squares."""
+    points = examined.points_w[at] - examined.image.pose.position
+    scale = float(np.median(np.linalg.norm(points, axis=1)))
+    p = points / scale
+    solved, *_ = np.linalg.lstsq(np.c_[2 * p, np.ones(len(p))], (p**2).sum(axis=1), rcond=None)
+    radius = np.sqrt(max(solved[3] + (solved[:3] ** 2).sum(), 0))
+    off = np.abs(np.linalg.norm(p - solved[:3], axis=1) - radius)
+    inside = np.linalg.norm(solved[:3]) < radius / 2
+    return bool(inside and radius < _RADIUS and np.quantile(off, 0.95) < _SPHERE * radius)
+
+
+def _holds_all(examined: Examined, name: str) -> bool:
+    """Return whether the box of an object holds the camera and all other boxes."""
+    if name not in examined.boxes or len(examined.boxes) < 2:
+        return False
+    box = examined.boxes[name]
+    others = [other.corners_w() for key, other in examined.boxes.items() if key != name]
+    points = np.concatenate([*others, examined.image.pose.position[None]])
+    return bool((np.abs((points - box.center_w) @ box.R_w_b) <= box.size / 2).all())
+
+
+def _follows(examined: Examined, beside: Examined, at: Mask) -> bool:
+    """Return whether distances do not change when the camera moves, as far as their errors show it."""
+    pixels, seen = beside.image.camera.project(examined.rays_w[at] @ beside.image.pose.R_w_c)
+    column, row = np.where(seen[:, None], pixels, 0).astype(int).T
+    there, moved = (row, column), beside.image.pose.position - examined.image.pose.position
+    same = seen & beside.sure[there] & (beside.image["labels"][there] == examined.image["labels"][at][0])
+    error = examined.image["depth_error"][at] + beside.image["depth_error"][there]
+    due = np.abs(examined.rays_w[at] @ moved)  # of a dome that stands still
+    same &= error < due / 4
+    off = np.abs(examined.image["depth"][at] - beside.image["depth"][there])
+    return bool(same.sum() >= _LEAST_PX and np.median(off[same] / due[same]) < 0.25)
+
+
+def _mark_translucent(examined: Examined, source: Source, render: Render, found: Findings) -> None:
+    """Mark objects that only colours show: seen through, or not annotated."""
+    image = examined.image
+    shown = {name for name, _ in examined.of_label(sure=False)}
+    points, centers = examined.points_w[image.valid], examined.centers_w[image.valid]
+    for name, box in sorted(examined.boxes.items()):
+        if name in shown or name in source.instant.hidden or not entered(centers, points, box):
+            continue
+        try:
+            with source.at(replace(source.instant, hidden=source.instant.hidden | {name})) as without:
+                behind = render(without, image.camera, image.pose, ("lit",))["lit"]
+        except (ArgumentError, MissingCaptureError) as cause:
+            found.untested["translucent"] = f"{name}: {cause}"
+            continue
+        lit, behind = (np.asarray(each, np.float64) for each in (image["lit"], behind))
+        changed = image.valid & (np.abs(lit - behind).max(axis=-1) > _CHANGED)
+        if changed.sum() >= _LEAST_PX:
+            inner = changed[:, 1:] & changed[:, :-1]  # outlines of what is behind show through, or do not
+            x, y = (np.diff(each, axis=1)[inner] for each in (behind, lit))
+            through = (x * y).sum() > _TRANSMITS * (x * x).sum() > 0
+            found.mark("translucent" if through else "mismatch", changed, name, "only colours show it")
+
+
+def entered(centers_w: Array, points_w: Array, box: ObjectBox, least: int = _LEAST_PX) -> bool:
+    """Return whether many rays, from centres (3,) or (N, 3) to points (N, 3), end in a box or behind it."""
+    start, end = (centers_w - box.center_w) @ box.R_w_b, (points_w - box.center_w) @ box.R_w_b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bounds = (np.array((-1.0, 1.0))[:, None, None] * box.size / 2 - start) / (end - start)
+    enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
+    toward = (enter > 0) & (enter < leave)
+    deep = toward & ((1 - enter) * np.linalg.norm(end - start, axis=1) > _DEEP_M)
+    return bool(deep.sum() >= max(least, _CROSSED * toward.sum()))
+
+
+def _with_sky(image: OmniImage, sky: Mask) -> dict[str, NDArray[Any]]:
+    """Return the layers, with pixels that show no surface where the sky is, as where nothing was captured."""
+    layers = dict(image.layers)
+    if not sky.any():
+        return layers
+    doubt = layers["label_edge"] | layers["unsure"]
+    error = np.where(doubt, np.inf, 0)[sky]
+    values = {"depth": np.inf, "depth_error": error, "labels": 0, "object_mask": 0, "normals": 0}
+    for name in values.keys() & layers.keys():
+        layers[name] = layers[name].copy()
+        layers[name][sky] = values[name]
+    return layers
