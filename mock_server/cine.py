@@ -13,18 +13,23 @@ _MODES = ("manual", "tracking", "disable", "none", "do_not_override")
 
 
 class Projection(NamedTuple):
-    """A projection of square pixels: focal length and principal point, px from the top-left corner."""
+    """Focal lengths across and down, and the principal point from the top-left corner; all px."""
 
-    focal: float
+    fx: float
+    fy: float
     cx: float
     cy: float
 
 
 @dataclass
 class Cine:
-    """The settings of one camera's cine model; every setter but ``enable(0)`` switches it on."""
+    """The settings of one camera's cine model; every setter but ``enable(0)`` switches it on.
+
+    Pixels are square; if ``stretched`` the picture shows the whole height of the filmback, whatever its size.
+    """
 
     enabled: bool = False
+    stretched: bool = False
     filmback: list[float] = field(
         default_factory=lambda: [23.76, 13.365, 0.0, 0.0]
     )  # width, height, offsets, mm
@@ -99,21 +104,22 @@ class Cine:
         """Return the projection of an image, whose field of view is horizontal, also for a portrait."""
         sensor, tall, x, y = self.filmback
         focal = width * self.lens[0] / (sensor * self.squeeze)
-        return Projection(focal, width / 2 - width * x / sensor, height / 2 + height * y / tall)
+        down = height * self.lens[0] / tall if self.stretched else focal
+        return Projection(focal, down, width / 2 - width * x / sensor, height / 2 + height * y / tall)
 
     def intrinsics(self, width: int, height: int) -> str:
         """Return the reply to ``cine/intrinsics``."""
-        focal, cx, cy = self.projection(width, height)
-        m00, m11, m20, m21 = 2 * focal / width, 2 * focal / height, 2 * cx / width - 1, 1 - 2 * cy / height
+        fx, fy, cx, cy = self.projection(width, height)
+        m00, m11, m20, m21 = 2 * fx / width, 2 * fy / height, 2 * cx / width - 1, 1 - 2 * cy / height
         return _pretty({
-            "width": width, "height": height, "fx": focal, "fy": focal, "cx": cx, "cy": cy,
+            "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy,
             **_angles(m00, m11), "projection_offset": [m20, m21],
             "projection_matrix": [m00, 0, 0, 0, 0, m11, 0, 0, m20, m21, 0, 1, 0, 0, 10.0, 0],
         })  # fmt: skip
 
     def model(self, width: int, height: int) -> str:
         """Return the reply to ``cine``."""
-        focal = self.projection(width, height).focal
+        fx, fy = self.projection(width, height)[:2]
         lens = [*self.lens, *self.limits, self.squeeze, self.blades]
         return _pretty({
             "enabled": self.enabled,
@@ -123,7 +129,7 @@ class Cine:
             "crop": dict(zip(_CROP, [*self.crop[:2], *map(bool, self.crop[2:])], strict=True)),
             "exposure": dict(zip(_EXPOSURE, [*self.exposure[:2], bool(self.exposure[2])], strict=True)),
             "near_clip": {"override": bool(self.near_clip[0]), "distance_cm": self.near_clip[1]},
-            **_angles(2 * focal / width, 2 * focal / height),
+            **_angles(2 * fx / width, 2 * fy / height),
         })  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from mock_server.scene import Scene
 
 Array = NDArray[np.float64]
+Projection = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,19 +44,19 @@ def pinhole_rays(
     *,
     rows: slice = slice(None),
     where: NDArray[np.bool_] | None = None,
-    center: tuple[float, float] | None = None,
+    projection: Projection | None = None,
 ) -> tuple[Array, Array]:
     """Return (H, W, 3) unit directions in the world frame, and (H, W) ray lengths per metre of depth.
 
     They are of a view of ``size`` (width, height), or of some ``rows`` of it. With ``where`` (height, width),
-    only of its N True pixels, row by row: (N, 3) and (N,). ``center`` is the principal point, px; None for
-    the middle.
+    only of its N True pixels, row by row: (N, 3) and (N,). ``projection`` is fx, fy, cx, cy in px; None for
+    square pixels around the middle.
     """
     width, height = size
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
-    cx, cy = center or (width / 2, height / 2)
-    x = (np.arange(width) + 0.5 - cx) / focal
-    y = ((np.arange(height) + 0.5 - cy) / focal)[rows]
+    fx, fy, cx, cy = projection or (focal, focal, width / 2, height / 2)
+    x = (np.arange(width) + 0.5 - cx) / fx
+    y = ((np.arange(height) + 0.5 - cy) / fy)[rows]
     length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     if where is not None:
         down, across = np.nonzero(where[rows])
@@ -76,7 +77,7 @@ def render_view(
     width: int,
     height: int,
     hidden: Iterable[str] = frozenset(),
-    center: tuple[float, float] | None = None,
+    projection: Projection | None = None,
     near_m: float = 0.0,
 ) -> ViewHits:
     """Trace the ray of each pixel's centre.
@@ -88,11 +89,11 @@ def render_view(
         fov_deg: horizontal field of view.
         width, height: px.
         hidden: names of objects to leave out.
-        center: (x, y) the principal point, px; None for the middle.
+        projection: fx, fy, cx, cy in px, in place of ``fov_deg``; None for square pixels around the middle.
         near_m: planar depth from which surfaces are seen.
     """
     directions, length = pinhole_rays(
-        np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height), center=center
+        np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height), projection=projection
     )
     skipped = near_m * length
     origins = np.asarray(t_w_c) + skipped[..., None] * directions if near_m else t_w_c

@@ -89,15 +89,15 @@ class Camera:
         """Return whether captures have pixels: size and field of view are possible and fit in memory."""
         return 0 < self.size[0] * self.size[1] <= _MOST_PIXELS and 0 < self.fov < 180
 
-    def center(self) -> tuple[float, float] | None:
-        """Return the principal point, px; None for the middle."""
-        return self.cine.projection(*self.size)[1:] if self.cine.enabled else None
+    def projection(self) -> tuple[float, float, float, float] | None:
+        """Return fx, fy, cx, cy, px; None for square pixels around the middle."""
+        return self.cine.projection(*self.size) if self.cine.enabled else None
 
     def fov_h_deg(self) -> float:
         """Return the horizontal field of view, degrees: the engine applies ``fov`` to the longer side."""
         width, height = self.size
         if self.cine.enabled:
-            return math.degrees(2 * math.atan(width / 2 / self.cine.projection(width, height).focal))
+            return math.degrees(2 * math.atan(width / 2 / self.cine.projection(width, height).fx))
         if width >= height:
             return self.fov
         return math.degrees(2 * math.atan(math.tan(math.radians(self.fov) / 2) * width / height))
@@ -160,7 +160,9 @@ class World:
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
         location, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
-        self.cameras.append(Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor))
+        camera = Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor)
+        camera.cine.stretched = "stretched-cine" in self.faults
+        self.cameras.append(camera)
         self._spawned += 1
         return actor
 
@@ -321,12 +323,12 @@ class World:
         """Return a view, cached for requests of other modes."""
         near = self.faults.strike("near-plane")
         near_m = near.amount() / 100 if near else 0.0
-        view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.center(), camera.size)
+        view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.projection(), camera.size)
         key = (*view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
         if key not in self._views:
             pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
             self._views[key] = render_view(
-                moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden, camera.center(), near_m
+                moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden, camera.projection(), near_m
             )
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
@@ -368,7 +370,7 @@ def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Arra
     at = view.label == scene.label(name)
     rays, normal = (
         pinhole_rays(
-            camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size, center=camera.center()
+            camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size, projection=camera.projection()
         )[0][at],
         view.normal[at],
     )
@@ -381,7 +383,7 @@ def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Arra
 def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
     """Return the view with a sphere around the camera as background."""
     R_w_c = camera_to_world(camera.rotation)
-    rays, length = pinhole_rays(R_w_c, camera.fov_h_deg(), camera.size, center=camera.center())
+    rays, length = pinhole_rays(R_w_c, camera.fov_h_deg(), camera.size, projection=camera.projection())
     sky = view.distance > radius_m
     return dataclasses.replace(
         view,

@@ -52,10 +52,10 @@ class AreaSampling:
         self._level = level = np.empty(count, np.uint8)
         self._counts, self._spacing = np.empty((count, 2), np.uint8), np.empty((count, 2, 2), np.float32)
         R_c_d = np.ascontiguousarray([view.pose.R_w_c.T @ R_w_d for view in views])
-        focal = np.array([view.focal_px for view in views])
+        projections = np.array([view.projection for view in views])
         coarsest = max(0, int(np.log2(min(first.width, first.height) / _SMALLEST_LEVEL)))
         rows = lookup.view, lookup.x, lookup.y, footprints.edges, level, self._counts, self._spacing
-        support = run(_place, rows, R_c_d, focal, first.width, first.height, coarsest)
+        support = run(_place, rows, R_c_d, projections, first.width, first.height, coarsest)
         used = level[lookup.view >= 0]
         self.levels = range(int(used.min()), int(used.max()) + 1) if len(used) else range(0)
         self.support = max(support, default=0)
@@ -101,7 +101,7 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
 @njit(cache=True, nogil=True)
 def _place(
     view: Ints, x: Floats, y: Floats, edges: Floats, level: Ints, counts: Ints, spacing: Floats,
-    R_c_d: Array, focal: Array, width: int, height: int, coarsest: int,
+    R_c_d: Array, projections: Array, width: int, height: int, coarsest: int,
 ) -> int:  # fmt: skip
     """Write each ray's mip level, and the counts of its grid of samples and the steps between them, in px of
     that level; return how far samples reach beyond their view, px."""
@@ -112,14 +112,15 @@ def _place(
         if k < 0:
             level[i] = counts[i, 0] = counts[i, 1] = 0
             continue
-        R, f = R_c_d[k], focal[k]
-        u, v = (x[i] - width / 2) / f, (y[i] - height / 2) / f
-        per_radian = f * np.sqrt(1.0 + u * u + v * v)
+        R = R_c_d[k]
+        fx, fy = projections[k, 0], projections[k, 1]
+        u, v = (x[i] - projections[k, 2]) / fx, (y[i] - projections[k, 3]) / fy
+        length = np.sqrt(1.0 + u * u + v * v)
         for a in range(2):
             e = edges[i, a]
             z = R[2, 0] * e[0] + R[2, 1] * e[1] + R[2, 2] * e[2]
-            spans[a, 0] = per_radian * (R[0, 0] * e[0] + R[0, 1] * e[1] + R[0, 2] * e[2] - u * z)
-            spans[a, 1] = per_radian * (R[1, 0] * e[0] + R[1, 1] * e[1] + R[1, 2] * e[2] - v * z)
+            spans[a, 0] = fx * length * (R[0, 0] * e[0] + R[0, 1] * e[1] + R[0, 2] * e[2] - u * z)
+            spans[a, 1] = fy * length * (R[1, 0] * e[0] + R[1, 1] * e[1] + R[1, 2] * e[2] - v * z)
         one, other = np.hypot(spans[0, 0], spans[0, 1]), np.hypot(spans[1, 0], spans[1, 1])
         coarse = max(1.0, min(one, other) / _NARROW, 2.0 * max(one, other) / _WIDE)
         level[i] = min(int(np.log2(coarse)), coarsest)

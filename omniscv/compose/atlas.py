@@ -45,7 +45,7 @@ class Gutter:
         in_view, pixels = [], []
         for k, view in enumerate(views):
             at = (ring + 0.5) / scale
-            rays_w = pinhole.rays(at, view.focal_px, view.width, view.height) @ view.pose.R_w_c.T
+            rays_w = pinhole.rays(at, view.projection) @ view.pose.R_w_c.T
             others = [i for i in range(len(views)) if i != k]
             neighbour = np.full(len(ring), k)
             pixel = ring.astype(np.float64)

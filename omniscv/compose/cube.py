@@ -55,12 +55,12 @@ class Cube:
 
         Masks, (h, w) ids or (h, w, 3) colours, may have other sizes than colours; they show the same views.
         """
-        alike = {(view.width, view.height, round(view.fov_deg, 3)) for view in views}
+        alike = {(view.width, view.height, round(view.fov_deg, 3), view.lens) for view in views}
         if len(views) != 6 or len(alike) > 1 or any(each.dtype != np.uint8 for each in pixels):
             return None
         border = round(views[0].width / 2 - views[0].focal_px)
         size = views[0].width - 2 * border
-        if views[0].width != views[0].height or border < 0 or size < 2:
+        if views[0].lens or views[0].width != views[0].height or border < 0 or size < 2:
             return None
         inner = slice(border, border + size)
         faces = tuple(View(view.pose, 90, size, size) for view in views)

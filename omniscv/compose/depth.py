@@ -70,12 +70,12 @@ class _Pictures(NamedTuple):
 
     Attributes:
         depth: (V, h, w) float32 metres.
-        focal: (V,) px.
+        projections: (V, 4) fx, fy, cx, cy, px.
         precision: of the depth.
     """
 
     depth: Floats
-    focal: Array
+    projections: Array
     precision: Precision
 
 
@@ -107,14 +107,14 @@ def sample_depth(
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
     distance, error = np.empty_like(lookup.x), np.empty_like(lookup.x)
-    pictures = _Pictures(stacked(faces), np.array([view.focal_px for view in views]), precision)
+    pictures = _Pictures(stacked(faces), np.array([view.projection for view in views]), precision)
     run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
     if offsets_w is None or not len(offsets_w):
         return SampledDepth(distance, error)
     parallax = np.empty_like(lookup.x)
     least = max(float(pictures.depth.min()), NEAR_PLANE_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
-    reach_px = int(np.ceil(farthest_m * pictures.focal.max() / least * _MARGIN)) + 2
+    reach_px = int(np.ceil(farthest_m * pictures.projections[:, :2].max() / least * _MARGIN)) + 2
     around = [_surroundings(face, reach_px) for face in pictures.depth]
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
     run(
@@ -168,7 +168,7 @@ def _sample(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array) -> None:
     """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length."""
-    depth, focal = pictures.depth, pictures.focal
+    depth, projections = pictures.depth, pictures.projections
     height, width, flat = depth.shape[1], depth.shape[2], depth.reshape(-1)
     for j in range(view.shape[0]):
         k = max(view[j], 0)
@@ -187,8 +187,9 @@ def _gather(view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Float
         if c != across or r != down:
             around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
         at[0, j], at[1, j] = x[j] - 0.5 - c, y[j] - 0.5 - r
-        at[2, j], at[3, j] = (x[j] - width / 2) / focal[k], (y[j] - height / 2) / focal[k]
-        at[4, j] = stored_length(r, c, (height, width), focal[k], pictures.precision)
+        at[2, j] = (x[j] - projections[k, 2]) / projections[k, 0]
+        at[3, j] = (y[j] - projections[k, 3]) / projections[k, 1]
+        at[4, j] = stored_length(r, c, (height, width), projections[k, 0], pictures.precision)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -212,11 +213,11 @@ def _interpolate(
 @njit(cache=True, nogil=True)
 def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[float, float]:
     """Return depth along a ray that has no surface all around it, and the bound on its error."""
-    face, focal, precision = pictures.depth[k], pictures.focal[k], pictures.precision
-    point = continued(face, x, y, focal, precision)
+    precision = pictures.precision
+    point = continued(pictures.depth[k], x, y, pictures.projections[k, 0], precision)
     if point.inverse == 0.0:
         return np.inf, np.inf if point.jump > 0.0 or precision.largest_m < np.inf else 0.0
-    z, length = 1.0 / point.inverse, _ray_length(face, x, y, focal)
+    z, length = 1.0 / point.inverse, _ray_length(pictures, k, x, y)
     return z * length, (z * z * point.error + _MARGIN * point.jump) * length
 
 
@@ -225,13 +226,14 @@ def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
     """Return the nearest pixel's planar depth as a distance along the ray; +inf no surface."""
     face = pictures.depth[k]
     r, c = nearest_pixel(face.shape, x, y)
-    return float(face[r, c] * _ray_length(face, x, y, pictures.focal[k]))
+    return float(face[r, c] * _ray_length(pictures, k, x, y))
 
 
 @njit(cache=True, nogil=True)
-def _ray_length(face: Floats, x: float, y: float, focal: float) -> float:
-    """Return the length of the ray through a point of a face to a planar depth of 1 m, metres."""
-    u, v = (x - face.shape[1] / 2) / focal, (y - face.shape[0] / 2) / focal
+def _ray_length(pictures: _Pictures, k: int, x: float, y: float) -> float:
+    """Return the length of the ray through a point of a picture to a planar depth of 1 m, metres."""
+    of = pictures.projections[k]
+    u, v = (x - of[2]) / of[0], (y - of[3]) / of[1]
     return float(np.sqrt(1.0 + u * u + v * v))
 
 
@@ -246,10 +248,11 @@ def _displace(
         k, parallax[i] = view[i], 0.0
         if k < 0:
             continue
-        focal = pictures.focal[k]
+        fx, fy = pictures.projections[k, 0], pictures.projections[k, 1]
+        focal = max(fx, fy)
         offset = R_c_w[k] @ offsets_w[i]
-        dx, dy = x[i] - width / 2, y[i] - height / 2
-        u, v = dx / focal, dy / focal
+        dx, dy = x[i] - pictures.projections[k, 2], y[i] - pictures.projections[k, 3]
+        u, v = dx / fx, dy / fy
         length = np.sqrt(1.0 + u * u + v * v)
         along = (offset[0] * u + offset[1] * v + offset[2]) / length
         size = np.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
@@ -257,9 +260,9 @@ def _displace(
         r, c = nearest_pixel((height, width), x[i], y[i])
         near = max(around.least[k, r, c], NEAR_PLANE_M / length)
         parallax[i] = _MARGIN * aside / (near * length)
-        point = surface_point(pictures.depth[k], x[i], y[i], focal, pictures.precision)
+        point = surface_point(pictures.depth[k], x[i], y[i], fx, pictures.precision)
         if point.inverse > 0.0:
-            a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, focal)
+            a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, fx, fy)
             shift = abs(a * offset[0] + b * offset[1] + e * offset[2])
             error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * point.error * focal * aside)
         if around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
@@ -279,14 +282,16 @@ def normals_from_depth(faces: Faces, lookup: RayLookup, views: Sequence[View]) -
         where too few pixels show it.
     """
     out = np.empty((len(lookup.x), 3), np.float32)
-    focal = np.array([view.focal_px for view in views])
+    projections = np.array([view.projection for view in views])
     R_w_c = np.array([view.pose.R_w_c for view in views])
-    run(_fit, (lookup.view, lookup.x, lookup.y, out), stacked(faces), focal, R_w_c)
+    run(_fit, (lookup.view, lookup.x, lookup.y, out), stacked(faces), projections, R_w_c)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _fit(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, focal: Array, R_w_c: Array) -> None:
+def _fit(
+    view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, projections: Array, R_w_c: Array
+) -> None:
     height, width = stack.shape[1], stack.shape[2]
     for i in range(view.shape[0]):
         k = view[i]
@@ -299,8 +304,8 @@ def _fit(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, focal: Ar
         inverse, across, down, known = fitted_plane(stack[k], r, c, _AROUND_PX)
         if not known:
             continue
-        dx, dy = c + 0.5 - width / 2, r + 0.5 - height / 2
-        a, b, e = plane_of(inverse, across, down, dx, dy, focal[k])
+        dx, dy = c + 0.5 - projections[k, 2], r + 0.5 - projections[k, 3]
+        a, b, e = plane_of(inverse, across, down, dx, dy, projections[k, 0], projections[k, 1])
         size = np.sqrt(a * a + b * b + e * e)
         for j in range(3):
             out[i, j] = -(R_w_c[k, j, 0] * a + R_w_c[k, j, 1] * b + R_w_c[k, j, 2] * e) / size

@@ -68,8 +68,8 @@ def label_edges(
         return sample_nearest(boundaries, lookup)
     out = np.empty(len(lookup.x), np.bool_)
     edge_px = np.stack(side_by_side(_px_to_boundary, boundaries))
-    focal = np.array([view.focal_px for view in views])
-    run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, focal)
+    projections = np.array([view.projection for view in views])
+    run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, projections)
     return out
 
 
@@ -95,7 +95,7 @@ def _px_to_boundary(boundary: Mask) -> Floats:
 
 @njit(cache=True, nogil=True)
 def _near(
-    view: Ints, x: Floats, y: Floats, parallax: Floats, out: Mask, edge_px: Floats, focal: Array
+    view: Ints, x: Floats, y: Floats, parallax: Floats, out: Mask, edge_px: Floats, projections: Array
 ) -> None:
     height, width = edge_px.shape[1], edge_px.shape[2]
     for i in range(view.shape[0]):
@@ -104,9 +104,10 @@ def _near(
             out[i] = False
             continue
         r, c = nearest_pixel((height, width), x[i], y[i])
-        u, v = (x[i] - width / 2) / focal[k], (y[i] - height / 2) / focal[k]
+        fx, fy = projections[k, 0], projections[k, 1]
+        u, v = (x[i] - projections[k, 2]) / fx, (y[i] - projections[k, 3]) / fy
         border = min(min(c, r), min(width - 1 - c, height - 1 - r)) + 1.0  # labels beyond it may differ
-        out[i] = min(edge_px[k, r, c], border) <= parallax[i] * focal[k] * (1.0 + u * u + v * v)
+        out[i] = min(edge_px[k, r, c], border) <= parallax[i] * max(fx, fy) * (1.0 + u * u + v * v)
 
 
 def sample_directions(faces: Faces, lookup: RayLookup, nearest: bool) -> Floats:

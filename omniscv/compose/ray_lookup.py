@@ -49,10 +49,10 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
     count = len(directions)
     view, x, y = np.empty(count, np.int16), np.empty(count, np.float32), np.empty(count, np.float32)
     R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ (np.eye(3) if R_w_d is None else R_w_d) for v in views])
-    focal = np.array([v.focal_px for v in views])
+    projections = np.array([v.projection for v in views])
     half_width, half_height = views[0].width / 2, views[0].height / 2
     sure = _sure_px(views, R_c_d[:, 2]) ** 2
-    margins = run(_look_up, (directions, view, x, y), R_c_d, focal, half_width, half_height, sure)
+    margins = run(_look_up, (directions, view, x, y), R_c_d, projections, half_width, half_height, sure)
     return RayLookup(view, x, y, float(min(margins)))
 
 
@@ -65,7 +65,7 @@ def _sure_px(views: Sequence[View], axes: Array) -> Array:
     six faces takes 0.7 of the time.
     """
     first = views[0]
-    if first.width != first.height or any(view.fov_deg != first.fov_deg for view in views):
+    if first.width != first.height or any(view.lens or view.fov_deg != first.fov_deg for view in views):
         return np.zeros(len(views))
     phi = np.arccos(np.clip(axes @ axes.T, -1, 1))
     np.fill_diagonal(phi, np.pi)
@@ -76,14 +76,14 @@ def _sure_px(views: Sequence[View], axes: Array) -> Array:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look_up(
     directions: Array, view: Ints, x: Floats, y: Floats,
-    R_c_d: Array, focal: Array, half_width: float, half_height: float, sure: Array,
+    R_c_d: Array, projections: Array, half_width: float, half_height: float, sure: Array,
 ) -> float:  # fmt: skip
     margin, last = np.inf, 0
     for i in range(directions.shape[0]):
         a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
         z = R_c_d[last, 2, 0] * a + R_c_d[last, 2, 1] * b + R_c_d[last, 2, 2] * c
-        p = focal[last] * (R_c_d[last, 0, 0] * a + R_c_d[last, 0, 1] * b + R_c_d[last, 0, 2] * c)
-        q = focal[last] * (R_c_d[last, 1, 0] * a + R_c_d[last, 1, 1] * b + R_c_d[last, 1, 2] * c)
+        p = projections[last, 0] * (R_c_d[last, 0, 0] * a + R_c_d[last, 0, 1] * b + R_c_d[last, 0, 2] * c)
+        q = projections[last, 1] * (R_c_d[last, 1, 0] * a + R_c_d[last, 1, 1] * b + R_c_d[last, 1, 2] * c)
         if z > 0.0 and p * p + q * q < sure[last] * z * z:  # as most rays of a row
             u, v = p / z, q / z
             view[i], x[i], y[i] = last, u + half_width, v + half_height
@@ -95,8 +95,10 @@ def _look_up(
             z = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
             if not z > 0.0:
                 continue
-            p = focal[k] * (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c)
-            q = focal[k] * (R[1, 0] * a + R[1, 1] * b + R[1, 2] * c)
+            p = projections[k, 0] * (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c)
+            q = projections[k, 1] * (R[1, 0] * a + R[1, 1] * b + R[1, 2] * c)
+            p += (projections[k, 2] - half_width) * z  # from the picture's middle
+            q += (projections[k, 3] - half_height) * z
             # Divisions take longest: none where the ray lies clearly farther off than in the best view.
             farthest = best * z * (1.0 + 1e-9)
             if abs(p) > farthest * half_width or abs(q) > farthest * half_height:

@@ -282,9 +282,8 @@ def _spanned_px(block: _Block, view: View) -> Floats:
     """
     lookup, start = block.lookup, -block.rays.first % _TEST_STRIDE
     some = np.flatnonzero(lookup.view[start::_TEST_STRIDE] >= 0) * _TEST_STRIDE + start
-    u, v = lookup.x[some] - view.width / 2, lookup.y[some] - view.height / 2
+    focal, _, cx, cy = view.projection
+    u, v = lookup.x[some] - cx, lookup.y[some] - cy
     # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
     # to its centre
-    return np.asarray(
-        block.rays.steps(some) * view.focal_px * (1 + (u * u + v * v) / view.focal_px**2) ** 0.75
-    )
+    return np.asarray(block.rays.steps(some) * focal * (1 + (u * u + v * v) / focal**2) ** 0.75)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from omniscv.compose.cube import SIDES, Cube
 from omniscv.errors import MissingCaptureError
-from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.planning import RecordedViews
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
 
@@ -62,16 +62,10 @@ class StraightFaces(SourceWrapper):
         turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
         if turn is None:
             return capture
-        shown = View(
-            Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c),
-            view.fov_deg,
-            view.width,
-            view.height,
-        )
+        shown = replace(view, pose=Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c))
         pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
-        rays = (pixels - (view.width / 2, view.height / 2)) / view.focal_px
-        rays_w = np.dstack([rays, np.ones(rays.shape[:2])]) @ R_w_c.T
-        uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(rays.shape).astype(np.float32) - 0.5
+        rays_w = pinhole.rays(pixels, view.projection) @ R_w_c.T
+        uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(pixels.shape).astype(np.float32) - 0.5
         cubic = capture.mode == "lit"
         filter_ = cv2.INTER_CUBIC if cubic else cv2.INTER_NEAREST
         straight = cv2.remap(capture.pixels, uv, None, filter_, borderMode=cv2.BORDER_REPLICATE)

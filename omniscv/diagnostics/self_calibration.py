@@ -42,7 +42,7 @@ def reproject(view: View, into: View, stride: int = 1) -> Array:
     Of ``view`` only every ``stride``-th row and column is used.
     """
     v, u = np.mgrid[: view.height : stride, : view.width : stride] + 0.5
-    rays_c = pinhole.rays(np.stack([u, v], axis=-1), view.focal_px, view.width, view.height)
+    rays_c = pinhole.rays(np.stack([u, v], axis=-1), view.projection)
     return into.project(view.pose.to_world(rays_c) - view.pose.position + into.pose.position)
 
 

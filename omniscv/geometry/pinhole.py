@@ -1,9 +1,20 @@
 """Perspective pictures: focal length, field of view, rays, projection. Pixel centres lie at +0.5."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+
+class Projection(NamedTuple):
+    """Focal lengths across and down, and the principal point from the top-left corner; all px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
 
 
 def focal_px(width: int, fov_deg: float) -> float:
@@ -16,22 +27,22 @@ def fov_deg(width: float, focal: float) -> float:
     return float(np.degrees(2 * np.arctan(width / 2 / focal)))
 
 
-def project(p_c: Array, focal: float, width: int, height: int) -> Array:
+def project(p_c: Array, projection: Projection) -> Array:
     """(..., 3) points in the picture's frame to (..., 3): u, v in px, z planar depth (z <= 0: behind)."""
     z = p_c[..., 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        uv = p_c[..., :2] / z * focal + (width / 2, height / 2)
+        uv = p_c[..., :2] / z * projection[:2] + projection[2:]
     return np.concatenate([uv, z], axis=-1)
 
 
-def rays(pixels: ArrayLike, focal: float, width: int, height: int) -> Array:
+def rays(pixels: ArrayLike, projection: Projection) -> Array:
     """(..., 2) pixels to (..., 3) rays ``(x/z, y/z, 1)`` in the picture's frame."""
-    xy = (np.asarray(pixels) - (width / 2, height / 2)) / focal
+    xy = (np.asarray(pixels) - projection[2:]) / projection[:2]
     return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
 
-def ray_lengths(focal: float, width: int, height: int) -> Array:
+def ray_lengths(projection: Projection, width: int, height: int) -> Array:
     """(H, W) length of the ray to each pixel's centre per unit of planar depth."""
-    x = (np.arange(width) + 0.5 - width / 2) / focal
-    y = (np.arange(height) + 0.5 - height / 2) / focal
+    x = (np.arange(width) + 0.5 - projection.cx) / projection.fx
+    y = (np.arange(height) + 0.5 - projection.cy) / projection.fy
     return np.asarray(np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2))

@@ -126,16 +126,16 @@ def nearest_pixel(shape: tuple[int, int], x: float, y: float) -> tuple[int, int]
 
 @njit(cache=True, nogil=True)
 def plane_of(
-    inverse: float, across: float, down: float, dx: float, dy: float, focal: float
+    inverse: float, across: float, down: float, dx: float, dy: float, fx: float, fy: float
 ) -> tuple[float, float, float]:
     """Return m of the plane ``m . p = 1`` through a surface, in the picture's frame, 1/m.
 
     Args:
         inverse, across, down: as :class:`Point`.
         dx, dy: px from the principal point.
-        focal: px.
+        fx, fy: focal lengths across and down, px.
     """
-    return across * focal, down * focal, inverse - across * dx - down * dy
+    return across * fx, down * fy, inverse - across * dx - down * dy
 
 
 @njit(nogil=True, error_model="numpy", cache=True, forceinline=True)

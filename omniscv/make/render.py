@@ -300,9 +300,10 @@ def _request_seconds(source: Source, edge: int = _PROBE_PX) -> float:
     """Return the seconds that a capture takes; 0 for a recording, which captures nothing."""
     if source.recorded_views() is not None:
         return 0.0
-    size = source.capabilities.image_size or (edge, edge)
+    own = source.capabilities
+    shape = own.fov_deg or 90.0, *(own.image_size or (edge, edge)), own.lens
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
-    requests = [Request(View(pose, 90.0, *size), "lit", source.state) for pose in turned]
+    requests = [Request(View(pose, *shape), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view
     started = time.perf_counter()
     for request in requests:  # one at a time: a source reads ahead

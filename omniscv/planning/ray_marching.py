@@ -334,7 +334,7 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
         return np.inf, np.inf, np.inf, 0.0
     R = shell.R_c_w[k]
     dx, dy = u - shell.half_width, v - shell.half_height
-    a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, shell.focal)
+    a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, shell.focal, shell.focal)
     slope = start = parallel = 0.0
     for j in range(3):
         m = a * R[0, j] + b * R[1, j] + e * R[2, j]

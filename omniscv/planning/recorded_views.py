@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.geometry import Array, cube_rotations
+from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources.base import View
 
 _POSITION_DECIMALS = 6  # a micrometre
@@ -125,10 +125,16 @@ class RecordedViews:
         """Return all views at a centre (3,) if together they see every direction; else none."""
         (at,) = _positions([center_w])
         if at not in self._around:
-            views = tuple(self._at.get(at, ()))
-            seen = np.any([_sees(view, _DIRECTIONS) for view in views], axis=0)
+            views = tuple(view for view in self._at.get(at, ()) if not view.lens)
+            seen = np.any([sees(view, _DIRECTIONS) for view in views], axis=0)
             self._around[at] = views if np.all(seen) else ()
         return self._around[at]
+
+    def through_lenses(self, pose: Pose) -> tuple[View, ...]:
+        """Return the views at a pose whose camera had a lens of its own."""
+        (at,) = _positions([pose.t_w_c])
+        lenses = (view for view in self._at.get(at, ()) if view.lens)
+        return tuple(view for view in lenses if np.abs(view.pose.R_w_c - pose.R_w_c).max() < _SAME)
 
     def _cubes_at(self, at: Position) -> list[_Cube]:
         """The cubes at a position, of views that see 90 degrees both ways."""
@@ -136,14 +142,14 @@ class RecordedViews:
             cubes = [_Cube(np.eye(3))]
             for view in self._at.get(at, ()):
                 sees_a_face = min(view.width, view.height) / 2 >= view.focal_px * (1 - _SAME)
-                if sees_a_face and not any(cube.add(view) for cube in cubes):
+                if sees_a_face and not view.lens and not any(cube.add(view) for cube in cubes):
                     cubes.append(_Cube(view.pose.R_w_c @ _R_D_FRONT.T))
                     cubes[-1].add(view)
             self._cubes[at] = cubes
         return self._cubes[at]
 
 
-def _sees(view: View, directions_w: Array) -> NDArray[np.bool_]:
+def sees(view: View, directions_w: Array) -> NDArray[np.bool_]:
     """(N,) whether a view shows directions (N, 3)."""
     u, v, z = view.project(view.pose.t_w_c + directions_w).T
     return np.asarray((z > 0) & (u >= 0) & (u <= view.width) & (v >= 0) & (v <= view.height))

@@ -4,7 +4,7 @@ view."""
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from omniscv.planning.depth_shell import DepthShell
 from omniscv.planning.occlusion import Occlusion, capture_around
 from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
+from omniscv.planning.recorded_views import sees
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
 from omniscv.planning.sharing import SAME_M
 from omniscv.planning.strategy import Strategy, Task, get
@@ -218,6 +219,23 @@ def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str,
     return claims
 
 
+def _own_view(task: Task, group: RayGroup) -> View | None:
+    """Return the view through a lens of the source's own, recorded or not, in which all rays of a group lie.
+
+    The image's camera has the view's pose: as the lens has a place in the picture, it is not turned.
+    """
+    pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c)
+    if task.recorded is not None:
+        views: Iterable[View] = task.recorded.through_lenses(pose)
+    else:
+        own = task.capabilities
+        if own.lens is None or own.fov_deg is None or own.image_size is None:
+            return None
+        views = (View(pose, own.fov_deg, *own.image_size, own.lens),)
+    directions_w = group.directions @ pose.R_w_c.T
+    return next((view for view in views if sees(view, directions_w).all()), None)
+
+
 def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
     """Return the viewpoint of all of a camera's pixels with one view, turned and narrowed to their rays.
 
@@ -225,6 +243,9 @@ def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
     recording without the view.
     """
     R_c_v, half, focal_px = task.rays.frame
+    own = _own_view(task, group)
+    if own is not None:
+        return Viewpoint(own.pose.t_w_c, (own,), group.pixels)
     if not task.sets_views or half.max() > STEEPEST:
         return None
     if task.options.face_size != "auto":

@@ -3,6 +3,7 @@
 from omniscv.sources.base import (
     Capabilities,
     Capture,
+    Lens,
     ObjectTable,
     Request,
     SceneIdentity,
@@ -17,6 +18,7 @@ from omniscv.sources.registry import open_source, register, schemes
 __all__ = [
     "Capabilities",
     "Capture",
+    "Lens",
     "ObjectTable",
     "Request",
     "SceneIdentity",

@@ -23,6 +23,7 @@ from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import Transfer
 from omniscv.sources.requests import Capture as Capture
+from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
 from omniscv.sources.requests import View as View
 from omniscv.sources.world import World
@@ -43,6 +44,7 @@ class Capabilities:
         can_set_exposure: whether colours can be captured at other exposures (:attr:`Request.stops`).
         image_size: (width, height) of every view, where it cannot be set.
         fov_deg: horizontal field of view of every view, where it cannot be set.
+        lens: of every view; None for square pixels with the optical axis in the middle.
         min_size: the smallest width and height of a view, px.
         dialect: the server's dialect; of other sources, what they are, such as ``recording``.
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`).
@@ -57,6 +59,7 @@ class Capabilities:
     can_set_exposure: bool = False
     image_size: tuple[int, int] | None = None
     fov_deg: float | None = None
+    lens: Lens | None = None
     min_size: int = 1
     dialect: str = ""
     transfer: Transfer = "unknown"

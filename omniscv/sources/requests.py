@@ -37,6 +37,20 @@ class ViewKey(NamedTuple):
     position: tuple[float, ...]
     rotation: tuple[float, ...]
     fov_deg: float
+    lens: tuple[float, ...] = ()
+
+
+class Lens(NamedTuple):
+    """How a picture differs from square pixels whose optical axis is in the middle; the same at every size.
+
+    Attributes:
+        squeeze: the focal length down, in px, as a part of that across.
+        x, y: the principal point, right of and below the middle, in widths and heights.
+    """
+
+    squeeze: float = 1.0
+    x: float = 0.0
+    y: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,27 +58,38 @@ class View:
     """One perspective picture: a pose, a horizontal field of view in (0, 180), a size of at least 1 x 1 px.
 
     The picture's frame is the pose's camera frame (x right, y down, z forward); a point is seen at
-    ``u = W/2 + f x/z``, ``v = H/2 + f y/z`` with ``f = (W/2) / tan(fov/2)``, pixel centres at +0.5.
+    ``u = W/2 + f x/z``, ``v = H/2 + f y/z`` with ``f = (W/2) / tan(fov/2)``, pixel centres at +0.5. With a
+    lens it is seen at ``u = W (1/2 + lens.x) + f x/z``, ``v = H (1/2 + lens.y) + lens.squeeze f y/z``.
 
     Raises:
-        ArgumentError: a field of view or size outside its domain.
+        ArgumentError: a field of view, size or lens outside its domain.
     """
 
     pose: Pose
     fov_deg: float
     width: int
     height: int
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.fov_deg < 180:
             raise ArgumentError(f"fov_deg: expected 0 < fov_deg < 180, got {self.fov_deg!r}")
         if not (self.width >= 1 and self.height >= 1):
             raise ArgumentError(f"size: expected at least 1 x 1 px, got {self.width} x {self.height}")
+        if self.lens is not None and not (self.lens.squeeze > 0 and np.isfinite(self.lens).all()):
+            raise ArgumentError(f"lens: expected finite numbers and squeeze > 0, got {self.lens}")
 
     @property
     def focal_px(self) -> float:
-        """Focal length in px, the same across and down."""
+        """Focal length in px: across, and also down unless a lens squeezes the picture."""
         return pinhole.focal_px(self.width, self.fov_deg)
+
+    @property
+    def projection(self) -> pinhole.Projection:
+        """Focal lengths and principal point, px."""
+        squeeze, x, y = self.lens or Lens()
+        focal, center = self.focal_px, (self.width / 2 + self.width * x, self.height / 2 + self.height * y)
+        return pinhole.Projection(focal, focal * squeeze, *center)
 
     def scaled(self, factor: int) -> Self:
         """Return the view with ``factor`` times as many pixels each way."""
@@ -72,11 +97,11 @@ class View:
 
     def project(self, points_w: ArrayLike) -> Array:
         """Project (..., 3) world points to (..., 3): u, v in px, planar depth z in m (z <= 0: behind)."""
-        return pinhole.project(self.pose.to_camera(points_w), self.focal_px, self.width, self.height)
+        return pinhole.project(self.pose.to_camera(points_w), self.projection)
 
     def ray_lengths(self) -> Array:
         """Return (H, W) ray lengths to pixel centres per metre of planar depth: ``|(x/z, y/z, 1)|``."""
-        return pinhole.ray_lengths(self.focal_px, self.width, self.height)
+        return pinhole.ray_lengths(self.projection, self.width, self.height)
 
     def key(self) -> ViewKey:
         """Return the view's numbers, rounded."""
@@ -86,7 +111,8 @@ class View:
     def _key(self) -> ViewKey:
         numbers = np.concatenate([self.pose.position, self.pose.rotation.ravel(), [self.fov_deg]])
         rounded = (np.round(numbers, _POSE_DECIMALS) + 0.0).tolist()  # + 0.0: no negative zero
-        return ViewKey(self.width, self.height, tuple(rounded[:3]), tuple(rounded[3:12]), rounded[12])
+        lens = tuple(round(number, _POSE_DECIMALS) for number in self.lens or ())
+        return ViewKey(self.width, self.height, tuple(rounded[:3]), tuple(rounded[3:12]), rounded[12], lens)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, View) and self.key() == other.key()

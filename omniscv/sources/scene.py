@@ -186,7 +186,12 @@ class SceneSource(Source):
 
         def block(rows: slice) -> dict[str, NDArray[Any]]:
             rays, lengths = pinhole_rays(
-                view.pose.R_w_c, view.fov_deg, (view.width, view.height), rows=rows, where=where
+                view.pose.R_w_c,
+                view.fov_deg,
+                (view.width, view.height),
+                rows=rows,
+                where=where,
+                projection=view.projection if view.lens else None,
             )
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
             pixels: dict[str, NDArray[Any]] = {
@@ -246,8 +251,8 @@ def _rectangle_around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice
     )
     if not len(points):
         return slice(0), slice(0)
-    size = np.array([view.width, view.height])
-    pixels = np.clip(size / 2 + view.focal_px * points[:, :2] / points[:, 2:], -1, size + 1)
+    size, of = np.array([view.width, view.height]), view.projection
+    pixels = np.clip(of[2:] + of[:2] * points[:, :2] / points[:, 2:], -1, size + 1)
     (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
     return slice(max(0, int(v0)), max(0, int(v1))), slice(max(0, int(u0)), max(0, int(u1)))
 

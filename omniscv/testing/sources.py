@@ -18,9 +18,10 @@ def face_requests(source: Source, position: Sequence[float], edge: int) -> list[
 
     Those of a recording are of its first views.
     """
-    width, height = source.capabilities.image_size or (edge, edge)
+    own = source.capabilities
+    shape = own.fov_deg or 90.0, *(own.image_size or (edge, edge)), own.lens
     centers = np.asarray(position, float), np.add(position, ASIDE)
-    faces = [View(Pose(at, R_w_c), 90.0, width, height) for at in centers for _, R_w_c in cube_rotations()]
+    faces = [View(Pose(at, R_w_c), *shape) for at in centers for _, R_w_c in cube_rotations()]
     recorded = source.recorded_views()
     views = [view for face in faces for view in source.cover(face)] if recorded is None else recorded[:16]
     return [Request(view, mode) for mode in sorted(source.capabilities.modes) for view in views]

@@ -76,10 +76,9 @@ class Lookup:
     @cached_property
     def length(self) -> Tensor:
         """(B, N) float64, metres along the ray for a metre of planar depth."""
-        width, height = self.views[0].width, self.views[0].height
-        focal = torch.tensor([view.focal_px for view in self.views], dtype=torch.float64)
-        focal = focal.to(self.x.device)[self.index]
-        u, v = (self.x.double() - width / 2) / focal, (self.y.double() - height / 2) / focal
+        projections = torch.tensor([view.projection for view in self.views], dtype=torch.float64)
+        fx, fy, cx, cy = projections.to(self.x.device)[self.index].unbind(-1)
+        u, v = (self.x.double() - cx) / fx, (self.y.double() - cy) / fy
         return torch.sqrt(1.0 + u * u + v * v)
 
 
@@ -102,8 +101,9 @@ def look_up(directions: Tensor, views: Sequence[View], R_w_d: Sequence[Array]) -
     for k, view in enumerate(views):
         R = turned[:, k]
         z = R[:, 2, 0] * a + R[:, 2, 1] * b + R[:, 2, 2] * c
-        u = view.focal_px * (R[:, 0, 0] * a + R[:, 0, 1] * b + R[:, 0, 2] * c) / z
-        v = view.focal_px * (R[:, 1, 0] * a + R[:, 1, 1] * b + R[:, 1, 2] * c) / z
+        fx, fy, cx, cy = view.projection
+        u = fx * (R[:, 0, 0] * a + R[:, 0, 1] * b + R[:, 0, 2] * c) / z + (cx - half_width)
+        v = fy * (R[:, 1, 0] * a + R[:, 1, 1] * b + R[:, 1, 2] * c) / z + (cy - half_height)
         off = torch.maximum(u.abs() / half_width, v.abs() / half_height)
         better = (z > 0) & (off < best)
         best, which = torch.where(better, off, best), torch.where(better, k, which)

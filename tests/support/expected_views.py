@@ -18,14 +18,26 @@ def npy(data):
 
 def seen_by_hand(scene, location, rotation, fov, width, height):
     """Hits and planar depth (metres) of a pinhole's rays: made in Unreal's axes, traced after the mirror."""
+    f = width / 2 / np.tan(np.radians(fov) / 2)
+    u, v = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+    return seen_along(scene, location, rotation, u / f, v / f)
+
+
+def seen_by_cine(scene, location, rotation, filmback, focal_mm, width, height):
+    """The same of a cine camera that shows all of its filmback: width, height and offsets in mm."""
+    wide, tall, right, up = filmback
+    u, v = np.meshgrid((np.arange(width) + 0.5) / width - 0.5, (np.arange(height) + 0.5) / height - 0.5)
+    return seen_along(scene, location, rotation, (u * wide + right) / focal_mm, (v * tall - up) / focal_mm)
+
+
+def seen_along(scene, location, rotation, right_m, down_m):
+    """The same of rays that are so far right of the axis, and below it, one metre ahead."""
     P, Y, R = np.radians(rotation)
     S, C = np.sin, np.cos
     forward = np.array([C(P) * C(Y), C(P) * S(Y), S(P)])
     right = np.array([S(R) * S(P) * C(Y) - C(R) * S(Y), S(R) * S(P) * S(Y) + C(R) * C(Y), -S(R) * C(P)])
     up = np.array([-(C(R) * S(P) * C(Y) + S(R) * S(Y)), C(Y) * S(R) - C(R) * S(P) * S(Y), C(R) * C(P)])
-    f = width / 2 / np.tan(np.radians(fov) / 2)
-    u, v = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
-    rays = forward + (u / f)[..., None] * right - (v / f)[..., None] * up
+    rays = forward + right_m[..., None] * right - down_m[..., None] * up
     hits = scene.trace(np.array(location) * (0.01, -0.01, 0.01), rays * (1, -1, 1))
     return hits, hits.distance / np.linalg.norm(rays, axis=-1)
 

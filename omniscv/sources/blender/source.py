@@ -188,6 +188,8 @@ def _check(request: Request) -> None:
         known = ", ".join(sorted(CAPABILITIES.modes))
         raise ArgumentError(f"mode: expected one of {known} of Blender, got {request.mode!r}")
     view = request.view
+    if view.lens is not None:
+        raise ArgumentError(f"lens: expected none of Blender, got {view.lens}")
     if not _LEAST_PX <= min(view.width, view.height) <= max(view.width, view.height) <= _MOST_PX:
         expected = f"expected sides of {_LEAST_PX} to {_MOST_PX} px"
         raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")

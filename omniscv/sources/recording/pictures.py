@@ -52,7 +52,7 @@ def to_faces(picture: Pixels, mode: str, of_openexr: int = 0) -> list[tuple[Pixe
     faces = []
     for _, R_w_c in cube_rotations():
         pixels = np.stack(np.meshgrid(*[np.arange(edge) + 0.5] * 2), axis=-1)
-        x, y, z = np.moveaxis(pinhole.rays(pixels, edge / 2, edge, edge) @ R_w_c.T, -1, 0)
+        x, y, z = np.moveaxis(pinhole.rays(pixels, pinhole.Projection(*4 * [edge / 2])) @ R_w_c.T, -1, 0)
         u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
         v = np.arctan2(np.hypot(x, y), z) / np.pi
         # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.

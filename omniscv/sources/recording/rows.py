@@ -20,7 +20,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.records import checked, named, nested, optional, read, record
-from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
+from omniscv.sources.base import Capture, Lens, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, payload_of
 
 T = TypeVar("T")
@@ -338,17 +338,18 @@ def sizes_of(rows: Iterable[Row]) -> set[tuple[int, int]]:
 
 def key_of(request: Request) -> str:
     """Return the key of a request: equal requests have equal keys."""
-    width, height, position, rotation, fov_deg = request.view.key()
+    width, height, position, rotation, fov_deg, lens = request.view.key()
     state = (request.state,) if request.state else ()
     mode = request.mode if request.stops is None else f"{request.mode}@{request.stops:.15g}"
-    numbers = width, height, *position, *rotation, fov_deg
+    numbers = width, height, *position, *rotation, fov_deg, *lens
     return json.dumps([mode, *numbers, *state], separators=(",", ":"))
 
 
 def view_to_json(view: View) -> str:
     """Return a view as it is stored."""
     size = {"fov_deg": view.fov_deg, "width": view.width, "height": view.height}
-    return json.dumps({**view.pose.to_dict(), **size})
+    lens = {} if view.lens is None else {"lens": view.lens._asdict()}
+    return json.dumps({**view.pose.to_dict(), **size, **lens})
 
 
 def view_from_json(text: Any) -> View:
@@ -358,7 +359,8 @@ def view_from_json(text: Any) -> View:
         size = data["width"], data["height"]
         if not all(type(edge) is int for edge in size):
             raise ArgumentError(f"size: expected whole numbers, got {shown(size)}")
-        return View(Pose.from_dict(data), data["fov_deg"], *size)
+        lens = Lens(**data["lens"]) if "lens" in data else None
+        return View(Pose.from_dict(data), data["fov_deg"], *size, lens)
     except (KeyError, TypeError, ValueError) as cause:
         raise DamagedRecordingError(f"expected a view, got {shown(text)}: {cause}") from cause
 

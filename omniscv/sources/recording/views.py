@@ -101,6 +101,8 @@ def differences(recorded: View, requested: View) -> str:
     if a.fov_deg != b.fov_deg:
         angles_deg = (recorded.fov_deg,), (requested.fov_deg,)
         parts.append(f"field of view by {opening_deg:.3g} deg{_both(*angles_deg)}")
+    if a.lens != b.lens:
+        parts.append(f"lens: {recorded.lens} recorded, {requested.lens} requested")
     if (a.width, a.height) != (b.width, b.height):
         parts.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
     return "; ".join(parts)
@@ -109,6 +111,7 @@ def differences(recorded: View, requested: View) -> str:
 def in_words(view: View) -> str:
     """Return a view in a few words."""
     size = f"{view.width} x {view.height} px, fov {view.fov_deg:.6g} deg"
+    size += f", {view.lens}" if view.lens else ""
     position = "at ({:.6g}, {:.6g}, {:.6g}) m".format(*view.pose.position)
     angles = (angle + 0.0 for angle in view.pose.angles())  # no negative zero
     return f"{size}, {position}, " + "yaw {:.6g}, pitch {:.6g}, roll {:.6g} deg".format(*angles)

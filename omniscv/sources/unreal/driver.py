@@ -162,7 +162,9 @@ class CameraDriver(ABC):
         view, modes = request.view, sorted(self.capabilities.modes)
         if request.stops is not None and not self.capabilities.can_set_exposure:
             raise self._refused(f"a plugin that sets exposure, N2 or later, for {request.stops:g} stops")
-        if view.height > view.width:
+        if view.lens != self.capabilities.lens:
+            raise ArgumentError(f"lens: expected {self.capabilities.lens} of the camera, got {view.lens}")
+        if view.height > view.width and view.lens is None:
             raise ArgumentError(
                 f"size: expected a view at least as wide as high, got {view.width} x {view.height}: engines "
                 "take the field of view of higher ones as vertical"

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry import Pose, pinhole
+from omniscv.sources.base import Lens
 from omniscv.sources.unreal import replies
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import CAMERAS, CINE_ENABLED
@@ -25,10 +26,12 @@ class Intrinsics(NamedTuple):
     cy: float
 
     @property
-    def is_centred(self) -> bool:
-        """Whether pixels are square and the principal point is in the middle, to a thousandth of a pixel."""
+    def lens(self) -> Lens | None:
+        """The lens; None if pixels are square around the axis, to a thousandth of a pixel."""
         off = self.fx - self.fy, self.cx - self.width / 2, self.cy - self.height / 2
-        return max(map(abs, off)) < 1e-3
+        if max(map(abs, off)) < 1e-3:
+            return None
+        return Lens(self.fy / self.fx, self.cx / self.width - 0.5, self.cy / self.height - 0.5)
 
 
 class LevelCamera(NamedTuple):

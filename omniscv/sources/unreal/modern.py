@@ -77,11 +77,16 @@ class ModernDriver(CameraDriver):
 
     def check(self, request: Request) -> None:
         super().check(request)
-        wanted, fixed = request.view.fov_deg, self.capabilities.fov_deg
+        view, wanted, fixed = request.view, request.view.fov_deg, self.capabilities.fov_deg
         low, high = _LIMITS_DEG if fixed is None else (fixed - _SAME_DEG, fixed + _SAME_DEG)
         if not low <= wanted <= high:
             why = "which engines do not clamp" if fixed is None else "of the camera's lens"
             raise ArgumentError(f"fov_deg: expected {low:.6g} to {high:.6g} degrees, {why}, got {wanted:.6g}")
+
+        own = self.capabilities
+        if own.lens is not None and (view.width, view.height) != own.image_size:
+            expected = "expected {} x {} px of the camera".format(*own.image_size or ())
+            raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")
 
     def aim(self, before: View | None, view: View) -> list[str]:
         known = {} if before is None else _settings(before)
@@ -133,13 +138,13 @@ class ModernDriver(CameraDriver):
         at, self.settings = f"/camera/{camera}", {"camera": camera}
         cine = cine_intrinsics(before, camera)
         if cine is not None:
-            if not cine.is_centred:
-                raise self._refused(
-                    f"a lens whose axis is in the middle of square pixels, got {cine}; 'omniscv cameras "
-                    "from-unreal' has its camera, for images from a camera that is spawned"
-                )
             fov_deg = pinhole.fov_deg(cine.width, cine.fx)
             self.capabilities = replace(self.capabilities, can_set_fov=False, fov_deg=fov_deg)
+            if cine.lens is not None:  # known for this size only
+                size = cine.width, cine.height
+                self.capabilities = replace(
+                    self.capabilities, can_set_size=False, image_size=size, lens=cine.lens
+                )
         self.capabilities = replace(self.capabilities, can_set_exposure=False)  # it cannot be put back
         if not self._restore:
             values = {
