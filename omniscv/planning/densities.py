@@ -59,7 +59,7 @@ def steps(directions: Array, origins: Array | None = None) -> Array:
     return np.asarray(np.fmax(*by_axis))
 
 
-def focal_px(steps: Array, smallest: int = SMALLEST) -> float:
+def focal_px(steps: Array) -> float:
     """Return the least focal length, px per radian, of views that lose no detail and few edges.
 
     A view samples most coarsely at its centre, with its focal length; interpolating between pixels that
@@ -67,18 +67,17 @@ def focal_px(steps: Array, smallest: int = SMALLEST) -> float:
 
     Args:
         steps: of a camera's pixels, or of those that a view shows.
-        smallest: px of a 90 degree face that edges take.
     """
     known = steps[np.isfinite(steps) & (steps > 0)]
     if not known.size:
-        return smallest / 2
+        return SMALLEST / 2
     dense = 1 / np.quantile(known, 1 - _QUANTILE, overwrite_input=True)  # px per radian where it is fine
-    return max(smallest / 2, _OVERSAMPLING * float(dense))
+    return max(SMALLEST / 2, _OVERSAMPLING * float(dense))
 
 
-def face_size(steps: Array, smallest: int = SMALLEST) -> int:
+def face_size(steps: Array) -> int:
     """Return the px of the smallest 90 degree face with that focal length, at most ``LARGEST_FACE_PX``."""
-    return min(int(_MULTIPLE * np.ceil(2 * focal_px(steps, smallest) / _MULTIPLE)), LARGEST_FACE_PX)
+    return min(int(_MULTIPLE * np.ceil(2 * focal_px(steps) / _MULTIPLE)), LARGEST_FACE_PX)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,14 +21,15 @@ CAMERAS = cameras_at(72)
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "catadioptric-hyperbolic", "pinhole"])
-def test_twice_the_size_gains_less_than_a_tenth(name):
+def test_twice_the_size_gains_less_than_a_tenth(name, monkeypatch):
     """On average over poses: in a single picture, how fine lines fall on the pixels decides as much.
 
     A quarter loses, though: what a camera's density takes is at the knee, not far beyond it. Only colours
     have a knee; the automatic size is no smaller than the edges in masks and depth take.
     """
     camera = CAMERAS[name]
-    knee = densities.face_size(ImageRays(camera).steps, smallest=8)
+    monkeypatch.setattr(densities, "SMALLEST", 8)
+    knee = ImageRays(camera).face_size
     square = dict.fromkeys((0.25, 1, 2), 0.0)
     for pose in POSES:
         truth = traced_mean(SCENE, camera, pose, across=3)

@@ -219,7 +219,7 @@ SLIP = "down", (0.12, 0, 0)
 
 @pytest.fixture(scope="module")
 def slipped():
-    return faces(1024, turned=SLIP)
+    return faces(1024, smooth=1, turned=SLIP)
 
 
 @pytest.mark.soak

@@ -2,6 +2,7 @@
 
 import shutil
 import warnings
+from contextlib import ExitStack
 
 import pytest
 from support.command_line import ROOT
@@ -12,7 +13,8 @@ import mock_server
 @pytest.fixture(scope="module")
 def ports():
     """The ports of documents, and those of mock servers that run."""
-    with mock_server.serve("four-wall") as first, mock_server.serve("four-wall") as second:
+    with ExitStack() as servers:
+        first, second = (servers.enter_context(mock_server.serve("four-wall", size=(160, 120))) for _ in "12")
         yield {9000: first.port, 9001: second.port}
 
 

@@ -8,7 +8,9 @@ from importlib.util import find_spec
 
 import pytest
 from support.command_line import READING, ROOT, name_of, run, shape_of
-from support.documents import at_ports, blocks, shrunk, unfenced
+from support.documents import LEAST_PX, at_ports, blocks, shrunk, unfenced
+
+from omniscv.planning import densities
 
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BY_NAME = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in DOCUMENTS}
@@ -66,6 +68,7 @@ def execute(document, name, folder, ports):
     """Write the files of a document, run its Python in one namespace, and its commands."""
     tests = any("def test_" in block.text for block in document if block.language == "python")
     namespace, ran = {"__name__": "__main__"}, set()
+    densities.SMALLEST = LEAST_PX  # of faces that are as large as is good for edges
     for block in document:
         if block.file_name():
             (folder / block.file_name()).write_text(shrunk(block.text), encoding="utf-8")

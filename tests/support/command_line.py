@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from support.documents import at_ports, shrunk
+from support.documents import LEAST_PX, at_ports, shrunk
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,6 +44,16 @@ def parse(command, words):
             parse(*command.resolve_command(context, rest)[1:])
 
 
+def sized(arguments):
+    """The words of a command that composes an image, with small sizes where it names none."""
+    if arguments[0] not in ("render", "plan") or "--source" not in arguments:
+        return arguments
+    camera = arguments[arguments.index("--camera") + 1] if "--camera" in arguments else ""
+    if Path(camera).suffix:  # a calibration, with its size
+        return [*arguments, "--set", f"face_size={LEAST_PX}"]
+    return arguments if "--size" in arguments else [*arguments, "--size", f"{2 * LEAST_PX}x{LEAST_PX}"]
+
+
 def run(words, ports, parsed_only=False):
     """Run a command line in the present folder, or parse it; an AssertionError names it if it fails."""
     if words[0] != "omniscv":
@@ -54,7 +64,7 @@ def run(words, ports, parsed_only=False):
 
     from omniscv import cli
 
-    arguments = at_ports(shrunk("\0".join(words[1:])), ports).split("\0")
+    arguments = sized(at_ports(shrunk("\0".join(words[1:])), ports).split("\0"))
     if parsed_only or arguments[0] in PARSED_ONLY or "--launch" in arguments:
         parse(get_command(cli.app), arguments)
     elif arguments[0] == "serve":
