@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.self_calibration import UNALIGNED, Picture, fitted_fov, misfit
+from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources.base import Request, View
@@ -92,14 +92,13 @@ def _depth(source: BlenderSource, center: Array) -> list[Finding]:
         Picture(capture.pixels, capture.view.pose)
         for capture in source.capture(Request(view, "depth") for view in views)
     ]
-    fits = []
-    for pair in zip(pictures[:4], pictures[4:], strict=True):
-        fov_deg, remaining = fitted_fov(*pair, "planar")
-        if remaining < UNALIGNED:
-            fits.append((fov_deg, misfit(*pair, _FOV_DEG, "planar"), misfit(*pair, _FOV_DEG, "ray")))
-    if not fits:
+    pairs = list(zip(pictures[:4], pictures[4:], strict=True))
+    fov_deg = fitted_fov(pairs, _FOV_DEG, "planar")
+    if fov_deg is None:
         return [Finding("field of view, depth", "nothing to align", "warning", _ELSEWHERE)]
-    fov_deg, planar, ray = np.median(fits, axis=0)
+    planar, ray = (
+        float(np.median([misfit(*pair, _FOV_DEG, kind) for pair in pairs])) for kind in ("planar", "ray")
+    )
     value = f"{fov_deg:.1f} degrees, {_FOV_DEG:.1f} set"
     kind = "planar" if planar < ray else "along the ray"
     return [

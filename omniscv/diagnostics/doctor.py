@@ -13,7 +13,7 @@ from omniscv.diagnostics import Finding, agreement, native_panorama, seams
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
-from omniscv.diagnostics.self_calibration import UNALIGNED, Picture, fitted_fov, misfit
+from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.diagnostics.server import EDGE_PX, NEVER, RawCamera, across, alike, color_counts
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Array
@@ -75,6 +75,8 @@ def examine_address(
             settled = settle(camera)
             pairs = turned_pairs(camera)
             kind, meaning = depth_kind(pairs, camera)
+            # Depth says what the field of view is only if it is known which depth it is.
+            aligned = _MODES[1:] if meaning.verdict == "warning" else _MODES
             unit, scale = (camera.driver.table.depth[1], None) if quick else depth_unit(camera)
             version, scene = map(replies.name, connection.texts([VERSION, SCENE]))
             name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
@@ -87,7 +89,7 @@ def examine_address(
                 capabilities(camera),
                 normals(camera),
                 sizes(pairs, camera),
-                *(field_of_view(mode, pairs, camera, kind) for mode in _MODES),
+                *(field_of_view(mode, pairs, camera, kind) for mode in aligned),
                 meaning,
                 *([scale] if scale else []),
                 half_floats(pairs, unit),
@@ -194,12 +196,11 @@ def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
 def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Finding:
     """Measure a mode's field of view, and whether six of its pictures cover a cube."""
     name = f"field of view, {mode.removeprefix('object_')}"
-    fits = [fitted_fov(*pair, kind if mode == "depth" else "") for pair in pairs[mode]]
-    aligned = [fov for fov, remaining in fits if remaining < UNALIGNED]
-    if not aligned:
-        return _unmeasured(name, "nothing to align")
     mask_fov_deg = camera.driver.mask_fov_deg if mode == "object_mask" else None
-    fov, reported = float(np.median(aligned)), mask_fov_deg or camera.fov_deg
+    reported = mask_fov_deg or camera.fov_deg
+    fov = fitted_fov(pairs[mode], reported, kind if mode == "depth" else "")
+    if fov is None:
+        return _unmeasured(name, "nothing to align")
     value = f"{fov:.1f} degrees, {reported:.1f} reported"
     if abs(fov - reported) > 1:
         return Finding(name, value, "bad", "FOV 90 in unrealcv.ini, no CameraActor in the level")

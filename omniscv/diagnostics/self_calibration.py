@@ -4,6 +4,7 @@ A camera that turns in place sees the same rays elsewhere in the picture: ``p_2 
 true focal length, and for depth the true meaning, align the two pictures.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,7 +17,8 @@ from omniscv.sources.base import View
 from omniscv.sources.unreal.replies import SKY
 
 GREY = np.array((0.5, 0.3, 0.2))  # weights that make grey levels of RGB
-UNALIGNED = 0.3  # a misfit above which two pictures cannot be aligned
+_UNALIGNED = 0.3  # a misfit above which pictures cannot be aligned
+_CLEARLY = 2.5  # the ratio of misfits from which another field of view than the reported one is the true one
 _STEP_DEG = 2.0
 _FOVS_DEG = np.arange(20.0, 151.0, _STEP_DEG)
 _COARSE = 4  # stride of rows and columns for the approximate field of view
@@ -80,15 +82,32 @@ def misfit(first: Picture, second: Picture, fov_deg: float, kind: str = "", stri
     return float(1 - np.corrcoef(x, y)[0, 1])
 
 
-def fitted_fov(first: Picture, second: Picture, kind: str = "") -> tuple[float, float]:
-    """Return the field of view, degrees, that aligns two pictures, and the misfit that remains."""
-    misfits = [misfit(first, second, fov, kind, _COARSE) for fov in _FOVS_DEG]
-    best = float(_FOVS_DEG[int(np.argmin(misfits))])
+def fitted_fov(pairs: Sequence[tuple[Picture, Picture]], reported: float, kind: str = "") -> float | None:
+    """Return the field of view, degrees, that aligns pairs of pictures; None where nothing can be aligned.
+
+    All pairs are fitted together. Thin bars before the sky, or an even ground, are aligned by many fields of
+    view: the one reported stands unless another is clearly better.
+
+    Args:
+        pairs: before and after a turn.
+        reported: field of view, degrees, by the server.
+        kind: of depth, as for :func:`misfit`.
+    """
+    pairs = [pair for pair in pairs if misfit(*pair, reported, kind, _COARSE) < 1]
+    if not pairs:
+        return None
+
+    def total(fov_deg: float, stride: int = 1) -> float:
+        return float(np.mean([misfit(*pair, fov_deg, kind, stride) for pair in pairs]))
+
+    best = reported
+    if total(best, _COARSE) > min(total(best + step, _COARSE) for step in (-_STEP_DEG, _STEP_DEG)):
+        best = min(_FOVS_DEG, key=lambda fov_deg: total(fov_deg, _COARSE))
     near = best - _STEP_DEG, best + _STEP_DEG
-    fit = minimize_scalar(
-        lambda fov: misfit(first, second, fov, kind), bounds=near, method="bounded", options={"xatol": 0.01}
-    )
-    return float(fit.x), float(fit.fun)
+    fit = minimize_scalar(total, bounds=near, method="bounded", options={"xatol": 0.01})
+    if fit.fun > _UNALIGNED:
+        return None
+    return reported if abs(fit.x - reported) > 1 and total(reported) < _CLEARLY * fit.fun else float(fit.x)
 
 
 def _invariant(picture: Picture, view: View, kind: str) -> Array:

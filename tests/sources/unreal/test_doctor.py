@@ -137,6 +137,14 @@ def test_a_field_of_view_is_measured_not_believed():
             assert abs(number(finding) - 80) < 0.7  # a quarter of a pixel at the pictures' edge
 
 
+@pytest.mark.parametrize("room", ["fence", "open"])
+def test_thin_bars_and_an_even_ground_fit_many_fields_of_view(room):
+    """A pair of pictures of these alone says nothing against a sound server."""
+    with mock_server.serve(room) as server:
+        findings = doctor.examine_address(server.uri, quick=True)
+    assert [each for each in findings if each.verdict == "bad"] == []
+
+
 def test_depth_is_measured_not_believed():
     """A server of plugin 1.x that sends what 0.3.10 sends: every recording from it would be wrong."""
     with visited(change=depth_like_legacy) as (_, camera):
@@ -280,7 +288,7 @@ def test_a_world_that_cannot_be_paused_is_reported():
 
 
 def test_remedies_are_options_of_the_commands_that_capture(tmp_path):
-    findings = {**examined(faults=["vignette", "exposure-drift"]), **motion(dialect="N2")[0]}
+    findings = {**light(faults=["vignette", "exposure-drift"]), **motion(dialect="N2")[0]}
     remedies = " ".join(finding.remedy for finding in findings.values())
     named = set(re.findall(r"(record )?(--\S+) ([\w.=]+)", remedies))
     assert {option for _, option, _ in named} == {"--set", "--overscan"}
