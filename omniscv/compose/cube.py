@@ -15,8 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.geometry import Array
-from omniscv.sources.base import View
+from omniscv.errors import MissingCaptureError
+from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.planning import RecordedViews
+from omniscv.sources.base import Request, Source, View
 
 SIDES = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])  # top, right, bottom, left
 _SAME = 1e-3  # directions of the middles of edges
@@ -71,6 +73,16 @@ class Cube:
             of_face[:] = colors @ (1 << 16 * np.arange(colors.shape[-1]))
         cube = cls(faces, np.stack([each[inner, inner] for each in pixels]), border, labels)
         return cube if len(cube.edges) == 12 else None
+
+    @classmethod
+    def recorded(cls, source: Source, views: RecordedViews, center_w: Array, state: str = "") -> Cube | None:
+        """Return the colours of a recording's source at an optical centre; None where they are no cube."""
+        six = [View(Pose(center_w, R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
+        try:
+            faces = list(source.capture(Request(view, "lit", state) for view in views.faces(center_w, six)))
+        except MissingCaptureError:  # recorded in other modes only
+            return None
+        return cls.of([each.view for each in faces], [each.pixels for each in faces])
 
     @cached_property
     def edges(self) -> tuple[Edge, ...]:

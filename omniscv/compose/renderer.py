@@ -7,18 +7,22 @@ from dataclasses import fields, replace
 from functools import cached_property, partial
 from typing import Any, Unpack
 
+import numpy as np
+
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.compose.cache import ByteCache
 from omniscv.compose.composition import Composition
+from omniscv.compose.cube import Cube
 from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
 from omniscv.compose.seams import Mended, mend
 from omniscv.compose.slips import StraightFaces
+from omniscv.compose.vignette import POOLED, pooled_vignette
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
@@ -249,7 +253,8 @@ class Renderer:
             of_objects = [
                 mask.pixels for mask in masks or self._recorded_masks(captures, options.truth_scale)
             ]
-            return mend(views, pixels, options.seams, self.source.capabilities.transfer, of_objects)
+            transfer = self.source.capabilities.transfer
+            return mend(views, pixels, options.seams, transfer, of_objects, self._vignette)
 
         if self._recorded is None:
             return make()
@@ -267,6 +272,18 @@ class Renderer:
         with suppress(MissingCaptureError):
             return list(self._captures.capture(requests))
         return ()
+
+    @cached_property
+    def _vignette(self) -> tuple[float, float] | None:
+        """The vignette that several places of a recording show together."""
+        transfer = self.source.capabilities.transfer
+        if self._recorded is None or transfer == "unknown":
+            return None
+        centers = self._recorded.centers()
+        chosen = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
+        places = (np.array(centers[i]) for i in chosen)
+        cubes = (Cube.recorded(self.source, self._recorded, at, self.source.state) for at in places)
+        return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:

@@ -34,7 +34,6 @@ _PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
 _EXPLAINED, _GAIN = 0.3, 0.01  # the least that gains explain, and by which one differs from 1
 _CLIPPED = 1e-3  # share of the pixels
 _GAINS = 0.25, 4.0
-_VIGNETTES = -0.2, 1.0  # of s, which is 0.16 in Unreal by default
 _SAMPLES = 128  # of an overlap, along an edge
 _RESIDUAL = 0.03  # of the logarithm, counts as unexplained
 
@@ -56,14 +55,19 @@ class Gains(NamedTuple):
         gains: (6,) of mean 1 (geometric): multiply light by them.
         explained: share of the steps that they explain, 0 to 1.
         proven: whether they explain enough to be applied, and change anything.
-        vignette: s of the loss ``(1 + s r^2)^-2``, Unreal's law with ``s = I^2``; ``r^2`` is 2 in the corners
-            of pictures. Only overscan shows it.
+        vignette: (a, b) of the logarithm ``-a r^2 - b r^4`` of light, which fits the laws of engines and of
+            lenses; ``r^2`` is 2 in the corners of pictures. Only overscan shows it.
     """
 
     gains: Array
     explained: float
     proven: bool
-    vignette: float = 0.0
+    vignette: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def lost(self) -> float:
+        """The share of light that is lost in the corners."""
+        return 1 - float(np.exp(-2 * self.vignette[0] - 4 * self.vignette[1]))
 
 
 def estimate_gains(cube: Cube, transfer: str) -> Gains:
@@ -106,29 +110,22 @@ def _fit(index: NDArray[Any], y: Array, squared_radii: Array) -> Gains:
     """Gains and vignette that explain ``y``, (n,) logarithms of light of faces ``index`` (n, 2)."""
     if not len(y):
         return Gains(np.ones(6), 0.0, False)
-    J, x = np.zeros((len(y), 7)), np.zeros(7)
+    J, x = np.zeros((len(y), 8)), np.zeros(8)
     J[np.arange(len(y)), index[:, 0]] = 1
     J[np.arange(len(y)), index[:, 1]] = -1
-    prior = np.eye(7) * _PRIOR**2 * len(y) / 12
-
-    def misfit() -> Array:
-        lost = 2 * np.log1p(x[6] * squared_radii)
-        return np.asarray(y + x[index[:, 0]] - x[index[:, 1]] + lost[:, 0] - lost[:, 1])
-
+    J[:, 6] = squared_radii[:, 0] - squared_radii[:, 1]
+    J[:, 7] = squared_radii[:, 0] ** 2 - squared_radii[:, 1] ** 2
+    prior = np.eye(8) * _PRIOR**2 * len(y) / 12
     for scale in _SCALES:
         for _ in range(5):
-            slope = 2 * squared_radii / (1 + x[6] * squared_radii)
-            J[:, 6] = slope[:, 0] - slope[:, 1]
-            off = misfit()
+            off = y + J @ x
             weighted = J * (1 / (1 + (off / scale) ** 2) ** 2)[:, None]
             x -= np.linalg.solve(weighted.T @ J + prior, weighted.T @ off + prior @ x)
-            x[6] = np.clip(x[6], *_VIGNETTES)
-    x[:6] -= x[:6].mean()
-    before, left = (np.minimum((each / _RESIDUAL) ** 2, 1).sum() for each in (y, misfit()))
+    before, left = (np.minimum((each / _RESIDUAL) ** 2, 1).sum() for each in (y, y + J @ x))
     explained = float(1 - left / before) if before > 0 else 0.0
-    gains, vignette = np.exp(x[:6]), float(x[6])
-    changes = max(np.abs(gains - 1).max(), abs(vignette)) > _GAIN
-    return Gains(gains, explained, bool(explained > _EXPLAINED and changes), vignette)
+    gains = Gains(np.exp(x[:6] - x[:6].mean()), explained, False, (float(x[6]), float(x[7])))
+    changes = max(np.abs(gains.gains - 1).max(), abs(gains.lost)) > _GAIN
+    return gains._replace(proven=bool(explained > _EXPLAINED and changes))
 
 
 def _squared_radii(size: int) -> Array:
@@ -142,8 +139,9 @@ def apply_gains(pixels: NDArray[np.uint8], gains: Gains, transfer: str) -> NDArr
 
     Lowered if many clip.
     """
-    lost = (1 + gains.vignette * _squared_radii(pixels.shape[1])[..., None]) ** 2
-    light = decode(pixels, transfer) * (gains.gains[:, None, None, None] * lost).astype(np.float32)
+    u = _squared_radii(pixels.shape[1])[..., None]
+    factor = np.exp(gains.vignette[0] * u + gains.vignette[1] * u**2)
+    light = decode(pixels, transfer) * (gains.gains[:, None, None, None] * factor).astype(np.float32)
     white = decode(np.full(1, 255, np.uint8), transfer)[0]
     if (light > white).mean() > _CLIPPED:
         light /= gains.gains.max()
@@ -176,6 +174,7 @@ def mend(
     method: str,
     transfer: str,
     masks: Sequence[NDArray[Any]] = (),
+    vignette: tuple[float, float] | None = None,
 ) -> Mended:
     """Return the colours of one place, with gains or closed where it is a cube; else as captured.
 
@@ -185,6 +184,7 @@ def mend(
         method: ``gains`` or ``close``.
         transfer: of the colours; gains need to know it.
         masks: of the objects in each view, whose outlines are no seams.
+        vignette: of the camera, as :class:`Gains` has it, for faces without overscan, which do not show it.
     """
     cube = Cube.of(views, pixels, masks)
     if cube is None:
@@ -192,11 +192,15 @@ def mend(
     fades = cube.border >= _OVERLAP * cube.pixels.shape[1]
     colors = np.stack(pixels)
     gains = estimate_in_overlap(views, colors, transfer) if fades else estimate_gains(cube, transfer)
+    if vignette and not fades:
+        gains = gains._replace(
+            gains=gains.gains if gains.proven else np.ones(6), vignette=vignette, proven=True
+        )
     known = transfer != "unknown" and _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
     report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
     if gains.proven and known:
         colors = apply_gains(colors, gains, transfer)
-        report |= {"gains": gains.gains.round(4).tolist(), "vignette": round(gains.vignette, 4)}
+        report |= {"gains": gains.gains.round(4).tolist(), "vignette": round(gains.lost, 4)}
     elif method == "gains":
         return _refused(
             pixels, f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}", report
@@ -211,7 +215,7 @@ def mend(
         wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
         colors = np.clip(colors + wide, 0, 255).astype(np.uint8)
     mended = Cube.of(views, [*colors], masks) or cube
-    evened = "gains" in report and abs(gains.vignette) > _GAIN  # a vignette has no step at an edge
+    evened = "gains" in report and abs(gains.lost) > _GAIN  # a vignette has no step at an edge
     if not evened and np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
         return _refused(pixels, "expected smaller steps, got larger ones", report)
     change = np.abs(colors.astype(np.int16) - np.stack(pixels))

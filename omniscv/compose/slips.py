@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from omniscv.compose.cube import SIDES, Cube
-from omniscv.errors import MissingCaptureError
-from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry import Array, Pose, pinhole
 from omniscv.planning import RecordedViews
-from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper
 
 _SAME = 1e-6  # entries of rotations
 _BLUR_PX = 15  # on both sides: slower changes along an edge are no texture
@@ -73,13 +72,7 @@ class StraightFaces(SourceWrapper):
 
     def _measured(self, center_w: Array, state: str) -> list[tuple[Array, Array]]:
         """The rotations (3, 3) of the views at a centre that are turned, and by which rotation vector."""
-        six = [View(Pose(center_w, R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
-        views = self._recorded.faces(center_w, six)
-        try:
-            colors = list(self._source.capture(Request(view, "lit", state) for view in views))
-        except MissingCaptureError:
-            return []
-        cube = Cube.of([each.view for each in colors], [each.pixels for each in colors])
+        cube = Cube.recorded(self._source, self._recorded, center_w, state)
         if cube is None:
             return []
         return [(cube.views[face].pose.R_w_c, turn) for face, turn in proven_turns(cube).items()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +11,11 @@ import numpy as np
 from omniscv.compose.cube import Cube
 from omniscv.compose.seams import estimate_gains
 from omniscv.compose.slips import proven_turns
+from omniscv.compose.vignette import POOLED, pooled_vignette
 from omniscv.diagnostics import Finding
-from omniscv.errors import MissingCaptureError
-from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.geometry import Array, cube_rotations
 from omniscv.planning import RecordedViews
-from omniscv.sources.base import Request, Source, View
+from omniscv.sources.base import Source
 
 _STEP = 2.0  # levels across an edge that show
 _BAD_STEP = 10.0
@@ -56,27 +57,25 @@ def examine_recording(source: Source) -> list[Finding]:
         found = Finding("seams", value)
     else:
         found = Finding("seams", value, "bad" if steps.max() > _BAD_STEP else "warning", remedy)
-    return [found, *_exposure(places), *_slips(places)]
+    return [found, *_exposure(places), _vignette(source), *_slips(places)]
 
 
 def measure_places(source: Source) -> Iterator[Place]:
     """Yield what is measured at each optical centre with six faces in colour."""
-    views = source.recorded_views() or ()
-    recorded = RecordedViews(views)
+    for center, cube in _cubes(source):
+        gains = estimate_gains(cube, _transfer(source))
+        yield Place(center, cube.steps(), gains.gains if gains.proven else None, gains.explained, slips(cube))
+
+
+def _cubes(source: Source) -> Iterator[tuple[tuple[float, ...], Cube]]:
+    recorded = RecordedViews(source.recorded_views() or ())
     for center in recorded.centers():
-        six = [View(Pose(np.array(center), R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
-        faces = recorded.faces(np.array(center), six)
-        try:
-            captures = list(source.capture(Request(view, "lit", source.state) for view in faces))
-        except MissingCaptureError:
-            continue  # recorded in other modes only
-        cube = Cube.of([capture.view for capture in captures], [capture.pixels for capture in captures])
-        if cube is not None:
-            transfer = source.capabilities.transfer
-            gains = estimate_gains(cube, "srgb" if transfer == "unknown" else transfer)
-            yield Place(
-                center, cube.steps(), gains.gains if gains.proven else None, gains.explained, slips(cube)
-            )
+        if cube := Cube.recorded(source, recorded, np.array(center), source.state):
+            yield center, cube
+
+
+def _transfer(source: Source) -> str:
+    return "srgb" if source.capabilities.transfer == "unknown" else source.capabilities.transfer
 
 
 def slips(cube: Cube) -> dict[str, float]:
@@ -99,6 +98,16 @@ def _exposure(places: Sequence[Place]) -> Iterator[Finding]:
     most = max(float(gains.max() / gains.min()) for gains in drifts)
     value = f"differs by up to {most:.3g} between faces of one centre, at {len(drifts)} of {len(places)}"
     yield Finding("exposure", value, "warning", "record with manual exposure; or render with seams: gains")
+
+
+def _vignette(source: Source) -> Finding:
+    cubes = (cube for _, cube in islice(_cubes(source), POOLED))
+    pooled = pooled_vignette(cubes, _transfer(source))
+    if pooled is None:
+        return Finding("vignette", "none is proven")
+    lost = -np.expm1(-2 * pooled[0] - 4 * pooled[1])
+    value, remedy = f"corners {lost:.0%} darker than the middle", "render with seams: gains"
+    return Finding("vignette", value, "warning", f"record without vignette; or {remedy}")
 
 
 def _slips(places: Sequence[Place]) -> Iterator[Finding]:
