@@ -31,7 +31,7 @@ def images(room, tmp_path_factory):
         omniscv.record(live, path) as source,
     ):
         captured = {
-            name: omniscv.render(camera, POSE, source, MODES, face_size=320)
+            name: omniscv.render(camera, POSE, source, MODES, face_size=224)
             for name, camera in cameras.items()
         }
     return captured, path
@@ -82,6 +82,6 @@ def test_points_lie_on_traced_surfaces(room, images, name):
 def test_the_replay_is_the_same_and_touches_no_socket(images, name):
     captured, path = images
     with omniscv.open_source(str(path)) as replay:
-        again = omniscv.render(captured[name].camera, POSE, replay, MODES, face_size=320)
+        again = omniscv.render(captured[name].camera, POSE, replay, MODES, face_size=224)
     for layer in ("lit", "object_mask", "labels", "depth", "valid"):
         np.testing.assert_array_equal(getattr(again, layer), getattr(captured[name], layer), err_msg=layer)

@@ -52,7 +52,7 @@ def test_few_centres_serve_as_well(name, room):
     """A twentieth of the paper's views for a panorama, an eighth for these small mirrors, and no hole."""
     camera, source = CAMERAS[name], float_source(load_scene(room))
     truth = traced(source.scene, camera, POSE)
-    image = omniscv.render(camera, POSE, source, MODES, strategy="adaptive", face_size=336)
+    image = omniscv.render(camera, POSE, source, MODES[1:], strategy="adaptive", face_size=336)
     valid, unsure = image.valid, image.unsure
     centers = len(np.unique(camera.viewpoints().index[valid]))
     assert source.made * (20 if name == "panorama" else 8) <= 6 * centers

@@ -35,7 +35,7 @@ CASES = {
         "four-wall",
         FAST,
         Pose.from_angles((0.4, 2.013, 1.4), yaw_deg=180),
-        {"strategy": "adaptive"},
+        {"strategy": "adaptive", "face_size": 256},
     ),
 }
 
