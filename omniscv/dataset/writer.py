@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -28,7 +27,7 @@ from omniscv.frame import IMAGE, FileEntry, Frame
 from omniscv.geometry import Pose
 from omniscv.truth.classes import ClassRules
 
-_AHEAD = 4
+_AHEAD = 8
 """Frames whose files are put into a store at a time, while the next one is made."""
 
 
@@ -79,7 +78,7 @@ class Writer:
         self._frames: dict[str, Frame] = {}
         self._written: set[str] = set()
         self._pool = ThreadPoolExecutor(_AHEAD, thread_name_prefix="put")  # without threads until it is used
-        self._putting: deque[Future[None]] = deque()
+        self._putting: list[Future[None]] = []
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
         with folder.lock(self._folder):
@@ -87,10 +86,16 @@ class Writer:
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
-        if frame.key in self._written:
+        return not self.missing([frame])
+
+    def missing(self, frames: Collection[Frame]) -> set[str]:
+        """Return the keys of frames that the dataset does not have whole, and with the same values."""
+        if any(frame.key in self._written for frame in frames):
             self._settle()
-        if frame.key not in self._frames:
-            self.keep([frame.key])
+        self.keep(frame.key for frame in frames)
+        return {frame.key for frame in frames if not self._holds(frame)}
+
+    def _holds(self, frame: Frame) -> bool:
         written = self._frames.get(frame.key)
         if written is None:
             return False
@@ -210,15 +215,23 @@ class Writer:
             self._frames[frame.key] = frame
 
     def _settle(self, ahead: int = 0) -> None:
-        """Wait for the frames that are put into a store, but the last few; raise what stopped one, when none
-        is on its way any more."""
-        with self._lock:
-            earlier = [self._putting.popleft() for _ in range(len(self._putting) - ahead)]
+        """Wait until at most ``ahead`` frames are on their way into a store.
+
+        What stopped one is raised when none is on its way any more.
+        """
+        while True:
+            with self._lock:
+                running = [each for each in self._putting if not each.done()]
+                if len(running) <= ahead:
+                    finished = [each for each in self._putting if each not in running]
+                    self._putting = running
+                    break
+            wait(running, return_when=FIRST_COMPLETED)
         try:
-            for each in earlier:
+            for each in finished:
                 each.result()
         except BaseException:
-            wait((*earlier, *self._putting))
+            wait(running)
             raise
 
     def frames(self, keys: Iterable[str]) -> list[Frame]:

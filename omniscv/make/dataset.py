@@ -165,8 +165,7 @@ def _run(
         )
         folder = storage.folder(job.out)
         writer.keep_marked(read_marker(folder, writer.manifest, part) or ())
-        writer.keep(frame.key for frame in frames)
-        missing = {frame.key for frame in frames if not writer.has(frame)}
+        missing = writer.missing(frames)
         maker = FrameMaker(job, contents, live, writer, workers, warn, keep_going)
         maker.run(planned, missing, progress)
         failed = set(maker.failed)

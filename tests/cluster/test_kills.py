@@ -175,35 +175,46 @@ STORES = {
 @pytest.mark.timeout(10_000)
 @pytest.mark.parametrize("store", STORES)
 @pytest.mark.parametrize("workers", [2, 4])
-@pytest.mark.parametrize("what", ["worker", "game", "scheduler"])
+@pytest.mark.parametrize("what", ["worker", "game", "scheduler", "worker game scheduler"])
 def test_kills_at_ten_moments(what, workers, store, tmp_path, monkeypatch):
-    """The scheduler lives in the command, which is needed a second time only where it was killed itself."""
-    kills, images = (int(each) for each in os.environ.get("OMNISCV_KILLS", "10,200").split(","))
+    """The scheduler lives in the command, its client, which is started again only where it was killed itself.
+
+    ``OMNISCV_KILLS`` has the number of runs, of images, and a seed.
+    """
+    runs, images, seed = (int(each) for each in os.environ.get("OMNISCV_KILLS", "10,200,0").split(","))
     rate, source, killed = images / 2.419, launched(tmp_path), 0
     jobs.make(jobs.load(job_of(tmp_path, "single", rate=rate)))
-    wanted, draw = tree_at(str(tmp_path / "single")), random.Random(what)
-    for number in range(kills):
+    wanted, draw = tree_at(str(tmp_path / "single")), random.Random(f"{what} {seed}")
+    for number in range(runs):
+        victims = draw.sample(what.split(), len(what.split()))
+        first = (number + draw.random()) / runs
+        moments = sorted((first + i / len(victims)) % 1 for i in range(len(victims)))
+        left, events, began = list(zip(moments, victims, strict=True)), [], time.perf_counter()
         with STORES[store]():
             out = f"{tmp_path if store == 'disk' else f's3://{BUCKET}'}/killed-{number}"
             monkeypatch.setenv("OMNISCV_RUN", mark := f"{tmp_path}-{number}")
-            job, kill_at = job_of(tmp_path, out, source, rate), images * (number + draw.random()) / kills
-            command = (*OMNISCV, "dataset", "make", job, "--cluster", f"local:{workers}")
-            with started(*command) as process:
-                while process.poll() is None:
-                    before = time.perf_counter()
-                    if (there := frames_in(out)) >= kill_at:
-                        break
-                    time.sleep(0.02 + time.perf_counter() - before)  # looking is not to take all the time
-                killed += kill(process, what, draw)
-                _, said = process.communicate(timeout=600)
-            if what == "scheduler":
-                with started(*command) as process:
+            command = (*OMNISCV, "dataset", "make", job_of(tmp_path, out, source, rate), "--cluster")
+            returned = -signal.SIGKILL
+            while returned == -signal.SIGKILL:
+                with started(*command, f"local:{workers}") as process:
+                    while left and process.poll() is None:
+                        before = time.perf_counter()
+                        if (there := frames_in(out)) < images * left[0][0]:
+                            # Looking is not to take all the time.
+                            time.sleep(0.02 + time.perf_counter() - before)
+                        elif kill(process, victim := left.pop(0)[1], draw):
+                            events.append(f"{victim} at {there}")
+                            if victim == "scheduler":
+                                break
                     _, said = process.communicate(timeout=600)
-            assert process.returncode == 0, said
+                returned = process.returncode
+            assert returned == 0, said
+            seconds, killed = time.perf_counter() - began, killed + len(events)
             assert tree_at(out) == wanted
-            again = jobs.make(jobs.load(job_of(tmp_path, out, rate=rate)), resume=True)
-            assert (again.written, again.kept) == (0, len(wanted) // 8)
+            job = jobs.load(job_of(tmp_path, out, rate=rate))
+            again = jobs.make(job, resume=True)
+            assert (again.written, again.kept) == (0, len(job))
             assert dataset.check(out, deep=number == 0) == []
-            print(f"{what} killed ({killed}) at {there} frames of {again.kept}: {said!r}", flush=True)
+            print(f"{seconds:.0f} s, killed of {again.kept}: {', '.join(events)}; {said!r}", flush=True)
             assert waited_for(lambda mark=mark: not running(mark)), running(mark)
-    assert killed >= kills / 2  # late ones may find that all is done
+    assert killed >= runs * len(what.split()) / 2  # late ones may find that all is done

@@ -1,6 +1,8 @@
 """Parts of a dataset that is a URL: S3, one that is far away and fails, full ones, a full disk."""
 
 import json
+import threading
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -8,7 +10,9 @@ from support.datasets import job_file, tree
 from support.full_disk import largest_file
 from support.stores import BUCKET, failing_store, s3_application, s3_server, tree_at, twelve_percent
 
-from omniscv import cli, jobs
+import omniscv
+from omniscv import Pose, cli, jobs
+from omniscv.dataset import Writer
 from omniscv.errors import OmniscvError
 from omniscv.jobs import Part
 
@@ -63,11 +67,43 @@ def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_p
         assert tree_at(f"s3://{BUCKET}/far") == tree(single / "dataset")
 
 
-def test_a_full_store_is_one_line_and_goes_on_when_there_is_space(single, job, tmp_path):
+def test_a_late_frame_stops_no_other(monkeypatch):
+    """The first file of the first frame is put when the last one of ten later frames has been."""
+    last, waited = threading.Event(), []
+    with failing_store() as store, omniscv.open_source("scene://four-wall") as source:
+        camera = omniscv.cameras.create("equirectangular", 8, 4)
+        image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth",), face_size=8)
+        put = store.put_file
+
+        def put_file(self, local, remote, *values, **options):
+            if "room-00.depth." in remote:
+                waited.append(last.wait(20))
+            put(self, local, remote, *values, **options)
+            if remote.endswith("room-10.json"):
+                last.set()
+
+        monkeypatch.setattr(store, "put_file", put_file)
+        with Writer("failing://bucket/rooms") as writer:
+            for i in range(11):
+                writer.add(f"room-{i:02d}", image)
+            assert len(writer.frames([f"room-{i:02d}" for i in range(11)])) == 11
+    assert waited == [True]
+
+
+def test_a_full_store_is_one_line_and_goes_on_when_there_is_space(single, job, tmp_path, monkeypatch):
+    looked = Counter[str]()
     with failing_store(capacity=40_000) as store:
+        get = store.get_file
+
+        def get_file(self, name, *values, **options):
+            looked[name] += 1
+            return get(self, name, *values, **options)
+
+        monkeypatch.setattr(store, "get_file", get_file)
         there = replace(job, out="failing://bucket/parted")
         with pytest.raises(OmniscvError, match="No space left on device; free space there, and run again"):
             jobs.make(there, shard=(0, 1))
+        assert [count for name, count in looked.items() if "/pano" in name] == [1] * 3
         kept = len([path for path in store.store if path.endswith(".json") and path.count(".") == 1]) - 1
         store.capacity = None
         made = jobs.make(there, shard=(0, 1))

@@ -22,6 +22,7 @@ from omniscv.sources.recording.rows import (
     view_from_json,
 )
 from omniscv.sources.recording.schema import SCHEMA_VERSION
+from omniscv.sources.recording.stale import stale_captures
 from omniscv.sources.recording.store import Store
 
 
@@ -138,7 +139,8 @@ class Verification:
 
 
 def verify(path: Path | str) -> Verification:
-    """Check structure and object table, that no capture is lost, each capture, and that all show one scene.
+    """Check structure and object table, that no capture is lost, each capture, that all show one scene, and
+    that depth and masks show their own views.
 
     Raises:
         RecordingError: the file cannot be read, or has other tables than a recording.
@@ -160,6 +162,8 @@ def verify(path: Path | str) -> Verification:
         for row in store.rows():
             captures += 1
             check(partial(_decode, row, scenes))
+        if not faults:
+            faults += [f"{name}: {fault}" for fault in stale_captures(store)]
     if len(scenes) > 1:
         faults.append(f"{name}: expected captures of one scene, got some of {listed_scenes(scenes)}")
     return Verification(name, captures, faults)
