@@ -6,7 +6,7 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from omniscv.compose.ray_lookup import look_up
-from omniscv.geometry import Pose
+from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources.base import View
 
 CLOSE = 1e-9  # of half a view: nearer to each other than that, either may serve
@@ -14,7 +14,12 @@ CLOSE = 1e-9  # of half a view: nearer to each other than that, either may serve
 
 @st.composite
 def view_sets(draw):
-    """Views of one size from one centre; some look in the same direction, some along nearly the same."""
+    """Views of one size from one centre: faces of a cube, or any, some in the same direction or nearly."""
+    if draw(st.booleans()):
+        turn = Rotation.random(random_state=draw(st.integers(0, 999)))
+        faces = draw(st.permutations([turn.as_matrix() @ R_w_c for _, R_w_c in cube_rotations()]))
+        some = faces[: draw(st.integers(1, 6))] + faces[:1] * draw(st.integers(0, 1))
+        return [View(Pose((0, 0, 0), R_w_c), 100.0, 64, 64) for R_w_c in some]
     width, height = draw(st.sampled_from(((64, 64), (64, 40), (30, 64))))
     turns = [Rotation.random(random_state=draw(st.integers(0, 999))) for _ in range(draw(st.integers(1, 6)))]
     turns += [turns[0] * Rotation.from_rotvec(draw(st.sampled_from(([0, 0, 0], [1e-7, 0, 0], [0, 0.3, 0]))))]
@@ -48,3 +53,10 @@ def test_the_most_central_view_serves(views, seed):
     assert (off[found.view, every][served] <= most[served] + CLOSE).all()
     at = pixel[found.view, every][served] + (views[0].width / 2, views[0].height / 2)
     np.testing.assert_allclose(np.stack([found.x, found.y], 1)[served], at, atol=1e-5)  # float32
+
+
+def test_of_two_views_alike_the_first_serves_whichever_ray_comes_before():
+    faces = [View(Pose((0, 0, 0), R_w_c), 90.0, 8, 8) for _, R_w_c in cube_rotations()]
+    between = (1.0, 1.0, 0.0)
+    x, y = (look_up(np.array([ray, between]), faces).view for ray in np.eye(3)[:2])
+    assert x[1] == y[1] == min(x[0], y[0])
