@@ -132,7 +132,7 @@ def classes(
     file: Annotated[Path, Argument(metavar="CLASSES.yaml", help="The rules; see docs/datasets.md.")],
 ) -> None:
     """List the class of every object. Exit code 1 if an object has none and the rules make that an error."""
-    from omniscv.dataset.classes import class_rules, object_names
+    from omniscv.truth.classes import class_rules
 
     rules = class_rules(file)
     class_of = {name: rules.class_of(name) for name in object_names(scene)}
@@ -142,6 +142,31 @@ def classes(
     ]
     console.table(("object", "class", "id"), rows)
     rules.table(class_of)
+
+
+def object_names(scene: str) -> tuple[str, ...]:
+    """Return the names of the objects of a scene, of a source by its address, or of a dataset, sorted.
+
+    Raises:
+        ArgumentError: another address.
+        SourceError, RecordingError: the source cannot be opened.
+    """
+    from omniscv.dataset import manifest
+    from omniscv.sources.registry import open_source, scheme_of
+    from omniscv.storage import SCHEMES, folder
+
+    address = scene
+    if scheme_of(address) in (None, *SCHEMES) and folder(scene).exists(manifest.DATASET):
+        return tuple(sorted(manifest.read(scene).names))
+    if scheme_of(address) is None and not _recorded(Path(address)):
+        address = f"scene://{address}"  # a scene's name, or its file
+    with open_source(address) as source:
+        return tuple(source.objects().names())
+
+
+def _recorded(path: Path) -> bool:
+    """Return whether a path exists and is not the file of a scene: a recording."""
+    return path.exists() and path.suffix not in (".yaml", ".yml", ".json")
 
 
 @app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")

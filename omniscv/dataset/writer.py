@@ -20,12 +20,11 @@ from omniscv.cameras import Camera
 from omniscv.compose.files import blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import folder, manifest, spherical_metadata
-from omniscv.dataset.classes import class_rules
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import IMAGE, FileEntry, Frame
 from omniscv.geometry import Pose
-from omniscv.truth.classes import ClassRules
+from omniscv.truth.classes import ClassRules, class_rules
 
 _AHEAD = 8
 """Frames whose files are put into a store at a time, while the next one is made."""

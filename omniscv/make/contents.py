@@ -12,7 +12,6 @@ from omniscv.arguments import one_of, stem, texts, within
 from omniscv.compose.files import check_format
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset import registry
-from omniscv.dataset.classes import class_rules
 from omniscv.dataset.exporting import Export
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE
@@ -23,7 +22,7 @@ from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
 from omniscv.sources.base import Source, check_modes
 from omniscv.truth import registry as truths
-from omniscv.truth.classes import ClassRules
+from omniscv.truth.classes import ClassRules, class_rules
 
 
 def check(job: Job) -> Contents:

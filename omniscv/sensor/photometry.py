@@ -14,32 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats
 from omniscv.light import light_of_codes
-from omniscv.storage import bounded, png
+from omniscv.storage import png
 from omniscv.storage.local import whole_file
 
 RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
-
-
-def read_response(path: Path) -> NDArray[np.float64]:
-    """Return light (256,), 0 to 255, of each code.
-
-    Raises:
-        ArgumentError: the file cannot be read, or has no 256 increasing numbers.
-    """
-    wanted = "expected one line of 256 increasing numbers"
-    try:
-        light = np.array([float(word) for word in bounded.read_text(path).split()])
-    except ValueError as cause:
-        raise ArgumentError(f"{path}: {wanted}, got {shown(str(cause))}") from cause
-    if len(light) != 256 or not np.isfinite(light).all() or (np.diff(light) <= 0).any():
-        raise ArgumentError(f"{path}: {wanted}, got {len(light)} numbers that are not")
-    return np.asarray(255 * (light - light[0]) / (light[-1] - light[0]))
 
 
 def write_response(path: Path, transfer: str) -> Path:

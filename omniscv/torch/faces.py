@@ -16,13 +16,12 @@ from omniscv.arguments import numbers
 from omniscv.cameras import Camera, create
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset.classes import class_rules
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
 from omniscv.torch.sampling import TILES, Lookup, Tiles, check_central, directions_of, look_up
-from omniscv.truth.classes import ClassRules
+from omniscv.truth.classes import ClassRules, class_rules
 
 _FINEST = 1  # px; because no face is as small, a recording returns its finest faces
 _RAYS_AT_ONCE = {"cpu": 1 << 17}

@@ -14,7 +14,6 @@ from omniscv import modalities, storage
 from omniscv.arguments import numbers, shown, whole_number
 from omniscv.cameras import Camera
 from omniscv.compose.cache import ByteCache
-from omniscv.dataset.classes import class_rules
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array, Pose
@@ -25,6 +24,7 @@ from omniscv.torch.faces import Faces, Rules
 from omniscv.torch.samples import Sample, sample_of
 from omniscv.torch.sampling import check_central
 from omniscv.torch.workers import Epochs, bound_threads
+from omniscv.truth.classes import class_rules
 
 
 class Draw(Protocol):

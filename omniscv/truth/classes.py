@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from fnmatch import translate
 from functools import cached_property
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import flag, label, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, UnmatchedNamesError
 from omniscv.records import checked, listed, nested, read, record
+from omniscv.storage import bounded
 
 Unmatched = Literal["error", "other", "ignore"]
 
@@ -177,6 +179,23 @@ class ClassRules:
             raise UnmatchedNamesError(unmatched)
         of_object = {name: class_name for name, class_name in class_names.items() if class_name is not None}
         return ClassTable(self.classes, of_object, self.taxonomy)
+
+
+def class_rules(classes: str | Path | Mapping[str, Any] | ClassRules) -> ClassRules:
+    """Return the rules of a ``classes.yaml``, given by its path or its content.
+
+    Raises:
+        ArgumentError: the file cannot be read, or as :meth:`ClassRules.from_dict`.
+    """
+    if isinstance(classes, ClassRules):
+        return classes
+    if isinstance(classes, Mapping):
+        with within("classes"):
+            return ClassRules.from_dict(classes)
+    if not isinstance(classes, str | Path):
+        raise ArgumentError(f"classes: expected a file, or a mapping with 'rules', got {shown(classes)}")
+    with within(classes):
+        return ClassRules.from_dict(bounded.parse_yaml(bounded.read_text(Path(classes))))
 
 
 def taxonomies() -> tuple[str, ...]:

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from support.datasets import CLASSES, image, job_file, traced_names
 
 from omniscv import cli, dataset, jobs
-from omniscv.dataset.classes import class_rules, object_names
+from omniscv.cli.dataset import object_names
 from omniscv.errors import ArgumentError, UnmatchedNamesError
-from omniscv.truth.classes import ClassRules
+from omniscv.truth.classes import ClassRules, class_rules
 
 NAMES = st.lists(st.text("abcXY_12", min_size=1, max_size=5), min_size=1, max_size=12, unique=True)
 
@@ -131,7 +131,7 @@ def test_names_come_from_scenes_sources_and_recordings(scene):
     from support.command_line import ROOT
 
     place = ROOT / "captures" / "four-wall.sqlite" if scene == "captures" else scene
-    names = object_names(place)
+    names = object_names(str(place))
     assert {"Ball", "Layout_Floor"} <= set(names)
     assert list(names) == sorted(names)
 
