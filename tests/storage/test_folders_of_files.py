@@ -19,6 +19,7 @@ from support.stores import BUCKET, FailingStore, failing_store
 from omniscv import storage
 from omniscv.errors import ArgumentError, MissingFileError, StorageError
 from omniscv.storage import Folder
+from omniscv.storage.local import folder_beside, replace_folder
 
 
 @pytest.fixture(params=["path", "file", "memory", "s3", "failing"])
@@ -257,3 +258,16 @@ def _fetched(url: str) -> str:
 def _file(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path
+
+
+def test_writers_of_one_export_spare_each_others_folders(tmp_path: Path) -> None:
+    """The last to end wins."""
+    target = tmp_path / "coco"
+    with folder_beside(target) as one, folder_beside(target) as other:
+        for part in (one, other):
+            (part / "file").write_text(part.name)
+        names = one.name, other.name
+        replace_folder(other, target)
+        replace_folder(one, target)
+    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["coco"]
+    assert (target / "file").read_text() == names[0]
