@@ -8,7 +8,7 @@ Where masks show another object across an edge, the step is an outline, and does
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -83,6 +83,11 @@ class Cube:
         except MissingCaptureError:  # recorded in other modes only
             return None
         return cls.of([each.view for each in faces], [each.pixels for each in faces])
+
+    def recolored(self, pixels: NDArray[np.uint8]) -> Cube:
+        """Return the cube with other colours (6, h, h, 3), of its border, too."""
+        inner = slice(self.border, self.border + self.pixels.shape[1])
+        return replace(self, pixels=pixels[:, inner, inner])
 
     @cached_property
     def edges(self) -> tuple[Edge, ...]:

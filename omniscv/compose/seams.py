@@ -210,11 +210,11 @@ def mend(
         report["faded_px"] = border
         colors = cross_fade(views, colors)
     elif method == "close":
-        inner = Cube.of(views, [*colors], masks) or cube
+        inner = cube.recolored(colors)
         change = close(inner) - inner.pixels.astype(np.int16)
         wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
         colors = np.clip(colors + wide, 0, 255).astype(np.uint8)
-    mended = Cube.of(views, [*colors], masks) or cube
+    mended = cube.recolored(colors)
     evened = "gains" in report and abs(gains.lost) > _GAIN  # a vignette has no step at an edge
     if not evened and np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
         return _refused(pixels, "expected smaller steps, got larger ones", report)
