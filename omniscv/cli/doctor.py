@@ -1,6 +1,7 @@
 """``omniscv doctor``: find what would spoil captures."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 from typer import Argument, Exit, Option, Typer
@@ -26,6 +27,9 @@ def doctor(
         bool, Option("--quick", help="Leave out seams, the unit of depth and what moves: seconds.")
     ] = False,
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
+    picture: Annotated[
+        Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
+    ] = None,
     as_json: options.AsJson = False,
     timeout: options.Timeout = None,
     patience: options.Patience = None,
@@ -48,7 +52,8 @@ def doctor(
         from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
-        findings = examine_address(uri, where, quick, **options.deadlines(timeout, patience))
+        deadlines = options.deadlines(timeout, patience)
+        findings = examine_address(uri, where, quick, picture=picture, **deadlines)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:

@@ -9,13 +9,14 @@ from typing import Unpack
 import numpy as np
 
 from omniscv import storage
+from omniscv.arguments import shown
 from omniscv.diagnostics import Finding, agreement, native_panorama, seams
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.diagnostics.server import EDGE_PX, NEVER, RawCamera, across, alike, color_counts
-from omniscv.errors import ServerRefusedError
+from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
 from omniscv.sources.recording.folders import import_folder
@@ -45,7 +46,12 @@ Pairs = dict[str, list[tuple[Picture, Picture]]]
 
 
 def examine_address(
-    address: str, position: Array | None = None, quick: bool = False, **deadlines: Unpack[Deadlines]
+    address: str,
+    position: Array | None = None,
+    quick: bool = False,
+    *,
+    picture: Path | None = None,
+    **deadlines: Unpack[Deadlines],
 ) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
@@ -56,14 +62,17 @@ def examine_address(
             :func:`omniscv.diagnostics.recorded_faces.examine_recording`.
         position: (3,) where to measure, world frame, metres; None: the player's position.
         quick: leave out seams, the unit of depth, and what moves.
+        picture: PNG to write, of a recording's worst edge.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
-        ArgumentError: an address of another form.
+        ArgumentError: an address of another form, or a picture of no recording.
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
     if scheme_of(address) in (None, *storage.SCHEMES):
-        return _examine_file(address)
+        return _examine_file(address, picture)
+    if picture is not None:
+        raise ArgumentError(f"picture: expected a recording or a folder of captures, got {shown(address)}")
     if scheme_of(address) == "blender":
         return examine_blender(address, position, **deadlines)
     with open_connection(address, **deadlines) as connection:
@@ -106,7 +115,7 @@ def _agreement(connection: Connection, camera: RawCamera) -> list[Finding]:
     return list(agreement.findings(camera, table, boxes(connection, list(table))))
 
 
-def _examine_file(path: str) -> list[Finding]:
+def _examine_file(path: str, picture: Path | None) -> list[Finding]:
     """Examine a recording, or a folder of captures by way of one."""
     with TemporaryDirectory() as temporary:
         if Path(path).is_dir():
@@ -114,7 +123,7 @@ def _examine_file(path: str) -> list[Finding]:
             import_folder(Path(path), imported)
             path = str(imported)
         with open_source(path) as source:  # says what to write in place of host:port
-            return examine_recording(source)
+            return examine_recording(source, picture)
 
 
 def view_mode(connection: Connection) -> Finding:

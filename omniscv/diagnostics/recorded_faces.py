@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import islice
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +17,12 @@ from omniscv.diagnostics import Finding
 from omniscv.geometry import Array, cube_rotations
 from omniscv.planning import RecordedViews
 from omniscv.sources.base import Source
+from omniscv.storage import png
+from omniscv.storage.local import whole_file
 
 _STEP = 2.0  # levels across an edge that show
 _BAD_STEP = 10.0
+_DRAWN_PX = 64  # of each face beside the worst edge
 _AT_SOURCE = "record with manual exposure, without vignette, bloom and screen-space reflections"
 
 
@@ -40,8 +44,13 @@ class Place(NamedTuple):
     slips: dict[str, float]
 
 
-def examine_recording(source: Source) -> list[Finding]:
-    """Return what the cubes of colours in a recording say of seams, exposure and slips."""
+def examine_recording(source: Source, picture: Path | None = None) -> list[Finding]:
+    """Return what the cubes of colours in a recording say of seams, exposure, vignette and slips.
+
+    Args:
+        source: of the recording.
+        picture: PNG that is written: the worst edge, between the two faces that meet there.
+    """
     places = list(measure_places(source))
     if not places:
         return [Finding("seams", "no cube of six faces in colour")]
@@ -52,6 +61,8 @@ def examine_recording(source: Source) -> list[Finding]:
         f"{len(places)} cubes: steps across edges {np.median(steps):.2f} levels (median), "
         f"{np.quantile(steps, 0.9):.1f} (90 %), {steps.max():.1f} at ({at}) m"
     )
+    if picture is not None:
+        _draw_worst(source, worst, picture)
     remedy = f"{_AT_SOURCE}; or render with seams: close"
     if steps.max() <= _STEP:
         found = Finding("seams", value)
@@ -87,6 +98,16 @@ def slips(cube: Cube) -> dict[str, float]:
         )
         for face, turn in proven_turns(cube).items()
     }
+
+
+def _draw_worst(source: Source, worst: Place, path: Path) -> None:
+    """Write the pixels on both sides of the worst edge of a place; the edge is the line in the middle."""
+    recorded = RecordedViews(source.recorded_views() or ())
+    cube = Cube.recorded(source, recorded, np.array(worst.center), source.state)
+    assert cube is not None
+    a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
+    with whole_file(path) as part:
+        part.write_bytes(png.encode(np.concatenate([a[::-1], b]).astype(np.uint8)))
 
 
 def _exposure(places: Sequence[Place]) -> Iterator[Finding]:

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
@@ -339,12 +340,18 @@ def test_what_is_no_cube_stays_and_says_so():
     assert image.provenance["seams"] == [{"refused": "expected six 8-bit faces of a cube"}]
 
 
-def test_the_doctor_examines_recordings(uneven, capsys):
+def test_the_doctor_examines_recordings(uneven, capsys, tmp_path):
     from omniscv import cli
 
     with RecordedSource(uneven) as source:
         found = {finding.name: finding for finding in examine_recording(source)}
     assert found["seams"].verdict == "bad"
     assert "differs by up to 1.5" in found["exposure"].value  # 1.25 / 0.8 = 1.56
-    assert cli.run(["doctor", str(uneven)]) == 1
+    assert cli.run(["doctor", str(uneven), "--picture", str(tmp_path / "worst.png")]) == 1
     assert "seams: close" in capsys.readouterr().out
+    rows = np.asarray(Image.open(tmp_path / "worst.png")).astype(float).mean(axis=-1)
+    changes = np.abs(np.diff(rows, axis=0)).mean(axis=1)
+    assert rows.shape == (128, 256)
+    assert changes[63] > 3 * max(changes[62], changes[64])  # the edge, in the middle
+    assert cli.run(["doctor", "mock://four-wall", "--picture", str(tmp_path / "no.png")]) == 2
+    assert "expected a recording" in capsys.readouterr().err

@@ -73,7 +73,7 @@ def test_recordings_with_the_remedies_have_a_tenth_of_the_seam_error(uri, option
 
 
 def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, monkeypatch):
-    def examine(uri, position, quick, **deadlines):
+    def examine(uri, position, quick, picture, **deadlines):
         assert (position.tolist(), deadlines) == ([0.5, 0, 1.4], {"timeout_s": 3.0})
         return [Finding(f"seam {uri}", "0.1 of 255 levels")]
 
