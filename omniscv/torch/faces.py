@@ -20,13 +20,23 @@ from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
-from omniscv.torch.sampling import TILES, Lookup, Tiles, check_central, directions_of, look_up
+from omniscv.torch.sampling import (
+    TILES,
+    Lookup,
+    ProcessorLookup,
+    ProcessorTiles,
+    check_central,
+    directions_of,
+    look_up,
+)
 from omniscv.truth.classes import ClassRules, class_rules
 
 _FINEST = 1  # px; because no face is as small, a recording returns its finest faces
 _RAYS_AT_ONCE = {"cpu": 1 << 17}
 _RAYS_ON_A_DEVICE = 1 << 23
 """Rays of a block: they fit into a processor's cache, and into a gigabyte on a device."""
+_BY_KERNELS = ("cpu",)
+"""Types of devices for which the kernels of :mod:`omniscv.compose` sample; for others PyTorch does."""
 
 Rules = str | Path | Mapping[str, Any] | ClassRules
 
@@ -69,7 +79,8 @@ class Faces:
         self._device = _check(source, face_size, device)
         self.position = numbers("position", position, (3,))
         options = RenderOptions("cube", face_size=face_size or _FINEST, truth_scale=truth_scale)
-        self._tiles: dict[str, tuple[tuple[View, ...], Tiles]] = {}
+        self._by_kernels = self._device.type in _BY_KERNELS
+        self._tiles: dict[str, tuple[tuple[View, ...], Any]] = {}
         self._class_of: Tensor | None = None
         for mode, (views, faces) in _capture(source, self.position, modes, options).items():
             if "labels" in modalities.get(mode).derives:
@@ -77,8 +88,9 @@ class Faces:
                 mode, faces = "labels", list(_labels(np.stack(faces), objects))
                 if classes is not None:
                     self._class_of = _class_of(class_rules(classes), objects).to(self._device)
-            kind = TILES[modalities.get(mode).interpolation]
-            self._tiles[mode] = views, kind(views, faces, self._device)
+            kind = modalities.get(mode).interpolation
+            on_device = None if self._by_kernels else TILES[kind](views, faces, self._device)
+            self._tiles[mode] = views, on_device or ProcessorTiles(kind, faces)
 
     def render(self, camera: Camera, R_w_c: ArrayLike | Tensor) -> dict[str, Tensor]:
         """Return images of a central camera, one for each orientation.
@@ -100,11 +112,11 @@ class Faces:
         values = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
         batch = numbers("R_w_c", [values] if np.ndim(values) == 2 else values, (None, 3, 3))
         rotations = [Pose(self.position, R).R_w_c for R in batch]
-        directions, valid = directions_of(camera, self._device)
+        _, valid = directions_of(camera, self._device)
         rays = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
         step = max(1, rays // valid.numel())
         blocks = [
-            self._sample(directions, valid, rotations[i : i + step]) for i in range(0, len(rotations), step)
+            self._sample(camera, valid, rotations[i : i + step]) for i in range(0, len(rotations), step)
         ]
         return {name: torch.cat([block[name] for block in blocks]) for name in blocks[0]}
 
@@ -113,12 +125,12 @@ class Faces:
         """Bytes of the faces in memory."""
         return sum(tiles.tensor.nbytes for _, tiles in self._tiles.values())
 
-    def _sample(self, directions: Tensor, valid: Tensor, R_w_c: Sequence[Array]) -> dict[str, Tensor]:
-        lookups: dict[tuple[View, ...], Lookup] = {}
+    def _sample(self, camera: Camera, valid: Tensor, R_w_c: Sequence[Array]) -> dict[str, Tensor]:
+        lookups: dict[tuple[View, ...], Lookup | ProcessorLookup] = {}
         layers = {}
         for name, (views, tiles) in self._tiles.items():
             if views not in lookups:
-                lookups[views] = look_up(directions, views, R_w_c)
+                lookups[views] = self._look_up(camera, views, R_w_c)
                 self._check_seen(lookups[views], valid)
             values = tiles.sample(lookups[views])
             row = modalities.get(name)
@@ -130,8 +142,15 @@ class Faces:
                 layers["classes"] = self._class_of[layers[name]]
         return layers
 
-    def _check_seen(self, lookup: Lookup, valid: Tensor) -> None:
-        unseen = int(((lookup.view < 0) & valid.reshape(1, -1)).sum())
+    def _look_up(
+        self, camera: Camera, views: tuple[View, ...], R_w_c: Sequence[Array]
+    ) -> Lookup | ProcessorLookup:
+        if self._by_kernels:
+            return ProcessorLookup(camera, views, R_w_c)
+        return look_up(directions_of(camera, self._device)[0], views, R_w_c)
+
+    def _check_seen(self, lookup: Lookup | ProcessorLookup, valid: Tensor) -> None:
+        unseen = lookup.unseen(valid)
         if unseen:
             views = f"{len(lookup.views)} views at {self.position.tolist()} m"
             raise MissingCaptureError(f"expected {views} to see all rays, but {unseen} are in none")

@@ -1,7 +1,8 @@
 """Sampling on a device: for each ray the view that sees it, and the value there.
 
-The lookup follows :mod:`omniscv.compose.ray_lookup`, in float64 and in the same order of operations, so that
-both agree to the bit. Values are sampled as omniscv composes them.
+On a processor the kernels of :mod:`omniscv.compose` sample. On other devices PyTorch does: its lookup follows
+:mod:`omniscv.compose.ray_lookup`, in float64 and in the same order of operations, so that both agree to the
+bit. Values are sampled as omniscv composes them.
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ from torch.nn.functional import grid_sample
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
+from omniscv.compose.samplers import SAMPLE, CpuSampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
+from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
+from omniscv.planning import ImageRays
 from omniscv.sources import View
 
 _BEYOND = 1.0 + 1e-9  # of a view's half size: rays on its edge are in it
@@ -59,6 +63,10 @@ class Lookup:
     view: Tensor
     x: Tensor
     y: Tensor
+
+    def unseen(self, valid: Tensor) -> int:
+        """Return how many valid rays (H, W) no view sees, in all orientations."""
+        return int(((self.view < 0) & valid.reshape(1, -1)).sum())
 
     @cached_property
     def index(self) -> Tensor:
@@ -186,3 +194,38 @@ TILES: dict[Interpolation, type[Tiles]] = {
     "direction": Nearest,
 }
 """By interpolation of a modality, how its pixels are sampled."""
+
+
+class ProcessorLookup:
+    """The views and pixels of a camera's rays in B orientations, found by the kernels of composition."""
+
+    def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Sequence[Array]) -> None:
+        self.views, rays = views, _rays_of(camera)
+        self.samplers = [CpuSampler(rays.blocks, R, views) for R in R_w_c]
+
+    def unseen(self, valid: Tensor) -> int:
+        """Return how many valid rays no view sees, in all orientations."""
+        return sum(sampler.unseen for sampler in self.samplers)
+
+
+class ProcessorTiles:
+    """As :class:`Tiles`, sampled by a :class:`ProcessorLookup`."""
+
+    def __init__(self, interpolation: Interpolation, faces: Pictures) -> None:
+        stack: Any = np.stack(faces)
+        self._interpolation, self._stack, self.tensor = interpolation, stack, torch.from_numpy(stack)
+
+    def sample(self, lookup: ProcessorLookup) -> Tensor:
+        """Return (B, N) or (B, N, C) values; 0 if no view sees the ray."""
+        return torch.from_numpy(np.stack([self._sampled(sampler) for sampler in lookup.samplers]))
+
+    def _sampled(self, sampler: CpuSampler) -> NDArray[Any]:
+        if self._interpolation == "surface":
+            return sampler.sample_depth("nearest", self._stack, Precision(), None).distance
+        filter = "bilinear" if self._interpolation == "blended" else "nearest"
+        return SAMPLE[self._interpolation](sampler, filter, self._stack)
+
+
+@lru_cache(maxsize=4)
+def _rays_of(camera: Camera) -> ImageRays:
+    return ImageRays(camera)

@@ -2,8 +2,8 @@
 
 Panoramas of 512 x 256 in lit, labels and depth, a new orientation each, from faces of 256 px. "faces kept"
 samples faces that are decoded already; "faces read each time" decodes them for every image, as omniscv.render
-does, so that the two differ by the sampling alone. Shards are compared with decoding the same files. PyTorch
-works in one thread, or in two workers of one; omniscv.render in two; the best of several turns.
+does. Shards are compared with decoding the same files. Images use both cores, or two workers of one thread
+each; the best of several turns.
 """
 
 from collections.abc import Callable, Iterator, Sequence
