@@ -48,7 +48,7 @@ _OUTSIDE_M, _OUTSIDE = (
 _BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
 _BESIDE_M, _NEAREST = 0.5, 0.4  # how far beside: metres, and of the nearest surface's distance
 _LARGEST_PX = 4096  # of the panorama that is seen there
-_LEVELS, _SHARE = 4.0, 0.015  # by which colours of a surface may differ, and of how many pixels
+_LEVELS, _SHARE, _DIFFER_PX = 4.0, 0.015, 5  # by which colours may differ, of which share and of how many
 _CHANGED, _TRANSMITS = 2.0, 0.1  # levels of a pixel without the object; how much of what is behind shows
 _CROSSED, _DEEP_M = 0.3, 0.03  # of the rays that enter the box of an object, how many end in it, how deep
 _FAR_M = 1e6  # of the sky
@@ -132,6 +132,13 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
         ArgumentError: ``sky`` names no object of the scene.
     """
     options, found = image.options, Findings(np.zeros(image.valid.shape, np.uint8))
+    efforts = [image.effort]
+
+    def counted(*of_image: Any) -> OmniImage:
+        other = render(*of_image)
+        efforts.append(other.effort)
+        return other
+
     table = image.objects.names() if image.objects else []
     if image.objects:
         known_objects(options.sky, table, "sky")
@@ -151,11 +158,11 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
                 )
             else:
                 examined = replace(examined, boxes=source.geometry().boxes)
-            beside = _beside(examined, source, render, found)
+            beside = _beside(examined, source, counted, found)
             for name, signs in _domes(examined, beside).items():
                 listed[name] = [*listed.get(name, []), *signs]
             _mark_mismatch(examined, listed, found)
-            _mark_translucent(examined, source, render, found)
+            _mark_translucent(examined, source, counted, found)
     if image.labels is not None:
         for name, at in examined.of_label(sure=False):
             if name in listed:
@@ -164,7 +171,13 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
     if options.checks == "light":
         layers["light"] = np.where(image.valid, found.bits, np.uint8(0))
     report = {"objects": found.objects, "untested": found.untested}
-    return replace(image, layers=layers, provenance={**image.provenance, "light": report})
+    effort = replace(
+        image.effort,
+        captures=sum(each.captures for each in efforts),
+        megapixels=sum(each.megapixels for each in efforts),
+    )
+    provenance = {**image.provenance, "light": report}
+    return replace(image, layers=layers, provenance=provenance, effort=effort)
 
 
 def _mark_mismatch(examined: Examined, domes: Collection[str], found: Findings) -> None:
@@ -230,9 +243,10 @@ def _mark_view_dependent(examined: Examined, beside: Examined, found: Findings) 
     beyond = np.maximum(np.maximum(low - lit, lit - high).max(axis=-1), 0)
     for name, at in examined.of_label():
         compared = at & agree
-        if compared.sum() >= _LEAST_PX and (share := (beyond[compared] > _LEVELS).mean()) > _SHARE:
+        count, differ = compared.sum(), (beyond[compared] > _LEVELS).sum()
+        if count >= _LEAST_PX and differ >= max(_DIFFER_PX, _SHARE * count):
             label = image["labels"] == image["labels"][at][0]
-            found.mark("view_dependent", label & image.valid, name, f"{share:.0%} of its pixels")
+            found.mark("view_dependent", label & image.valid, name, f"{differ / count:.0%} of its pixels")
 
 
 def _as_bright(lit: NDArray[Any], other: NDArray[Any], agree: Mask, transfer: str) -> NDArray[np.float32]:
