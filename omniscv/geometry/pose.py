@@ -8,6 +8,7 @@ Frames
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -200,6 +201,7 @@ class Pose:
         return cls(data["position"], data["rotation"])
 
 
+@cache
 def cube_rotations() -> tuple[tuple[str, Array], ...]:
     """Return the six faces of a cube aligned with the world: (name, R_w_c), in the order of captures.
 

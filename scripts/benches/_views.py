@@ -14,6 +14,7 @@ def requests(size: int) -> Iterator[Request]:
     while True:
         center = (-1 + 0.01 * (viewpoint % 200), 0.1, 1.5)
         for _, R_w_c in cube_rotations():
+            view = View(Pose(center, R_w_c), 90.0, size, size)
             for mode in MODES:
-                yield Request(View(Pose(center, R_w_c), 90.0, size, size), mode)
+                yield Request(view, mode)
         viewpoint += 1

@@ -256,7 +256,7 @@ class Connection:
         if self.client is None or self.client.broken:
             self.client = self._unix_client() or self._connect(self.endpoint)
             if self.scene:
-                self._compare_scene(self.client.stream(list(self.scene)))
+                self.compare_scene(self.client.stream(list(self.scene)))
         return self.client
 
     @cached_property
@@ -270,7 +270,16 @@ class Connection:
 
     def check_scene(self) -> None:
         """Raise SceneChangedError if the server shows another scene than before."""
-        self._compare_scene(self.texts(list(self.scene)))
+        self.compare_scene(self.texts(list(self.scene)))
+
+    def compare_scene(self, replies: Iterable[Reply]) -> None:
+        """Raise SceneChangedError unless these are the replies that name the scene, as before."""
+        known, actual = list(self.scene.values()), list(replies)
+        if actual != known:
+            self.close()  # so that it is compared again before anything else is sent
+            before, now = (", level ".join(map(shown, names)) for names in (known, actual))
+            expected = f"{self.address}: expected the scene {before}, got {now}"
+            raise SceneChangedError(f"{expected}; open the source again")
 
     @contextlib.contextmanager
     def attempts(self) -> Iterator[Callable[[SourceError | None], None]]:
@@ -374,14 +383,6 @@ class Connection:
     def close(self) -> None:
         if self.client is not None:
             self.client.close()
-
-    def _compare_scene(self, replies: Iterable[Reply]) -> None:
-        known, actual = list(self.scene.values()), list(replies)
-        if actual != known:
-            self.close()  # so that it is compared again before anything else is sent
-            before, now = (", level ".join(map(shown, names)) for names in (known, actual))
-            expected = f"{self.address}: expected the scene {before}, got {now}"
-            raise SceneChangedError(f"{expected}; open the source again")
 
     def _check_accepted(self, command: str, reply: Reply) -> None:
         if isinstance(reply, str) and reply.startswith("error"):

@@ -173,6 +173,10 @@ class CameraDriver(ABC):
             known = f"{', '.join(modes[:-1])} or {modes[-1]}"
             raise self._refused(f"a request for {known}, got {request.mode}, which has no picture")
 
+    def check_scene(self) -> None:
+        """Raise SceneChangedError if the game showed another scene than before when it captured."""
+        self.connection.check_scene()
+
     def forget(self) -> None:
         """Forget where the camera is, so that it is aimed anew."""
         self._aimed = None

@@ -171,7 +171,7 @@ class ModernDriver(CameraDriver):
         """Yield captures until a frame may be stale.
 
         A reply that is cut short swallows bytes of the next frame. So a picture counts only once the next
-        reply is in step; the version, requested at the end, follows the last picture.
+        reply is in step; the version, requested at the end, follows the last picture, and the scene's name.
         """
         if self.one_tick:
             yield from self._captures_of_one_tick(client, requests)
@@ -179,7 +179,7 @@ class ModernDriver(CameraDriver):
         batch = requests[:1] if self.stale_frames.in_doubt else requests
         steps = self._steps(batch)
         self._aimed = batch[-1].view
-        replies = self._replies(client, [*(step.command for step in steps), VERSION])
+        replies = self._replies(client, [*(step.command for step in steps), VERSION, *self.connection.scene])
         fresh, complete = True, None
         for step, reply in zip(steps, replies, strict=False):
             if complete is not None:
@@ -195,8 +195,12 @@ class ModernDriver(CameraDriver):
                 elif fresh and (fresh := self.stale_frames.accepts(_sight(step.request), frame)):
                     complete = capture
         self._expect(self._version, VERSION, next(replies))
+        self.connection.compare_scene(replies)
         if complete is not None:
             yield complete
+
+    def check_scene(self) -> None:
+        """As the driver's; the captures of a turn end with the scene's name, which was compared."""
 
     def _share(self) -> None:
         """Use shared memory if this process can read it, and a mask in it equals the one over the wire."""
@@ -257,12 +261,14 @@ class ModernDriver(CameraDriver):
             steps.append(Step(self.table.image(self.camera, request.mode), "keep", request))
             aimed, stops = request.view, wanted
         self.forget()
-        batch = [f"vbatch {len(steps) + 1}", *(step.command for step in steps), VERSION]
-        first, *replies, version = client.stream(batch)
+        ends = [VERSION, *self.connection.scene]
+        batch = [*(step.command for step in steps), *ends]
+        first, *replies = client.stream([f"vbatch {len(batch)}", *batch])
         self._expect("ok", "vbatch", first)
-        self._expect(self._version, VERSION, version)
+        self._expect(self._version, VERSION, replies[len(steps)])
+        self.connection.compare_scene(replies[len(steps) + 1 :])
         captures: list[Capture] = []
-        for step, reply in zip(steps, replies, strict=True):
+        for step, reply in zip(steps, replies, strict=False):
             if step.request is None:
                 self._expect("ok", step.command, reply)
             else:

@@ -187,7 +187,7 @@ class UnrealSource(Source):
                     batch = left if self._driver.one_tick else in_flight(left)
                     collected, fault = self._collect(batch, fault)
                     captures += collected
-                self._connection.check_scene()  # the level may change behind the same connection
+                self._driver.check_scene()  # the level may change behind the same connection
         except SceneChangedError:
             raise  # which captures of this turn show the other scene is not known
         except SourceError as last:
