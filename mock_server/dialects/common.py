@@ -54,7 +54,7 @@ _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
 }
 
 _CACHED_COMMANDS, _CACHED_LENGTH = 512, 200
-"""Most commands whose handlers are cached, and their longest length: clients repeat few, short ones."""
+"""Most commands whose handlers are cached, and their length at most: clients repeat few, short ones."""
 
 
 class Command:
@@ -66,6 +66,7 @@ class Command:
 
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
         self.template, self.description, self.handler = template, description, handler
+        self.verb = template.partition(" ")[0]
         parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
         self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
         patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
@@ -74,8 +75,8 @@ class Command:
 
     def match(self, text: str) -> tuple[Any, ...] | None:
         """Return the arguments in ``text``; None if it does not match."""
-        if not all(literal in text for literal in self._literals):  # much faster for long texts
-            return None
+        if len(text) > _CACHED_LENGTH and not all(literal in text for literal in self._literals):
+            return None  # much faster than the pattern
         match = self._pattern.search(text)
         if match is None:
             return None

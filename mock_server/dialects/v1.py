@@ -219,7 +219,7 @@ class Branch52(Plugin1):
 
     def match(self, command: Command, text: str) -> tuple[Any, ...] | None:
         """The first word must be the template's."""
-        return command.match(text) if text.split(" ")[0] == command.template.split(" ")[0] else None
+        return command.match(text) if text.partition(" ")[0] == command.verb else None
 
     def status(self) -> str:
         return re.sub(r"FOV: .*", f"FOV: {self.settings.fov_deg:.1f}", super().status()).rstrip("\n")
