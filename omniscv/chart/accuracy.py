@@ -161,8 +161,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         f"seconds of capturing: {MS_REQUEST:g} ms a request and {MS_MEGAPIXEL:g} ms a megapixel", size=9
     )
     figure.supylabel("pixels in doubt, % (hollow: truly wrong)", size=9)
-    for name, axes in zip(names, panels, strict=True):
-        drawing.label(axes, drawn[name], looks)
+    drawing.label(figure, [*zip(panels, drawn.values(), strict=True)], looks)
     return drawing.write(rows, figure, out, "chart-accuracy")
 
 

@@ -169,7 +169,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
             )
     axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
-    drawing.label(axes, ways, looks)
+    drawing.label(figure, [(axes, ways)], looks)
     return drawing.write(rows, figure, out, "chart-central")
 
 

@@ -143,12 +143,17 @@ def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
 
 
-def label(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    """Write each label beside its dot where it overlaps dots, labels and borders least.
+def label(figure: Figure, panels: Sequence[tuple[Axes, Sequence[Dot]]], looks: dict[str, Look]) -> None:
+    """Write the labels of panels, each beside its dot where it overlaps dots, labels and borders least.
 
     Call this after everything else is drawn: titles and other panels move the axes.
     """
-    axes.figure.canvas.draw()  # fixes limits and text sizes
+    figure.draw_without_rendering()  # fixes limits and text sizes
+    for axes, ways in panels:
+        _label(axes, ways, looks)
+
+
+def _label(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
     to_px = axes.transData.transform
     taken = [_around(x, y, 5, 5) for x, y in to_px([(dot.x, dot.y) for dot in ways])]
     for dot in (dot for dot in ways if dot.label):

@@ -31,7 +31,7 @@ def test_labels_do_not_overlap_where_there_is_room():
     _, (axes,) = drawing.figure(1, 4.0, "Of labels")
     looks = {"a": Look("#0072b2", "o", "")}
     drawing.dots(axes, ways, looks)
-    drawing.label(axes, ways, looks)
+    drawing.label(axes.figure, [(axes, ways)], looks)
     boxes = [text.get_window_extent() for text in axes.texts]
     assert len(boxes) == len(ways)
     assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))

@@ -57,7 +57,15 @@ def loaded():
     return "support.warm" in sys.modules
 
 
-@pytest.mark.parametrize("name", [name for name in BY_NAME if name != "docs/torch.md" or find_spec("torch")])
+RUN = [
+    name
+    for name, text in BY_NAME.items()
+    if any(block.language == "python" or block.commands() for block in blocks(text))
+    and (name != "docs/torch.md" or find_spec("torch"))
+]
+
+
+@pytest.mark.parametrize("name", RUN)
 def test_a_document_runs(name, folder, ports, processes):
     """In a process of its own, because what a document registers stays registered."""
     with processes.Pool(1) as pool:
