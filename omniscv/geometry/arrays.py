@@ -26,10 +26,16 @@ def reads_few(faces: Sequence[Pixels], rays: int) -> bool:
 
 
 def stacked(faces: Faces) -> Pixels:
-    """Return pictures as one array (V, h, w, ...); one picture is not copied."""
+    """Return pictures as one read-only array (V, h, w, ...); one picture is not copied.
+
+    Pictures that a server sent are read-only: kernels are compiled for these alone, not for both.
+    """
     if isinstance(faces, np.ndarray):
-        return faces
-    return faces[0][None] if len(faces) == 1 else np.stack(faces)
+        stack = faces.view()
+    else:
+        stack = faces[0][None] if len(faces) == 1 else np.stack(faces)
+    stack.flags.writeable = False
+    return stack
 
 
 def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) -> list[Any]:
