@@ -22,7 +22,7 @@ def benches(monkeypatch):
     return benches
 
 
-LONG = ("accuracy", "cluster", "dataset", "growth", "noncentral", "sequence", "speed", "start")
+LONG = ("accuracy", "cluster", "dataset", "growth", "noncentral", "sequence", "speed", "start", "stores")
 """Benches that take a second or more, even quick ones."""
 
 
