@@ -95,7 +95,7 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
     seen = inside.view >= 0
     rim, view, x, y = footprints.rim[seen], lookup.view.copy(), lookup.x.copy(), lookup.y.copy()
     view[rim], x[rim], y[rim] = inside.view[seen], inside.x[seen], inside.y[seen]
-    return RayLookup(view, x, y, min(lookup.margin, inside.margin))
+    return RayLookup(view, x, y, min(lookup.margin, inside.margin), lookup.used | inside.used)
 
 
 @njit(cache=True, nogil=True)

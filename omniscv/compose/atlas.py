@@ -18,7 +18,7 @@ from omniscv.compose.interpolation import LARGEST_PX, sample_bicubic, sample_bil
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, pinhole
-from omniscv.geometry.arrays import Floats, Ints, Pixels, run
+from omniscv.geometry.arrays import Floats, Ints, Mask, Pixels, run
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
 
@@ -140,8 +140,11 @@ class Atlas:
             )
         self.shape = top, right
 
-    def picture(self, faces: Sequence[Pixels]) -> Pixels:
-        """Return the picture of (h, w) or (h, w, C) faces, one per view."""
+    def picture(self, faces: Sequence[Pixels], used: Mask | None = None) -> Pixels:
+        """Return the picture of (h, w) or (h, w, C) faces, one per view.
+
+        Faces that are not ``used`` (V,) may be left out.
+        """
         if faces[0].shape[:2] == self.shape and len(self.levels) == 1:
             return faces[0]
         picture = np.zeros((*self.shape, *faces[0].shape[2:]), faces[0].dtype)
@@ -155,7 +158,10 @@ class Atlas:
                 pixels = _halved(pixels)
                 level.tile(picture, k)[...] = pixels
 
-        side_by_side(lay_out, range(self._count))
+        guttered = any(level.gutter for level in self.levels)  # from every neighbour
+        side_by_side(
+            lay_out, range(self._count) if used is None or guttered else np.flatnonzero(used).tolist()
+        )
         for level in self.levels:
             if level.gutter is not None:
                 level.gutter.fill(picture, level.corners)

@@ -7,7 +7,7 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, run
+from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.sources.base import View
 
 _BLOCK = 64
@@ -24,18 +24,19 @@ class RayLookup:
         view: (N,) int16, -1 where no view sees the ray.
         x, y: (N,) float32 px in that view; pixel centres lie at .5.
         margin: the least distance of a pixel from its view's edges, px; infinite if there are none.
+        used: (V,) bool, the views that see rays.
     """
 
     view: Ints
     x: Floats
     y: Floats
     margin: float
+    used: Mask
 
     def by_view(self) -> Iterator[tuple[int, Ints]]:
         """Yield each view that sees rays, and the indices of these."""
-        for k in range(int(self.view.max(initial=-1)) + 1):
-            if len(rays := np.flatnonzero(self.view == k)):
-                yield k, rays
+        for k in np.flatnonzero(self.used):
+            yield int(k), np.flatnonzero(self.view == k)
 
     @property
     def nbytes(self) -> int:
@@ -56,9 +57,9 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
     R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ (np.eye(3) if R_w_d is None else R_w_d) for v in views])
     projections = np.array([v.projection for v in views])
     half_width, half_height = views[0].width / 2, views[0].height / 2
-    sure = _sure_px(views, R_c_d)
-    margins = run(_look_up, (directions, view, x, y), R_c_d, projections, half_width, half_height, sure)
-    return RayLookup(view, x, y, float(min(margins)))
+    sure, used = _sure_px(views, R_c_d), np.zeros(len(views), np.bool_)
+    margins = run(_look_up, (directions, view, x, y), R_c_d, projections, half_width, half_height, sure, used)
+    return RayLookup(view, x, y, float(min(margins)), used)
 
 
 def _sure_px(views: Sequence[View], R_c_d: Array) -> Array:
@@ -84,6 +85,7 @@ def _sure_px(views: Sequence[View], R_c_d: Array) -> Array:
 def _look_up(
     directions: Array, view: Ints, x: Floats, y: Floats,
     R_c_d: Array, projections: Array, half_width: float, half_height: float, sure: Array,
+    used: Mask,
 ) -> float:  # fmt: skip
     """Look up rays block by block. Most blocks lie in the view of the last ray: that loop is vectorized."""
     last, most_u, most_v, block = 0, 0.0, 0.0, np.empty((3, _BLOCK))
@@ -96,7 +98,7 @@ def _look_up(
         scale = projections[last, 0], half_width, half_height
         seen, u, v = _in_view(block, R_c_d[last], scale, sure[last], x[of], y[of])
         if seen == size:
-            view[of] = last
+            view[of], used[last] = last, True
             most_u, most_v = max(most_u, u), max(most_v, v)
             continue
         for i in range(first, first + size):
@@ -125,6 +127,7 @@ def _look_up(
                     break
             view[i], x[i], y[i] = which, best_u + half_width, best_v + half_height
             if which >= 0:
+                used[which] = True
                 last, most_u, most_v = which, max(most_u, abs(best_u)), max(most_v, abs(best_v))
     return min(half_width - most_u, half_height - most_v)
 

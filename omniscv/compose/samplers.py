@@ -85,11 +85,13 @@ class _Coverage(NamedTuple):
         rays: how many they are.
         unseen: how many valid rays no view sees.
         margin: the least distance of a ray's pixel from its view's edges, px.
+        used: (V,) bool, the views that see rays.
     """
 
     rays: int
     unseen: int
     margin: float
+    used: Mask
 
 
 class CpuSampler:
@@ -125,7 +127,7 @@ class CpuSampler:
         atlas = self._atlas(filter)
         if few and filter == "bilinear" and atlas.levels[0].gutter is None:
             return self._values(lambda block: block.sample_apart(atlas, faces))
-        picture = atlas.picture(faces)
+        picture = atlas.picture(faces, None if filter == "area" else self._coverage.used)
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(
@@ -171,13 +173,13 @@ class CpuSampler:
 
     @cached_property
     def _coverage(self) -> _Coverage:
-        count, unseen, margin = 0, 0, np.inf
+        count, unseen, margin, used = 0, 0, np.inf, np.zeros(len(self._views), np.bool_)
         for block in self._blocks():
             view = block.lookup.view
             count += len(view)
             unseen += int(np.count_nonzero(view < 0)) - block.rays.invalid_count
-            margin = min(margin, block.lookup.margin)
-        return _Coverage(count, unseen, float(margin))
+            margin, used = min(margin, block.lookup.margin), used | block.lookup.used
+        return _Coverage(count, unseen, float(margin), used)
 
     def _values(self, sample: Callable[["_Block"], Pixels]) -> Pixels:
         """Return (N, ...) values that a function returns for a block, for all rays."""

@@ -50,6 +50,7 @@ def test_the_most_central_view_serves(views, seed):
     np.testing.assert_array_equal(found.view[most < 1 - CLOSE] >= 0, True)
     np.testing.assert_array_equal(found.view[most > 1 + 2 * CLOSE], -1)
     served = found.view >= 0
+    np.testing.assert_array_equal(np.flatnonzero(found.used), np.unique(found.view[served]))
     assert (off[found.view, every][served] <= most[served] + CLOSE).all()
     at = pixel[found.view, every][served] + (views[0].width / 2, views[0].height / 2)
     np.testing.assert_allclose(np.stack([found.x, found.y], 1)[served], at, atol=1e-5)  # float32
