@@ -23,7 +23,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import checked, listed, mapping, named, optional, read, record
-from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
+from omniscv.sources.base import Capture, Lens, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.recording.operations import opened_whole
 from omniscv.sources.recording.rows import (
@@ -178,6 +178,12 @@ def _write_folder(store: Store, folder: Path) -> int:
     return len(entries)
 
 
+def _lens(name: str, value: object) -> Lens:
+    if not isinstance(value, dict) or value.keys() != set(Lens._fields):
+        raise ArgumentError(f"{name}: expected {', '.join(Lens._fields)}, got {shown(value)}")
+    return Lens(*(number(f"{name}.{field}", value[field]) for field in Lens._fields))
+
+
 @record(eq=False)
 class _ViewEntry:
     """A view with a rotation matrix, or with yaw, pitch and roll."""
@@ -190,6 +196,7 @@ class _ViewEntry:
     yaw_deg: float | None = checked(optional_number, default=None)
     pitch_deg: float | None = checked(optional_number, default=None)
     roll_deg: float | None = checked(optional_number, default=None)
+    lens: Lens | None = checked(optional(_lens), default=None)
 
     def view(self) -> View:
         """Return the view; ArgumentError for both a rotation and angles."""
@@ -200,7 +207,7 @@ class _ViewEntry:
             raise ArgumentError("expected a rotation or angles, got both")
         else:
             pose = Pose(self.position, self.rotation)
-        return View(pose, self.fov_deg, self.width, self.height)
+        return View(pose, self.fov_deg, self.width, self.height, self.lens)
 
 
 def _view(name: str, value: object) -> View:

@@ -19,6 +19,7 @@ from omniscv.cli import run
 from omniscv.diagnostics.server import cameras_of
 from omniscv.errors import ArgumentError, MissingCaptureError, ServerRefusedError
 from omniscv.sources import Lens, Request, SourceWrapper, View
+from omniscv.sources.recording.folders import export, import_folder
 from omniscv.testing import check_source
 
 EDGE = 48
@@ -135,7 +136,7 @@ def test_a_cine_camera_off_its_axis_captures_what_its_filmback_shows(stretched):
     assert np.median((image.normals @ pose.R_w_c.T * hits.normal).sum(-1)) > 0.999  # they come in 8 bits
 
 
-def test_captures_through_a_lens_are_replayed(stretched):
+def test_captures_through_a_lens_are_replayed_and_go_into_folders_and_back(stretched, tmp_path):
     path, camera, pose, image, _ = stretched
     with omniscv.open_source(path) as replay:
         again = omniscv.render(camera, pose, replay, LAYERS)
@@ -144,6 +145,10 @@ def test_captures_through_a_lens_are_replayed(stretched):
         plain = [Request(dataclasses.replace(view, lens=None), "lit") for view in replay.recorded_views()]
         with pytest.raises(MissingCaptureError, match="lens: "):
             list(replay.capture(plain))
+        export(path, tmp_path / "folder")
+        import_folder(tmp_path / "folder", tmp_path / "again.sqlite")
+        with omniscv.open_source(tmp_path / "again.sqlite") as folder:
+            assert folder.recorded_views() == replay.recorded_views()
     for layer in ("lit", "labels", "depth", "normals", "depth_error"):
         np.testing.assert_array_equal(again[layer], image[layer])
 
