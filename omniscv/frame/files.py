@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from omniscv import modalities, plugins
 from omniscv.arguments import shown, text, whole_number, within
@@ -102,8 +103,23 @@ def _checksum(file: BufferedReader) -> str:
     return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+class _Files(Mapping[str, Path]):
+    """Files by kind: access checks a file, counting and naming them does not."""
+
+    entries: Mapping[str, Any]
+
+    def __contains__(self, kind: object) -> bool:
+        return kind in self.entries
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+
 @dataclass(frozen=True, eq=False)
-class FrameFiles(Mapping[str, Path]):
+class FrameFiles(_Files):
     """The files of a frame of a dataset by kind: paths in a local folder, or of copies of a store's files.
 
     Access checks a file; see the module. It raises DatasetError for one that is missing, or no such file, and
@@ -145,15 +161,6 @@ class FrameFiles(Mapping[str, Path]):
         entry = self.entries[kind]
         return entry.fault(self.folder.local) or _layer_fault(self.folder.local / entry.path, kind, self.size)
 
-    def __contains__(self, kind: object) -> bool:
-        return kind in self.entries
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.entries)
-
-    def __len__(self) -> int:
-        return len(self.entries)
-
     def reference(self, kind: str, out: Path) -> str:
         """Return the name of a file as seen from a folder; of a store its URL, unless it has a stand-in.
 
@@ -168,20 +175,20 @@ class FrameFiles(Mapping[str, Path]):
 
 
 @dataclass(frozen=True, eq=False)
-class ImageFiles(Mapping[str, Path]):
+class ImageFiles(_Files):
     """The files of an image that is in no dataset, by kind. Access checks that a file is a regular one, and
     that a layer has the camera's size; ArgumentError if not.
 
     Attributes:
-        paths: by kind.
+        entries: paths by kind.
         size: of the camera's images.
     """
 
-    paths: Mapping[str, Path]
+    entries: Mapping[str, Path]
     size: Size
 
     def __getitem__(self, kind: str) -> Path:
-        path = self.paths[kind]
+        path = self.entries[kind]
         with within(path):
             try:
                 open_regular(path, links=False).close()
@@ -190,15 +197,6 @@ class ImageFiles(Mapping[str, Path]):
             if wrong := _layer_fault(path, kind, self.size):
                 raise ArgumentError(wrong)
         return path
-
-    def __contains__(self, kind: object) -> bool:
-        return kind in self.paths
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.paths)
-
-    def __len__(self) -> int:
-        return len(self.paths)
 
 
 def _layer_fault(path: Path, kind: str, size: Size) -> str | None:
