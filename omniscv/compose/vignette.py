@@ -12,7 +12,6 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from omniscv.compose.cube import Cube
 from omniscv.geometry import Array
@@ -23,9 +22,9 @@ POOLED = 16
 
 _CODES = 10, 245  # beyond, pictures are too dark, or clipped
 _DEEP, _ROWS, _BLOCKS = 1 / 16, 8, 32  # of a face's width, beside an edge; rows there, and blocks along it
-_LEAST, _ERRORS = 0.05, 5  # the least s that is applied, and in standard errors
+_LEAST, _ERRORS = 0.19, 5  # the least logarithm in the corners that is applied, and in standard errors
 _NOISE = 0.01  # of logarithms of 8-bit codes
-_MOST = 1.0  # of s, which is 0.16 in Unreal by default
+_ROUNDS, _PRIOR = 20, 1e-9
 
 
 def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float] | None:
@@ -39,14 +38,12 @@ def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float]
     if not creases:
         return None
     parts = [np.concatenate(of_edge) for of_edge in zip(*creases, strict=True)]  # of 12 edges, (n, 3)
-    s = _strength(np.concatenate(parts))
-    without = np.array([_strength(np.concatenate(parts[:i] + parts[i + 1 :])) for i in range(12)])
-    error = np.sqrt(11 / 12 * ((without - without.mean()) ** 2).sum())
-    if s < max(_LEAST, _ERRORS * error):
-        return None
-    u = np.linspace(0, 2, 64)
-    (a, b), *_ = np.linalg.lstsq(np.stack([u, u**2], axis=1), 2 * np.log1p(s * u))
-    return float(a), float(b)
+    fitted = _fitted(np.concatenate(parts))
+    without = np.array([_fitted(np.concatenate(parts[:i] + parts[i + 1 :])) for i in range(12)])
+    corner = np.array((2.0, 4.0))  # r^2 and r^4 there
+    lost, left_out = fitted @ corner, without @ corner
+    error = np.sqrt(11 / 12 * ((left_out - left_out.mean()) ** 2).sum())
+    return (float(fitted[0]), float(fitted[1])) if lost > max(_LEAST, _ERRORS * error) else None
 
 
 def _creases(cube: Cube, transfer: str) -> list[Array]:
@@ -73,14 +70,13 @@ def _creases(cube: Cube, transfer: str) -> list[Array]:
     return edges
 
 
-def _strength(creases: NDArray[np.float64]) -> float:
-    """Return s of Unreal's law ``(1 + s r^2)^-2``, robustly."""
+def _fitted(creases: NDArray[np.float64]) -> Array:
+    """Return (a, b) of the creases' logarithms, by least squares that outliers hardly change."""
     y, beside, on_edge = creases.T
-    scale = max(_NOISE, 1.4826 * float(np.median(np.abs(y)))) if len(y) else 1.0
-
-    def misfit(s: float) -> float:
-        off = (y - 2 * np.log1p(s * on_edge) + 2 * np.log1p(s * beside)) / scale
-        return float((off**2 / (1 + off**2)).sum())
-
-    found = minimize_scalar(misfit, bounds=(-0.2, _MOST), method="bounded", options={"xatol": 1e-3})
-    return float(found.x)
+    J, x = np.stack([on_edge - beside, on_edge**2 - beside**2], axis=1), np.zeros(2)
+    for _ in range(_ROUNDS if len(y) else 0):
+        off = y - J @ x
+        scale = max(_NOISE, 1.4826 * float(np.median(np.abs(off))))
+        weighted = J / (1 + (off / scale) ** 2)[:, None] ** 2
+        x = np.linalg.solve(weighted.T @ J + _PRIOR * np.eye(2), weighted.T @ y)
+    return x
