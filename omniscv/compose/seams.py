@@ -34,6 +34,7 @@ _PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
 _EXPLAINED, _GAIN = 0.3, 0.01  # the least that gains explain, and by which one differs from 1
 _CLIPPED = 1e-3  # share of the pixels
 _GAINS = 0.25, 4.0
+_SPARSE = 4  # one of so many pixels tells how large changes are
 _SAMPLES = 128  # of an overlap, along an edge
 _RESIDUAL = 0.03  # of the logarithm, counts as unexplained
 
@@ -56,7 +57,7 @@ class Gains(NamedTuple):
         explained: share of the steps that they explain, 0 to 1.
         proven: whether they explain enough to be applied, and change anything.
         vignette: (a, b) of the logarithm ``-a r^2 - b r^4`` of light, which fits the laws of engines and of
-            lenses; ``r^2`` is 2 in the corners of pictures. Only overscan shows it.
+            lenses; ``r^2`` is 2 in the corners of pictures. Overscan shows it, or several places together.
     """
 
     gains: Array
@@ -220,6 +221,7 @@ def mend(
         return _refused(pixels, "expected smaller steps, got larger ones", report)
     change = np.abs(colors.astype(np.int16) - np.stack(pixels))
     report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(change.mean())}
+    report["change_p99"] = float(np.quantile(change[:, ::_SPARSE, ::_SPARSE], 0.99))
     return Mended(tuple(colors), tuple((change > RELIT).any(axis=-1)), report)
 
 
