@@ -23,7 +23,7 @@ MODES = ("lit", "object_mask", "depth")
 
 
 def examined(source, **options):
-    return omniscv.render(CAMERA, POSE, source, MODES, **{"checks": "light", **options})
+    return omniscv.render(CAMERA, POSE, source, MODES, **{"checks": "light", "face_size": 192, **options})
 
 
 def served(scene, *faults, drawn_only="", **options):
@@ -88,7 +88,7 @@ def test_depth_outside_the_box_of_its_object_is_a_mismatch():
 
 def test_codes_at_the_ends_are_clipped():
     """A vignette that leaves no light in the corners of faces."""
-    image = served("four-wall", "vignette=1")
+    image = served("four-wall", "vignette=1", face_size="auto")
     clipped = (image["light"] & BITS["clipped"]) > 0
     extreme = ((image["lit"] == 0) | (image["lit"] == 255)).any(axis=-1)
     assert 0 < clipped.mean() < 0.05
@@ -97,9 +97,9 @@ def test_codes_at_the_ends_are_clipped():
 
 def test_a_dome_is_the_sky_by_two_signs():
     with omniscv.open_source("scene://open") as source:
-        true = examined(source, checks="none")
+        true = examined(source, checks="none", face_size="auto")
     sky = np.isinf(true["depth"])
-    image = served("open", "sky-dome=100")
+    image = served("open", "sky-dome=100", face_size="auto")
     signs = image.provenance["light"]["objects"]["dome"]["SkyDome"]
     assert signs == ["its name", "a sphere around the camera", "it follows the camera"]
     dome = (image["light"] & BITS["dome"]) > 0
