@@ -44,7 +44,7 @@ def judged(room, camera, pose, way):
     """Return the image's errors, and where it is wrong about hidden centres, away from edges."""
     scene = mock_server.load_scene(room)
     with omniscv.open_source(f"mock://{room}") as source:
-        image = omniscv.render(camera, pose, source, MODES, **way)
+        image = omniscv.render(camera, pose, source, MODES, **{"face_size": 224, **way})
     toward = pose.to_world(camera.unproject().origins) - pose.position
     away = np.linalg.norm(toward, axis=-1)
     centers = np.broadcast_to(pose.position, toward.shape)
