@@ -23,6 +23,7 @@ FACE_BORDER_PX = 4
 
 _ALIGNED = 1 - 1e-9  # cosine between the axes of a face and of one that is aligned with the world
 
+_ON_AN_EDGE = 1 + 1e-9
 _EVERY = 101
 """One of so many rays is tested first: an image that looks everywhere hits all faces already with these."""
 
@@ -100,9 +101,10 @@ def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
     """
     axes_w = np.array([R_w_c[:, 2] for R_w_c in ROTATIONS])
     axes_d = np.ascontiguousarray(axes_w @ R_w_d)
-    some = _faces_hit(np.ascontiguousarray(directions[::_EVERY]), axes_d)
-    if some.all():
-        return np.asarray(some)
+    along = directions[::_EVERY] @ axes_d.T
+    some = (along > 0) & (along * _ON_AN_EDGE >= along.max(axis=1, keepdims=True))
+    if some.any(axis=0).all():  # not by the kernel, which then need not be compiled
+        return ALL_FACES
     parts = blocks(lambda rows: _faces_hit(directions[rows], axes_d), len(directions))
     return np.asarray(np.any(parts, axis=0))
 
@@ -118,6 +120,6 @@ def _faces_hit(directions: Array, axes_d: Array) -> NDArray[np.bool_]:
             along[k] = x * axes_d[k, 0] + y * axes_d[k, 1] + z * axes_d[k, 2]
             most = max(most, along[k])
         for k in range(6):
-            if along[k] > 0.0 and along[k] * (1.0 + 1e-9) >= most:
+            if along[k] > 0.0 and along[k] * _ON_AN_EDGE >= most:
                 hit[k] = True
     return hit
