@@ -61,7 +61,8 @@ def case(rng, folder):
                 process.returncode in (0, 1, *(code for each in sent for code in (-each, 128 + each))),
                 f"{name}, {number.name}: exit code {process.returncode}: {err}",
             )
-            require(len(err.splitlines()) <= 1, f"{name}, {number.name}: {err}")
+            lines = [line for line in err.splitlines() if not line.startswith("omniscv: compiling kernels")]
+            require(len(lines) <= 1, f"{name}, {number.name}: {err}")
         if (work / "room.sqlite").exists():
             ran(["recording", "info", "room.sqlite"])
             verified = ran(["recording", "check", "room.sqlite"])
