@@ -45,7 +45,11 @@ def _accuracy(name: str, value: object) -> float | None:
         return None
     percent = isinstance(value, str) and value.strip().endswith("%")
     share = value.strip().removesuffix("%") if isinstance(value, str) else value
-    return number(name, share, above=0, below=100 if percent else 1) / (100 if percent else 1)
+    try:
+        return number(name, share, above=0, below=100 if percent else 1) / (100 if percent else 1)
+    except ArgumentError:
+        wanted = "expected a share of the pixels, such as 0.1% or 0.001"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}") from None
 
 
 def _names(name: str, value: object) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
-from omniscv.planning.sharing import SAME_M
+from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Color, ObjectTable, Source, View

@@ -9,7 +9,7 @@ they leave in doubt is measured, and captured finer again.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 
@@ -23,11 +23,13 @@ from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Patch, Precision, held, patches
 from omniscv.planning.prices import Price
+from omniscv.planning.ray_marching import KnownDepth
 from omniscv.planning.rays import RayGroup
+from omniscv.planning.reproject import INITIAL_VIEWPOINTS
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, drive
 from omniscv.planning.strategy import Task
 from omniscv.render_options import FINEST_TRUTH, LARGEST_FACE_PX, PRICE
-from omniscv.sources.base import View
+from omniscv.sources.base import Request, View
 
 AIM = "aim"
 _ROOM = 0.029
@@ -56,6 +58,13 @@ _MOST_ROUNDS = 12
 _STILL = 0.9  # of the doubt: what finer captures of everything must bring it below
 _FEW = "adaptive"
 """The strategy of few viewpoints, which several centres are captured with unless another one is given."""
+_DEPTH = 0.01  # relative bound of a depth above which it is doubtful
+_FEW_CENTERS = 2
+"""Centres that are tried first."""
+_LEAST_DOUBT, _MOST_DOUBT = 1.06, 1.3
+"""Doubt of an image against that of its depth, by measurement: edges of labels add to it."""
+_SHRINKS = 1.09
+"""Finer views leave less doubt, by measurement by this root of how much less."""
 _STUCK, _SPENT = "doubt no longer falls", "a budget is spent"
 
 _Probed = Generator[Round, Kept | None, tuple[int, int]]
@@ -117,6 +126,10 @@ class _Planner:
         self._aim = options.accuracy * task.rays.valid_count
         self._requests, self._pixels, self.expected_ms = 0, 0, 0.0
         self._limited = False  # by a budget
+        self._centers: int | None = None
+        self._around: tuple[tuple[Request, ...], Kept | None] = (), None
+        self._scale, self._tried, self._probing = 1, 0, False
+        self._finest = FINEST_TRUTH if task.capabilities.can_set_size else 1
         self._focal_px: Floats = np.zeros(task.rays.valid.size, np.float32)
         self._tries = np.zeros(task.rays.valid.size, np.uint8)  # patches that a pixel was in
 
@@ -129,8 +142,8 @@ class _Planner:
         if kept is not None:
             yield from self._finer(kept)
 
-    def _counted(self, rounds: Rounds) -> _Sent:
-        """Yield rounds, and count what they capture."""
+    def _counted(self, rounds: Rounds, abandon: Callable[[Round], bool] = lambda _: False) -> _Sent:
+        """Yield rounds until one is abandoned, and count what they capture: depth around the camera once."""
         kept: Kept | None = None
         with closing(rounds):
             while True:
@@ -138,10 +151,18 @@ class _Planner:
                     planned = rounds.send(kept)
                 except StopIteration:
                     return kept
-                for request in planned.requests(self._task.modes):
+                if abandon(planned):
+                    return None
+                requests = tuple(planned.requests(self._task.modes))
+                if requests and requests == self._around[0]:
+                    kept = self._around[1]
+                    continue
+                for request in requests:
                     self._requests += 1
                     self._pixels += request.view.width * request.view.height
                 kept = yield planned
+                if kept and len(kept) == 1:
+                    self._around = requests, kept
 
     # -- The first captures
 
@@ -238,18 +259,25 @@ class _Planner:
     # -- Several centres
 
     def _noncentral(self) -> Rounds:
-        """Yield the rounds of a strategy with ground truth as fine as the aim takes in a room, then finer."""
+        """Yield the rounds of a strategy with ground truth as fine as the aim takes, then finer.
+
+        Unless centres are given, a few are tried first, with ground truth as coarse as colours.
+        """
         task, options = self._task, self._task.options
-        chosen = _FEW if options.strategy == "auto" else options.strategy
-        finest = FINEST_TRUTH if task.capabilities.can_set_size else 1
-        expected = _ROOM * SMALLEST / task.edge * task.rays.valid_count / (_SAFE * self._aim)
-        scale, before = max(options.truth_scale, min(finest, math.ceil(expected))), np.inf
+        self._centers, self._scale, finest = options.viewpoints, self._usual_scale, self._finest
+        free = options.strategy == "auto" and options.viewpoints is None and options.truth_scale == 1
+        self._probing = free and finest > 1 and self._can_capture(_FEW_CENTERS, 1)
+        if self._probing:
+            self._centers, self._scale = _FEW_CENTERS, 1
+        before = np.inf
         while True:
-            changed = replace(options, accuracy=None, strategy=chosen, truth_scale=scale)
-            planned = strategy.rounds(replace(task, options=changed))
+            centers, scale = self._centers, self._scale
+            planned = self._shared(centers, scale)
             if before < np.inf:  # colours are there
                 planned = change_viewpoints(planned, self._without_colors)
-            kept = yield from self._counted(planned)
+            kept = yield from self._counted(planned, self._improved)
+            if (self._centers, self._scale) != (centers, scale):
+                continue
             if kept is None or kept.doubt is None:
                 return
             doubtful = int(np.count_nonzero(kept.doubt()))
@@ -268,7 +296,69 @@ class _Planner:
             if stopped:
                 yield Round((), stopped)
                 return
-            scale, before = finer, doubtful
+            self._scale, before = finer, doubtful
+
+    def _shared(self, centers: int | None, scale: int) -> Rounds:
+        """Return the rounds of few centres, or of the strategy that is given."""
+        options = self._task.options
+        chosen = _FEW if options.strategy == "auto" else options.strategy
+        changed = replace(options, accuracy=None, strategy=chosen, viewpoints=centers, truth_scale=scale)
+        return strategy.rounds(replace(self._task, options=changed))
+
+    def _can_capture(self, centers: int | None, scale: int) -> bool:
+        """Return whether a recording, if it is one, holds the depth by which centres are chosen."""
+        task, planned = self._task, list[Round]()
+        if task.recorded is None:
+            return True
+        drive(self._shared(centers, scale), planned.append)
+        kept = [viewpoint for round_ in planned for viewpoint in round_.viewpoints if viewpoint.keep]
+        return task.recorded.hold(view for each in kept for view in each.views_of("depth"))
+
+    @property
+    def _usual_scale(self) -> int:
+        """How much finer ground truth is than colours to reach the aim in a furnished room."""
+        task = self._task
+        expected = _ROOM * SMALLEST / task.edge * task.rays.valid_count / (_SAFE * self._aim)
+        return max(task.options.truth_scale, min(self._finest, math.ceil(expected)))
+
+    def _improved(self, planned: Round) -> bool:
+        """Choose other centres or finer views, if those of a round promise less; return whether it did.
+
+        Depth is known when a round serves pixels: what it leaves in doubt foretells the doubt of the image.
+        """
+        now = self._centers, self._scale
+        serving = [each for each in planned.viewpoints if each.known_depth is not None]
+        if serving:
+            self._choose(serving)
+            self._probing = False
+        elif self._probing and len(planned.viewpoints) > 1:
+            self._tried += 1
+            if self._tried > 1:  # some rays are hidden from the few
+                self._centers, self._scale, self._probing = None, self._usual_scale, False
+        if (self._centers, self._scale) == now:
+            return False
+        if self._can_capture(self._centers, self._scale):
+            return True
+        self._centers, self._scale = now
+        return False
+
+    def _choose(self, serving: Sequence[Viewpoint]) -> None:
+        """Choose how many centres, and how fine, by the depth that viewpoints know."""
+        doubtful = sum(_depth_doubt(each.known_depth) for each in serving if each.known_depth is not None)
+        left, scale, most = doubtful / self._aim, self._scale, self._finest
+        finer = math.ceil(scale * max(1.0, _MOST_DOUBT * left / _SAFE) ** _SHRINKS)
+        if not self._probing:
+            if _LEAST_DOUBT * left > 1 and self._task.options.truth_scale == 1:
+                self._scale = min(most, finer)
+            return
+        usual = min(self._usual_scale, finer)
+        views = [view for each in serving for view in each.views]
+        area, many = sum(view.width * view.height for view in views), INITIAL_VIEWPOINTS / len(serving)
+        few_ms, many_ms = (self.price.of(len(views), area * size**2) for size in (finer, usual))
+        if finer > most or few_ms > many * many_ms or not any(len(each.pixels) for each in serving):
+            self._centers, self._scale = None, usual
+        else:
+            self._scale = finer
 
     def _without_colors(self, viewpoint: Viewpoint) -> Viewpoint:
         return replace(viewpoint, modes=self._truth) if viewpoint.modes is None else viewpoint
@@ -385,6 +475,13 @@ def _view_of(directions_w: Array, views: Sequence[View], border_px: int) -> Ints
         half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
         view_of[held(directions_w, view.pose.R_w_c, half)] = number
     return view_of
+
+
+def _depth_doubt(known: KnownDepth) -> int:
+    """Return how many pixels' depth is in doubt."""
+    with np.errstate(invalid="ignore"):
+        off = ~(known.error <= _DEPTH * known.distance)
+    return int(np.count_nonzero(known.grazes | known.unsure | off))
 
 
 def _once(round_: Round) -> Rounds:

@@ -24,19 +24,21 @@ _EDGE_PX = 64
 """px of a face that shows where optical centres are occluded."""
 
 
-def capture_around(task: Task, groups: Groups) -> Generator[Round, Kept | None, DepthShell | None]:
+def capture_around(
+    task: Task, groups: Groups, shared: bool = False
+) -> Generator[Round, Kept | None, DepthShell | None]:
     """Yield a round of depth pictures at the camera's position, and return the captured depth.
 
-    They are small where each pixel is captured from its own optical centre. Where centres are shared, they
-    also show what rays meet, and are as fine as the image needs; a recording may only have small ones. None
-    where every ray starts at one centre, where a recording has no such pictures, and where nothing is
-    captured.
+    They are small where each pixel is captured from its own optical centre. Where pixels share centres, they
+    also show what rays meet, and are as fine as the image needs; a recording may only have those of another
+    size. None where every ray starts at one centre, where a recording has no such pictures, and where nothing
+    is captured.
     """
     if len(groups) < 2 and (task.rays.origins is None or len(task.rays.own_viewpoints.centers) < 2):
         return None
     center_w = task.pose.t_w_c
-    shared = task.options.viewpoints is not None
-    edges = [max(task.edge, _EDGE_PX), _EDGE_PX] if shared else [_EDGE_PX]
+    fine, small = max(task.edge, _EDGE_PX), _EDGE_PX
+    edges = [small] if task.options.viewpoints is None else [fine, small] if shared else [small, fine]
     sizes = [CubeFaces(task, edge, 0).views(center_w, ALL_FACES) for edge in edges]
     available = [views for views in sizes if task.available(views)]
     if not available:

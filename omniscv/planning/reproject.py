@@ -29,7 +29,8 @@ from omniscv.planning.strategies import cheapest_viewpoints, face_viewpoints
 from omniscv.planning.strategy import Strategy, Task
 from omniscv.sources.base import Capture
 
-_INITIAL_VIEWPOINTS = 8
+INITIAL_VIEWPOINTS = 8
+"""Optical centres that are captured first, if the options give none."""
 _DEFAULT_ERROR_PX = 0.5
 _TRIES = 4
 """Number of centres, nearest first, through which a ray is marched."""
@@ -51,7 +52,7 @@ class Reproject(Strategy):
     max_rounds: ClassVar[int] = 1
 
     def rounds(self, task: Task) -> Rounds:
-        groups = task.groups(None if task.rays.camera.central else _INITIAL_VIEWPOINTS)
+        groups = task.groups(None if task.rays.camera.central else INITIAL_VIEWPOINTS)
         around = yield from capture_around(task, groups)
         if len(groups) < 2:
             yield Round(face_viewpoints(task, groups, around))
@@ -105,7 +106,7 @@ class Adaptive(Reproject):
         return centers_w
 
     def further_views(self, task: Task) -> tuple[int, int]:
-        if len(task.groups(_INITIAL_VIEWPOINTS)) < 2:
+        if len(task.groups(INITIAL_VIEWPOINTS)) < 2:
             return 0, 0
         # An estimate: one round's centres; at most: all rounds', and every one of the camera's own.
         added, own = 6 * _MOST_ADDED, 6 * len(task.rays.own_viewpoints.centers)

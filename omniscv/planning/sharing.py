@@ -14,12 +14,10 @@ import numpy as np
 from omniscv.geometry import Pose
 from omniscv.planning.accuracy import rounds
 from omniscv.planning.rounds import Round, Rounds, drive
+from omniscv.planning.strategies import SAME_M
 from omniscv.planning.strategy import Task
 from omniscv.planning.strips import PIXELS_PER_REQUEST
 from omniscv.sources.base import Request
-
-SAME_M = 1e-9
-"""Optical centres nearer to each other than this are one."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,12 +19,13 @@ from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import sees
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
-from omniscv.planning.sharing import SAME_M
 from omniscv.planning.strategy import Strategy, Task, get
 from omniscv.planning.strips import STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
 
+SAME_M = 1e-9
+"""Optical centres nearer to each other than this are one."""
 _SHARED = 0.05
 """Distance from a viewpoint, relative to the nearest surface's, within which its own captures bound the depth
 of rays well enough."""
@@ -48,7 +49,7 @@ class Exact(Strategy):
             expected = "expected 'auto', 'adaptive' or a number of viewpoints for a camera whose every pixel"
             raise ArgumentError(f"strategy: {expected} has an optical centre of its own, got {self.name!r}")
         groups = task.groups()
-        around = yield from capture_around(task, groups)
+        around = yield from capture_around(task, groups, shared=True)
         yield Round(self.viewpoints(task, groups, around))
 
 
