@@ -4,7 +4,7 @@ view."""
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -227,12 +227,14 @@ def _own_view(task: Task, group: RayGroup) -> View | None:
     """
     pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c)
     if task.recorded is not None:
-        views: Iterable[View] = task.recorded.through_lenses(pose)
+        views = tuple(task.recorded.through_lenses(pose))
     else:
         own = task.capabilities
         if own.lens is None or own.fov_deg is None or own.image_size is None:
             return None
         views = (View(pose, own.fov_deg, *own.image_size, own.lens),)
+    if not views:
+        return None  # most sources have no lens: without turning a ray
     directions_w = group.directions @ pose.R_w_c.T
     return next((view for view in views if sees(view, directions_w).all()), None)
 
