@@ -41,10 +41,7 @@ Render = Callable[[Source, Camera, Pose, tuple[str, ...]], OmniImage]
 _SKY_NAMES = re.compile(r"sky|dome|backdrop|hdri", re.IGNORECASE)
 _DOME_PX, _SPHERE, _RADIUS = 200, 0.01, 2.0  # misfit of a sphere; its radius, by the median distance
 _LEAST_PX = 60
-_OUTSIDE_M, _OUTSIDE = (
-    0.02,
-    0.01,
-)  # by which points may be outside their object's box: metres, of the distance
+_OUTSIDE_M, _OUTSIDE = 0.02, 0.01  # points may be so far outside their object's box: metres, of the distance
 _BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
 _BESIDE_M, _NEAREST = 0.5, 0.4  # how far beside: metres, and of the nearest surface's distance
 _LARGEST_PX = 4096  # of the panorama that is seen there

@@ -7,7 +7,7 @@ knows a cause: whatever makes captures contradict each other is found.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,25 +29,16 @@ Mask = NDArray[np.bool_]
 
 _TURNED = [(yaw, pitch) for yaw, pitch in zip(range(20, 380, 60), (35, -40, 10, 50, -25, -55), strict=True)]
 _BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
-_BESIDE_M, _BESIDE_SHARE = (
-    0.5,
-    0.4,
-)  # how far the second centre is: metres, and of the nearest surface's distance
+_BESIDE_M, _BESIDE_SHARE = 0.5, 0.4  # to the second centre: metres, and of the nearest distance
 _FAR_M = 1e6  # of the sky
 _SMOOTH = 2e-3  # second differences of inverse depth, relative, below which it is interpolated
 _DEPTH, _LEVELS = 2e-3, 4.0  # relative depth and grey levels by which captures may differ
 _SCALE, _NEARLY, _LEAST_M = 4e-3, 0.02, 0.05  # of depth; in which points; after which moves, metres
 _AROUND = np.ones((5, 5), np.uint8)
-_GONE, _GONE_SHARE = (
-    0.05,
-    5e-4,
-)  # by how much farther another capture sees, and the share of pixels where it may
+_GONE, _GONE_SHARE = 0.05, 5e-4  # by how much farther another capture sees, and in which share of pixels
 _SHARE, _OF_OBJECT, _OF_COLORS = 0.01, 0.25, 0.015  # of pixels, of an object's points, and of its colours
 _LEAST_PX = 60
-_OUTSIDE_M, _OUTSIDE = (
-    0.03,
-    0.01,
-)  # by which points may be outside their object's box: metres, of the distance
+_OUTSIDE_M, _OUTSIDE = 0.03, 0.01  # points may be so far outside their object's box: metres, of the distance
 _CROSSED_PX = 150  # rays that enter the box of an object that is not shown
 _SPHERE, _SPHERE_PX = 2e-3, 2000
 _AGAIN_LEVELS = 0.5
@@ -209,7 +200,7 @@ def _again(first: Shot, again: Shot) -> Finding:
     return Finding.unless(same, "same again", value, "bad", f"pause the game; {_EFFECTS}")
 
 
-def _agree(how: str, overlaps: Sequence[Overlap], off: object) -> Iterator[Finding]:
+def _agree(how: str, overlaps: Sequence[Overlap], off: Callable[[Array], Array]) -> Iterator[Finding]:
     behind = np.concatenate([each.behind for each in overlaps])
     masks, lit = (np.concatenate([getattr(each, key) for each in overlaps]) for key in ("masks", "lit"))
     if len(behind) < _LEAST_PX:
@@ -217,7 +208,7 @@ def _agree(how: str, overlaps: Sequence[Overlap], off: object) -> Iterator[Findi
             f"depth, {how}", "nothing to compare", "warning", "give --position where more is visible"
         )
         return
-    wrong = float((off(behind) > _DEPTH).mean())  # type: ignore[operator]
+    wrong = float((off(behind) > _DEPTH).mean())
     yield Finding.unless(wrong <= _SHARE, f"depth, {how}", f"{wrong:.2%} disagrees", "bad", _POSES)
     if len(lit) < _LEAST_PX:
         return  # no surface is where the other capture shows it
