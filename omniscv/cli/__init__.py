@@ -101,8 +101,12 @@ def main() -> None:
     """Run the process's command line, and exit with its code."""
     if isinstance(sys.stdout, TextIOWrapper):  # names may have characters that the encoding lacks
         sys.stdout.reconfigure(errors="backslashreplace")
+    sys.exit(signals.unwound(_run_process))
+
+
+def _run_process() -> int:
     _say_what_is_logged()
-    sys.exit(signals.unwound(lambda: run(sys.argv[1:])))
+    return run(sys.argv[1:])
 
 
 def _has_working_folder() -> bool:

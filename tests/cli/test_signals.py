@@ -8,6 +8,7 @@ import time
 import pytest
 from support.processes import OMNISCV, started
 
+from omniscv import cli
 from omniscv.errors import NotARecordingError, RecordingError
 from omniscv.sources.recording.inspection import info, verify
 
@@ -79,3 +80,12 @@ sys.exit(signals.unwound(command))
 """
     done = subprocess.run([sys.executable, "-c", interrupted], timeout=60, capture_output=True)
     assert (done.returncode, done.stderr) == (130, b"")
+
+
+def test_a_signal_before_the_command_begins_stops_it_too(monkeypatch):
+    """Nothing of a command runs outside of what unwinds it."""
+    monkeypatch.setattr(cli, "_say_what_is_logged", lambda: pytest.fail("it is not guarded"))
+    monkeypatch.setattr(cli.signals, "unwound", lambda command: 130)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 130
