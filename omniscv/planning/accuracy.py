@@ -306,13 +306,14 @@ class _Planner:
         return strategy.rounds(replace(self._task, options=changed))
 
     def _can_capture(self, centers: int | None, scale: int) -> bool:
-        """Return whether a recording, if it is one, holds the depth by which centres are chosen."""
+        """Return whether budgets allow centres, and a recording, if it is one, holds their depth."""
         task, planned = self._task, list[Round]()
-        if task.recorded is None:
-            return True
         drive(self._shared(centers, scale), planned.append)
-        kept = [viewpoint for round_ in planned for viewpoint in round_.viewpoints if viewpoint.keep]
-        return task.recorded.hold(view for each in kept for view in each.views_of("depth"))
+        if task.recorded is not None:
+            kept = [viewpoint for round_ in planned for viewpoint in round_.viewpoints if viewpoint.keep]
+            return task.recorded.hold(view for each in kept for view in each.views_of("depth"))
+        requests = [each for round_ in planned for each in round_.requests(task.modes)]
+        return not self._full(sum(each.view.width * each.view.height for each in requests), len(requests))
 
     @property
     def _usual_scale(self) -> int:
@@ -335,10 +336,11 @@ class _Planner:
             self._tried += 1
             if self._tried > 1:  # some rays are hidden from the few
                 self._centers, self._scale, self._probing = None, self._usual_scale, False
-        if (self._centers, self._scale) == now:
-            return False
-        if self._can_capture(self._centers, self._scale):
-            return True
+        coarsest = now[1] + 1 if self._centers == now[0] else 1
+        for scale in range(self._scale, coarsest - 1, -1):
+            if self._can_capture(self._centers, scale):
+                self._scale = scale
+                return True
         self._centers, self._scale = now
         return False
 

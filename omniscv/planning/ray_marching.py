@@ -37,6 +37,7 @@ _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels tha
 _ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
 _BEHIND = 1.0 + 1e-6  # relative depth beyond which a ray's origin is hidden from the centre
 _DEEPER_PX, _TOUCHING = 2.0, 4.0  # a ray grazes if so many px on it is less than so many depth errors behind
+_BESIDE_PX, _BESIDE = 2.5, 0.98  # a nearer surface beside: so many px away, and relative depth below
 _SHORT = 0.25  # of the reach: a longer hidden part of a ray's way may hold anything
 _LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays have no sharper error
 
@@ -256,7 +257,7 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
     if not shell.cube and psi < start:
         hits.hidden_from[i], hits.hidden_to[i] = 0.0, foot + h / np.tan(psi)
         first = False
-    met_at, passed = -1.0, np.inf
+    met_at, passed, ahead = -1.0, np.inf, np.inf
     while True:
         psi = max(psi, end)
         was_free = was_free or first
@@ -267,15 +268,19 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
             captured = pixel_depth(shell.depth[k], u, v)
             if planar < captured:
                 free = True
+                if planar >= ahead * along:
+                    passed = min(passed, _passed_beside(shell, arc, psi, ahead))
                 beside = pixel_depth(shell.nearest[k], u, v)
+                ahead = beside / along
                 if planar >= beside:
-                    passed = min(passed, _passing(arc, psi, beside / along))
+                    passed = min(passed, _passing(arc, psi, ahead))
             elif was_free and not (first and planar > planar_depth(shell, k, u, v) * _BEHIND):
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
                 behind, before = max(psi - step, 0.5 * end), min(psi + 2 * step, np.pi)
                 at, gap = _refined(shell, arc, behind, before)
                 if abs(gap) <= _ON_SURFACE * (1.0 + h / np.sin(at)):
                     met_at = at
+                    passed = min(passed, _passed_beside(shell, arc, at, ahead))
                     break
         if not free:
             hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(min(psi + step, np.pi - 1e-9)))
@@ -301,6 +306,20 @@ def _passing(arc: Any, psi: float, surface_m: float) -> float:
     s, c = np.sin(psi), np.cos(psi)
     away = np.sqrt(max(0.0, surface_m**2 - arc.h * arc.h))
     return float(min(arc.foot + (away if c > 0 else -away), arc.foot + arc.h * c / s))
+
+
+@njit(cache=True, nogil=True)
+def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
+    """Return the reach at which a ray before a surface may have met a nearer one beside it; +inf if none.
+
+    A ray that leads almost away from the centre passes much in one step: ``ahead`` is the distance from the
+    centre of what was beside it, and farther, a step ago.
+    """
+    k, u, v, along = look_up(shell, _toward(arc, psi))
+    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    own = point.inverse + point.error + _BESIDE_PX * (abs(point.across) + abs(point.down))
+    beside = min(pixel_depth(shell.nearest[k], u, v), ahead * along)
+    return _passing(arc, psi, beside / along) if beside * own < _BESIDE else np.inf
 
 
 @njit(cache=True, nogil=True)

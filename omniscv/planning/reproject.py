@@ -63,7 +63,7 @@ class Reproject(Strategy):
             viewpoints = tuple(search.depth_viewpoint(center_w) for center_w in centers_w)
             kept = yield Round(viewpoints)
             if kept is None:  # only a plan: as if every centre served a pixel
-                known = KnownDepth(*np.zeros((5, 0)))
+                known = KnownDepth(*np.zeros((3, 0), np.float32), *np.zeros((2, 0), np.bool_))
                 yield Round(tuple(replace(v, modes=None, keep=False, known_depth=known) for v in viewpoints))
                 return
             search.march([captures["depth"] for captures in kept])

@@ -103,9 +103,10 @@ def test_sources_that_cannot_set_views(capabilities, stopped):
 
 
 def test_budgets_are_kept_and_named():
-    for budget in ({"most_captures": 24}, {"most_megapixels": 4.0}):
+    budgets = {"most_captures": 24}, {"most_megapixels": 4.0}
+    for camera, budget in ((PANORAMA, budgets[0]), (PANORAMA, budgets[1]), (RING, budgets[1])):
         with source() as counted:
-            image = made(PANORAMA, counted, accuracy="0.1%", **budget)
+            image = made(camera, counted, TRUTH, accuracy="0.1%", **budget)
         assert image.effort.stopped == "a budget is spent"
         assert counted.requests <= budget.get("most_captures", np.inf)
         assert counted.pixels <= 1e6 * budget.get("most_megapixels", np.inf)
