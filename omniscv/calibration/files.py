@@ -102,10 +102,11 @@ def load(
 def _format_of(text: str) -> str:
     """Return the format that a file's content shows."""
     opencv_model = opencv.model_of(text)  # parses the file, so only once
+    others = not opencv.is_own_yaml(text)
     matches = [
         name
         for name, known in _FORMATS.items()
-        if (known.recognises(text) if known.recognises else name == opencv_model)
+        if (others and known.recognises(text) if known.recognises else name == opencv_model)
     ]
     if len(matches) == 1:
         return matches[0]

@@ -267,9 +267,14 @@ def model_of(text: str) -> str | None:
         return "opencv-omnidir"
     if (flag := str(values.get("fisheye_model"))) in ("0", "1"):
         return "opencv-fisheye" if flag == "1" else "opencv"
-    if (lens := values.get("distortion_model")) is not None:
-        return "opencv-fisheye" if lens in _ROS_FISHEYES else "opencv"
-    return EITHER if count == 4 else "opencv"
+    if any(values.get(key) in _FISHEYES for key in ("distortion_model", "camera_model", "model")):
+        return "opencv-fisheye"
+    return EITHER if count == 4 and "distortion_model" not in values else "opencv"
+
+
+def is_own_yaml(text: str) -> bool:
+    """Return whether a text has what only OpenCV writes into YAML: its first line, or tags of matrices."""
+    return _NOT_YAML.search(text) is not None
 
 
 EITHER = "opencv or opencv-fisheye"
@@ -278,7 +283,7 @@ _D = "distortion_coefficients"
 _NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
 _HAS_MATRIX = re.compile(r"""\bcamera_?[mM]atrix\b|^[ \t{]*["']?[Kk]["']?[ \t]*:""", re.MULTILINE)
 _MODEL_NAMES = ("the plain model", "OpenCV's fisheye model")
-_ROS_FISHEYES = ("equidistant", "fisheye")
+_FISHEYES = ("equidistant", "fisheye")
 _OTHER_KEYS = {
     **dict.fromkeys(("K", "k", "cameraMatrix"), "camera_matrix"),
     **dict.fromkeys(("D", "d", "distCoeffs", "dist_coeffs"), _D),

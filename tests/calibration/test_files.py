@@ -275,3 +275,12 @@ def test_a_bad_opencv_file_is_refused(old: str, new: str, message: str, tmp_path
     with pytest.raises(ArgumentError, match=message) as error:
         calibration.read_opencv_fisheye(text.replace(old, new))
     assert_clear(error)
+
+
+@pytest.mark.parametrize("key", ["model", "camera_model", "distortion_model"])
+def test_a_word_for_the_lens_in_a_file_of_opencv(key, tmp_path):
+    """Other formats have these keys, too, but not the first line and the tags that OpenCV writes."""
+    text = text_of("opencv-fisheye", tmp_path).replace("fisheye_model: 1", f"{key}: fisheye")
+    assert key in text
+    (tmp_path / "lens.yml").write_text(text)
+    assert_same_rays(calibration.load(tmp_path / "lens.yml")["cam0"], LENS)
