@@ -96,7 +96,7 @@ def test_at_the_centres_of_its_pixels_an_image_is_the_capture(number, source):
     label = np.array([source.objects().label(names[i]) if i in names else 0 for i in range(1 + max(names))])
     assert np.array_equal(image.lit, lit)
     assert np.array_equal(image.labels, label[ids])
-    lengths = pinhole.ray_lengths(FACE_PX / 2, FACE_PX, FACE_PX)
+    lengths = View(Pose(PLACE, np.eye(3)), 90.0, FACE_PX, FACE_PX).ray_lengths()
     finite = np.isfinite(depth)
     assert np.array_equal(np.isfinite(image.depth), finite)
     assert np.allclose(image.depth[finite], (depth * lengths)[finite], rtol=1e-6)
