@@ -55,7 +55,7 @@ NAMED = [
     ("exposure-drift", "seams", "exposure", "between pictures"),
     ("vignette", "seams", "vignette", "corners"),
     ("bloom=0.5", "seams", "seam left|down", "levels"),
-    ("late-objects=5", "motion", "captures follow a move", "stale ticks: 5"),
+    ("late-objects=7", "motion", "captures follow a move", "stale ticks: "),
     ("ignore-pause", "motion", "world pauses", "Ball still moving"),
 ]
 REFUSED = [("refuse-mask", "Captured data is empty"), ("authentication", "Authentication required")]
