@@ -40,10 +40,14 @@ class _Files(FunctionCache):  # type: ignore[misc]
     """The files of a kernel, read without preparing to compile."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel of a signature from its file, or None."""
+        """Return the kernel of a signature from its file, or None.
+
+        Processes that compile at the same time may write kernels of two signatures under one name.
+        """
         _name_allocators()
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            kernel = self._load_overload(sig, target_context)
+            return kernel if kernel is None or kernel.signature.args == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a kernel for later processes; where the disk is full, it is not kept."""

@@ -56,6 +56,24 @@ def test_a_kernel_of_the_cache_runs_without_what_compiles(tmp_path):
     assert [run(tmp_path, **cache).stdout for _ in "12"] == ["0 True\n", "1 False\n"]
 
 
+TWO_SIGNATURES = (
+    KERNEL.partition("assert")[0]
+    + """
+assert doubled(np.arange(3.0)).tolist() == doubled(np.arange(3)).tolist() == [0, 2, 4]
+print(sum(doubled.stats.cache_hits.values()))
+"""
+)
+
+
+def test_a_kernel_of_another_signature_is_not_taken(tmp_path):
+    """Processes that compile at the same time may write two kernels under one name: numba counts its files."""
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert [run(tmp_path, TWO_SIGNATURES, **cache).stdout for _ in "12"] == ["0\n", "2\n"]
+    first, second = sorted((tmp_path / "cache").rglob("*.nbc"))
+    second.write_bytes(first.read_bytes())
+    assert [run(tmp_path, TWO_SIGNATURES, **cache).stdout for _ in "12"] == ["1\n", "2\n"]
+
+
 def test_a_command_says_once_that_it_compiles(tmp_path):
     """Where kernels are in the cache it says nothing."""
     kernel = KERNEL.partition("assert")[0]

@@ -73,10 +73,16 @@ def test_a_document_runs(name, folder, ports, processes):
 
 
 def execute(document, name, folder, ports):
+    """Run a document with faces that are small wherever the planner chooses their size."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(densities, "SMALLEST", LEAST_PX)
+        run_blocks(document, name, folder, ports)
+
+
+def run_blocks(document, name, folder, ports):
     """Write the files of a document, run its Python in one namespace, and its commands."""
     tests = any("def test_" in block.text for block in document if block.language == "python")
     namespace, ran = {"__name__": "__main__"}, set()
-    densities.SMALLEST = LEAST_PX  # of faces that are as large as is good for edges
     for block in document:
         if block.file_name():
             (folder / block.file_name()).write_text(shrunk(block.text), encoding="utf-8")
