@@ -66,7 +66,7 @@ print(sum(doubled.stats.cache_hits.values()))
 
 
 def test_a_kernel_of_another_signature_is_not_taken(tmp_path):
-    """Processes that compile at the same time may write two kernels under one name: numba counts its files."""
+    """Processes that compile at the same time may write two kernels under one name: numba numbers files."""
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     assert [run(tmp_path, TWO_SIGNATURES, **cache).stdout for _ in "12"] == ["0\n", "2\n"]
     first, second = sorted((tmp_path / "cache").rglob("*.nbc"))
