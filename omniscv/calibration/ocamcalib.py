@@ -28,7 +28,7 @@ from omniscv.arguments import numbers, shown, within
 from omniscv.calibration.common import only_camera, whole_number
 from omniscv.calibration.intrinsics import HALF_PIXEL, refuse_limit
 from omniscv.cameras import Camera, Scaramuzza
-from omniscv.cameras.base import Array
+from omniscv.cameras.arrays import Array
 from omniscv.errors import ArgumentError
 
 _INVERSE_ERROR_PX = 0.01

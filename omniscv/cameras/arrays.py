@@ -1,4 +1,4 @@
-"""Arrays of pixels and vectors: grids, radius and azimuth, rows that are not valid."""
+"""Arrays of pixels and vectors: grids, radius and azimuth."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,6 +8,9 @@ from omniscv.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+ROUNDING = 1e-12
+"""Relative rounding error of a radius."""
 
 
 def grid_axes(pixels: Array) -> tuple[Array, Array]:
@@ -23,21 +26,6 @@ def vectors(x: Array, y: Array, z: Array) -> Array:
     xyz = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
     xyz[..., 0], xyz[..., 1], xyz[..., 2] = x, y, z
     return xyz
-
-
-def replaced(keep: Mask, rows: Array, instead: ArrayLike) -> Array:
-    """Return ``rows`` (..., n) with ``instead`` where ``keep`` (...) is False; no copy if all are kept."""
-    return rows if keep.all() else np.where(keep[..., None], rows, instead)
-
-
-def blanked(rows: Array, keep: Mask) -> Array:
-    """Return ``rows`` (..., 3), which may be changed in place, with NaN where ``keep`` (...) is False."""
-    if not keep.all():
-        from omniscv.cameras import camera_kernels  # slow to load
-
-        rows = np.require(rows, requirements=("C", "W"))
-        camera_kernels.blank(rows.reshape(-1, 3), keep.reshape(-1))
-    return rows
 
 
 def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:

@@ -34,11 +34,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import numbers, whole_number
-from omniscv.cameras.arrays import blanked, replaced
+from omniscv.cameras.arrays import Array, Mask
 from omniscv.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """The types of constructor arguments."""
 
@@ -130,11 +128,11 @@ class Camera(ABC):
         uv = self.pixels() if pixels is None else _last_axis("pixels", pixels, 2)
         with np.errstate(all="ignore"):
             inside = np.ones(uv.shape[:-1], dtype=bool) if pixels is None else self._in_image(uv)
-            origins, directions, valid = self._unproject(replaced(inside, uv, self.center))
+            origins, directions, valid = self._unproject(_replace(uv, inside, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
         if origins.shape != directions.shape:  # one per row or column of a grid
             origins = np.array(np.broadcast_to(origins, directions.shape))
-        return Rays(blanked(origins, valid), blanked(directions, valid), valid)
+        return Rays(_blank(origins, valid), _blank(directions, valid), valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, Mask]:
         """Return the pixels that see points.
@@ -151,10 +149,10 @@ class Camera(ABC):
             x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
             largest = np.maximum(np.maximum(x, y), z)
             known = np.asarray((largest > 0 if self.central else True) & (largest <= FARTHEST))
-            pixels, valid = self._project(replaced(known, xyz, 1.0))
+            pixels, valid = self._project(_replace(xyz, known, 1.0))
             pixels, inside = self._within_image(pixels)
             valid = np.asarray(valid & known & inside)
-        return replaced(valid, pixels, np.nan), valid
+        return _replace(pixels, valid, np.nan), valid
 
     def valid(self, pixels: ArrayLike | None = None) -> Mask:
         """Return which pixels have a ray, (...) bool; (H, W) for every pixel if not given."""
@@ -294,6 +292,21 @@ def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
             f"{key}: expected numbers of shape (..., {size}), got {array.dtype} of shape {array.shape}"
         )
     return array.astype(np.float64, copy=False)
+
+
+def _replace(rows: Array, keep: Mask, value: ArrayLike) -> Array:
+    """Return ``rows`` (..., n) with ``value`` where ``keep`` (...) is False; no copy if all are kept."""
+    return rows if keep.all() else np.where(keep[..., None], rows, value)
+
+
+def _blank(rows: Array, keep: Mask) -> Array:
+    """Return ``rows`` (..., 3), which may be changed in place, with NaN where ``keep`` (...) is False."""
+    if not keep.all():
+        from omniscv.cameras import camera_kernels  # slow to load
+
+        rows = np.require(rows, requirements=("C", "W"))
+        camera_kernels.blank(rows.reshape(-1, 3), keep.reshape(-1))
+    return rows
 
 
 def viewpoints_by_line(origins: Array, valid: Mask, axis: int, count: int | None) -> Viewpoints:

@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Literal, Self, get_args
 import numpy as np
 
 from omniscv.arguments import one_of, whole_number
-from omniscv.cameras.base import Array, CentralCamera, Mask
+from omniscv.cameras.arrays import Array, Mask
+from omniscv.cameras.base import CentralCamera
 from omniscv.cameras.registry import register
 
 Layout = Literal["strip", "3x2", "cross", "dice"]
@@ -109,9 +110,6 @@ class CubeMap(CubeLayout):
 
     name = "cube-map"
 
-    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
-        super().__init__(width, height, layout, padding_px)
-
 
 @register
 class EquiangularCube(CubeLayout):
@@ -128,9 +126,6 @@ class EquiangularCube(CubeLayout):
     name = "equiangular-cube"
     _equiangular = True
     _layouts: ClassVar[dict[str, Slots]] = {**LAYOUTS, "3x2": (("L0", "F0", "R0"), ("D3", "B1", "U3"))}
-
-    def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
-        super().__init__(width, height, layout, padding_px)
 
 
 _SQUARE_EDGE = 1 - 2e-15  # keeps rays off the square's edge, where two pixels see them
@@ -154,10 +149,7 @@ class Octahedral(CentralCamera):
         self._size = np.array([self.width, self.height])
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
-        x, y = (
-            np.clip(2 * pixels[..., i] / size - 1, -_SQUARE_EDGE, _SQUARE_EDGE)
-            for i, size in enumerate(self._size)
-        )
+        x, y = np.moveaxis(np.clip(2 * pixels / self._size - 1, -_SQUARE_EDGE, _SQUARE_EDGE), -1, 0)
         z = 1 - np.abs(x) - np.abs(y)
         x, y = _folded(x, y, z)
         scale = 1 / np.sqrt(x * x + y * y + z * z)

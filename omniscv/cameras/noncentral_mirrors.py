@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
-from omniscv.cameras.arrays import polar
-from omniscv.cameras.base import FARTHEST, Array, Viewpoints
+from omniscv.cameras.arrays import ROUNDING, Array, polar
+from omniscv.cameras.base import FARTHEST, Viewpoints
 from omniscv.cameras.monotone import increasing_root
-from omniscv.cameras.radial import ROUNDING, CircleCamera, Meridian
+from omniscv.cameras.radial import CircleCamera, Meridian
 from omniscv.cameras.registry import register
 
 _BLOCK = 1 << 14  # points per block: its arrays fit the processor's cache

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 
 from omniscv.arguments import number, one_of
-from omniscv.cameras.arrays import grid_axes, sin_cos_of_half, vectors
-from omniscv.cameras.base import Array, Camera, CentralCamera, Mask
+from omniscv.cameras.arrays import Array, Mask, grid_axes, sin_cos_of_half, vectors
+from omniscv.cameras.base import Camera, CentralCamera
 from omniscv.cameras.registry import register
 
 Profile = Literal["angular", "perspective", "mercator", "miller", "equal-area"]
@@ -17,6 +17,9 @@ class AngularGrid(Camera):
     """Azimuth by column and elevation by row, in equal steps, to half the field of view on either side."""
 
     _half = np.array([np.pi, np.pi / 2])
+
+    def __init__(self, width: int, height: int) -> None:
+        super().__init__(width, height)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -54,9 +57,6 @@ class Equirectangular(AngularGrid, CentralCamera):
     """
 
     name = "equirectangular"
-
-    def __init__(self, width: int, height: int) -> None:
-        super().__init__(width, height)
 
 
 class _Rows(NamedTuple):

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, optional_number
-from omniscv.cameras.arrays import polar, refuse_focal_and_fov, sin_cos_of_half
-from omniscv.cameras.base import Array, Camera, CentralCamera, Mask
+from omniscv.cameras.arrays import ROUNDING, Array, Mask, polar, refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.base import Camera, CentralCamera
 from omniscv.cameras.distortion import Distortion
 
-ROUNDING = 1e-12  # relative rounding error of a radius
 BEFORE_TURN = 1 - 1e-7
 """Fraction of the radius where rays turn back up to which float64 separates the rays of pixels to 1e-6 px."""
 _BLOCK = 1 << 13  # pixels per block: its arrays fit the processor's cache

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, viewpoints_by_line
+from omniscv.cameras.arrays import Array, Mask
+from omniscv.cameras.base import Camera, Viewpoints, viewpoints_by_line
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -132,7 +133,7 @@ class RollingShutter(Camera):
 
         ``last`` itself is excluded. Other pixels are not valid.
         """
-        return ReadOutLines(**self._arguments(), first=first, last=last)
+        return ReadOutLines(first, last, **self._arguments())
 
     # -- rays -----------------------------------------------------------------------------------
 
@@ -262,28 +263,21 @@ class ReadOutLines(RollingShutter):
 
     Args:
         first, last: fractions of the read-out; ``last`` itself is excluded.
+        shutter: arguments of the whole camera.
     """
 
     name = "rolling-shutter-lines"
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        base: Camera | Mapping[str, Any],
-        readout: float,
-        velocity: ArrayLike = (0.0, 0.0, 0.0),
-        angular_velocity_deg: ArrayLike = (0.0, 0.0, 0.0),
-        scan: Scan = "top-to-bottom",
-        first: float = 0.0,
-        last: float = 1.0,
-    ) -> None:
-        super().__init__(width, height, base, readout, velocity, angular_velocity_deg, scan)
-        self.first, self.last = number("first", first), number("last", last)
+    def __init__(self, first: float, last: float, **shutter: Any) -> None:
+        super().__init__(**shutter)
+        self._first, self._last, self._shutter = first, last, shutter
+
+    def _arguments(self) -> dict[str, Any]:
+        return {"first": self._first, "last": self._last, **self._shutter}
 
     def _is_read(self, pixels: Array) -> Mask:
         part = self._part(pixels)
-        return np.asarray((part >= self.first) & (part < self.last))
+        return np.asarray((part >= self._first) & (part < self._last))
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         origins, directions, valid = super()._unproject(pixels)
