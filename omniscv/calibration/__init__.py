@@ -1,20 +1,22 @@
 """Calibration files of other programs: OpenCV, Kalibr, COLMAP, OCamCalib, Aria, Isaac Sim, NCore.
 
 The module of each format says what it carries, and how its pixel centres relate to ours, which are at .5.
-A format that cannot carry a camera raises ``ArgumentError``; nothing is approximated silently.
+Readers raise ``ArgumentError`` for text that does not follow the format, writers for cameras, names and poses
+that the format cannot carry. Nothing is approximated silently.
 """
 
 from omniscv.calibration.aria import read_aria, rig_from_aria, rig_to_aria, write_aria
 from omniscv.calibration.colmap import read_colmap, rig_from_colmap, rig_to_colmap, write_colmap
-from omniscv.calibration.common import read_json, write_json
 from omniscv.calibration.files import (
     FormatName,
     RigFormat,
     formats,
     load,
     load_rig,
+    read_json,
     save,
     save_rig,
+    write_json,
 )
 from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.kalibr import read_kalibr, rig_from_kalibr, rig_to_kalibr, write_kalibr

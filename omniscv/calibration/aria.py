@@ -19,20 +19,25 @@ from typing import Any
 
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration.common import known, parse_mapping, read_known, vector
-from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, read_numbers
+from omniscv.calibration.intrinsics import (
+    HALF_PIXEL,
+    FormatModel,
+    camera_of,
+    format_models,
+    read_numbers,
+    write_numbers,
+)
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.records import checked, record
 
-_TABLE = """
+_MODELS = format_models("""
 FisheyeRadTanThinPrism fisheye624     f cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3
 KannalaBrandtK3        kannala-brandt fx fy cx cy k1 k2 k3 k4
 Fisheye62              fisheye624     f cx cy k0 k1 k2 k3 k4 k5 p0 p1
-"""
-_ROWS = [line.split() for line in _TABLE.strip().splitlines()]
-_MODELS = {name: FormatModel(name, model, tuple(names)) for name, model, *names in _ROWS}
+""")
 _SIZES = {
     "camera-slam-left": (640, 480),
     "camera-slam-right": (640, 480),
@@ -82,30 +87,17 @@ class _Entry:
 
 
 def read_aria(text: str) -> dict[str, Camera]:
-    """Return the cameras of a device's calibration by their labels.
-
-    Raises:
-        ArgumentError: not JSON, a key missing or wrong, an unknown label or model, or no camera.
-    """
+    """Return the cameras of a device's calibration by their labels."""
     return {label: mounted.camera for label, mounted in rig_from_aria(text).cameras.items()}
 
 
 def write_aria(cameras: Mapping[str, Camera]) -> str:
-    """Return the JSON of cameras named by labels, all at the device's origin.
-
-    Raises:
-        ArgumentError: an unknown label, an image size that is not its label's, or a model that Aria does not
-            have.
-    """
+    """Return the JSON of cameras named by labels, all at the device's origin."""
     return rig_to_aria(Rig({label: RigCamera(camera) for label, camera in cameras.items()}))
 
 
 def rig_from_aria(text: str) -> Rig:
-    """Return the cameras of a device's calibration with their poses in the device's frame.
-
-    Raises:
-        ArgumentError: as :func:`read_aria`.
-    """
+    """Return the cameras of a device's calibration with their poses in the device's frame."""
     entries = parse_mapping(text).get("CameraCalibrations")
     if not isinstance(entries, list) or not entries:
         raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
@@ -120,11 +112,7 @@ def rig_from_aria(text: str) -> Rig:
 
 
 def rig_to_aria(rig: Rig) -> str:
-    """Return the JSON of a rig whose cameras are named by labels; the rig's frame is the device's.
-
-    Raises:
-        ArgumentError: as :func:`write_aria`.
-    """
+    """Return the JSON of a rig whose cameras are named by labels; the rig's frame is the device's."""
     entries = []
     for label, mounted in rig.cameras.items():
         with within(label):
@@ -148,12 +136,9 @@ def rig_to_aria(rig: Rig) -> str:
 
 def _projection(label: str, camera: Camera) -> tuple[FormatModel, list[float]]:
     size = _SIZES[one_of("label", label, _SIZES)]
-    carried = fit_format(camera, _MODELS.values(), HALF_PIXEL)
-    if carried is None:
-        raise ArgumentError(
-            f"Aria: expected fisheye624 with one focal length or kannala-brandt, unskewed, got {camera.name}"
-        )
+    expected = "Aria: expected fisheye624 with one focal length or kannala-brandt, unskewed"
+    row_and_values = write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
     if (camera.width, camera.height) != size:
-        expected = f"{size[0]}x{size[1]} px of {label}"
-        raise ArgumentError(f"size: expected {expected}, got {camera.width}x{camera.height}")
-    return carried
+        got = f"{camera.width}x{camera.height}"
+        raise ArgumentError(f"size: expected {size[0]}x{size[1]} px of {label}, got {got}")
+    return row_and_values

@@ -18,13 +18,13 @@ import numpy as np
 
 from omniscv.arguments import numbers, one_of, shown, within
 from omniscv.calibration.common import check_first_is_origin, whole_number
-from omniscv.calibration.intrinsics import FormatModel, camera_of, fit_format, read_numbers
+from omniscv.calibration.intrinsics import camera_of, format_models, read_numbers, write_numbers
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
-_TABLE = """
+MODELS = format_models("""
 SIMPLE_PINHOLE             pinhole          f cx cy
 PINHOLE                    pinhole          fx fy cx cy
 SIMPLE_RADIAL              pinhole          f cx cy k1
@@ -40,9 +40,7 @@ RAD_TAN_THIN_PRISM_FISHEYE fisheye624       fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 
 SIMPLE_DIVISION            division         f cx cy k
 DIVISION                   division         fx fy cx cy k
 EUCM                       extended-unified fx fy cx cy alpha beta
-"""
-_ROWS = [line.split() for line in _TABLE.strip().splitlines()]
-MODELS = {name: FormatModel(name, model, tuple(names)) for name, model, *names in _ROWS}
+""")
 """COLMAP's models by name, with our model and COLMAP's order of the parameters."""
 
 _SPECIAL = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "FISHEYE", "DIVISION"}
@@ -54,12 +52,7 @@ NAMES = (*MODELS, "EQUIRECTANGULAR")
 
 
 def read_colmap(text: str) -> dict[str, Camera]:
-    """Return the cameras of a ``cameras.txt``, named by their ids.
-
-    Raises:
-        ArgumentError: no camera, an id twice, a model other than those above, or a line that is not
-            ``CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`` with the model's number of finite parameters.
-    """
+    """Return the cameras of a ``cameras.txt``, named by their ids."""
     cameras: dict[str, Camera] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if words := line.partition("#")[0].split():
@@ -74,11 +67,7 @@ def read_colmap(text: str) -> dict[str, Camera]:
 
 
 def write_colmap(cameras: Mapping[str, Camera]) -> str:
-    """Return the ``cameras.txt`` of cameras named by whole numbers, their ids.
-
-    Raises:
-        ArgumentError: a name that is no whole number >= 1, or a model that COLMAP does not have.
-    """
+    """Return the ``cameras.txt`` of cameras named by whole numbers, their ids."""
     lines = [
         "# Camera list with one line of data per camera:",
         "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]",
@@ -95,18 +84,11 @@ def write_colmap(cameras: Mapping[str, Camera]) -> str:
 
 
 def camera_line(camera_id: int, camera: Camera) -> str:
-    """Return a camera's line of ``cameras.txt``, without a line break.
-
-    Raises:
-        ArgumentError: a camera that COLMAP cannot carry.
-    """
+    """Return a camera's line of ``cameras.txt``, without a line break."""
     if isinstance(camera, Equirectangular):
         return f"{camera_id} EQUIRECTANGULAR {camera.width} {camera.height} {camera.width} {camera.height}"
-    carried = fit_format(camera, _WRITTEN, 0.0)
-    if carried is None:
-        known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
-        raise ArgumentError(f"COLMAP: expected equirectangular, {known}, unskewed, got {camera.name}")
-    row, values = carried
+    known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
+    row, values = write_numbers(camera, _WRITTEN, 0.0, f"COLMAP: expected equirectangular, {known}, unskewed")
     return " ".join(map(str, [camera_id, row.name, camera.width, camera.height, *values]))
 
 
@@ -127,22 +109,13 @@ def pose_words(pose: Pose) -> str:
 
 
 def pose_of(words: list[str]) -> Pose:
-    """Return the pose that :func:`pose_words` wrote.
-
-    Raises:
-        ArgumentError: not seven finite numbers, or a quaternion of length 0.
-    """
+    """Return the pose that :func:`pose_words` wrote."""
     w, x, y, z, *t = numbers("QW QX QY QZ TX TY TZ", words, (7,)).tolist()
     return Pose.from_quaternion(t, (x, y, z, w)).inverse()
 
 
 def rig_from_colmap(cameras: str, rigs: str) -> Rig:
-    """Return the rig of a ``cameras.txt`` and a ``rigs.txt`` with one rig, in the frame of its reference.
-
-    Raises:
-        ArgumentError: not one rig, a sensor that is no camera or has no pose, a line that does not follow
-            the format, or as :func:`read_colmap`.
-    """
+    """Return the rig of a ``cameras.txt`` and a ``rigs.txt`` with one rig, in the frame of its reference."""
     known = read_colmap(cameras)
     lines = [words for line in rigs.splitlines() if (words := line.partition("#")[0].split())]
     if len(lines) != 1 or len(lines[0]) < 4:
@@ -168,12 +141,7 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
 
 
 def rig_to_colmap(rig: Rig) -> tuple[str, str]:
-    """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by whole numbers, their ids.
-
-    Raises:
-        ArgumentError: other names, a first camera that is not the rig's frame, time offsets, or as
-            :func:`write_colmap`.
-    """
+    """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by their ids."""
     check_first_is_origin(rig, "COLMAP")
     for name, mounted in rig.cameras.items():
         if mounted.time_offset:

@@ -1,15 +1,15 @@
-"""Shared by the formats: values out of untrusted text, and cameras of any model as JSON."""
+"""What the formats share: values from untrusted text, and the one camera of a file."""
 
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
 
 from omniscv import arguments
-from omniscv.arguments import Reader, numbers, shown
-from omniscv.cameras import Camera, from_dict
+from omniscv.arguments import Reader, numbers, shown, within
+from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
@@ -55,12 +55,19 @@ def vector(name: str, value: object) -> Array:
     return numbers(name, value, (3,))
 
 
-def only_camera(cameras: Mapping[str, Camera], program: str) -> tuple[str, Camera]:
-    """Return the name and the camera of a file that holds one; ArgumentError if there are more."""
+@contextmanager
+def only_camera(cameras: Mapping[str, Camera], program: str) -> Iterator[Camera]:
+    """Yield the camera of a file that holds one; its name is in the messages of errors.
+
+    Raises:
+        ArgumentError: there are more.
+    """
     if len(cameras) != 1:
         got = f"{len(cameras)}: {shown(list(cameras))}"
         raise ArgumentError(f"cameras: {program}'s file holds one camera, got {got}")
-    return next(iter(cameras.items()))
+    ((name, camera),) = cameras.items()
+    with within(name):
+        yield camera
 
 
 def check_first_is_origin(rig: Rig, program: str) -> None:
@@ -72,22 +79,3 @@ def check_first_is_origin(rig: Rig, program: str) -> None:
             f"{program}: expected a rig in the frame of its first camera, got another frame; save "
             f"rig.seen_from({name!r})"
         )
-
-
-def read_json(text: str) -> dict[str, Camera]:
-    """Return the camera, named ``cam0``, that ``camera.to_dict()`` described; pixel centres are at .5.
-
-    Raises:
-        ArgumentError: no JSON or YAML, or as :func:`omniscv.cameras.from_dict`.
-    """
-    return {"cam0": from_dict(parse_mapping(text))}
-
-
-def write_json(cameras: Mapping[str, Camera]) -> str:
-    """Return the JSON of one camera of any model; its name is not carried.
-
-    Raises:
-        ArgumentError: not exactly one camera.
-    """
-    _, camera = only_camera(cameras, "our JSON")
-    return json.dumps(camera.to_dict(), indent=1)

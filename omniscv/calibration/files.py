@@ -1,4 +1,4 @@
-"""Load and save calibration files and rigs: which format a file has, and the functions for it."""
+"""Load and save calibration files and rigs in any format, and our own JSON."""
 
 import json
 import re
@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 from omniscv.arguments import one_of, within
 from omniscv.calibration import aria, colmap, common, kalibr, nvidia, ocamcalib, opencv
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.storage.bounded import read_text
@@ -32,11 +32,22 @@ _COLMAP_FILES = ("cameras.txt", "rigs.txt")
 
 
 class _Format(NamedTuple):
-    """How a format is recognised by a file's text (None: by ``opencv.model_of``), read and written."""
+    """A format: its tests of a file's text (None: ``opencv.model_of``), reader and writer."""
 
     recognises: Callable[[str], object] | None
     read: Callable[..., dict[str, Camera]]
     write: Callable[..., str]
+
+
+def read_json(text: str) -> dict[str, Camera]:
+    """Return the camera, named ``cam0``, that ``camera.to_dict()`` described; pixel centres are at .5."""
+    return {"cam0": from_dict(common.parse_mapping(text))}
+
+
+def write_json(cameras: Mapping[str, Camera]) -> str:
+    """Return the JSON of one camera of any model; its name is not carried."""
+    with common.only_camera(cameras, "our JSON") as camera:
+        return json.dumps(camera.to_dict(), indent=1)
 
 
 def _matches(pattern: str) -> Callable[[str], object]:
@@ -44,7 +55,7 @@ def _matches(pattern: str) -> Callable[[str], object]:
 
 
 _FORMATS: dict[str, _Format] = {
-    "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), common.read_json, common.write_json),
+    "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), read_json, write_json),
     "opencv": _Format(None, opencv.read_opencv, opencv.write_opencv),
     "opencv-fisheye": _Format(None, opencv.read_opencv_fisheye, opencv.write_opencv_fisheye),
     "opencv-omnidir": _Format(None, opencv.read_opencv_omnidir, opencv.write_opencv_omnidir),

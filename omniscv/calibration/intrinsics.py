@@ -1,6 +1,6 @@
-"""Cameras as numbers by the names of calibration files, to and fro.
+"""Cameras as named numbers, as calibration files hold them.
 
-A format is a list of models and the numbers that it holds of each: see :func:`fit_format`.
+A format is a table of its models, and of the numbers that it holds of each: :func:`format_models`.
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ _ARGUMENTS: dict[str, dict[str, str]] = {
 """By model: the constructor arguments beyond size, focal lengths and centre, and the numbers of each."""
 
 MODELS = tuple(_ARGUMENTS)
-"""The models that are described by such numbers."""
+"""The models that such numbers describe."""
 
 Numbers = dict[str, float]
 
@@ -52,8 +52,14 @@ class FormatModel(NamedTuple):
     numbers: tuple[str, ...]
 
 
+def format_models(table: str) -> dict[str, FormatModel]:
+    """Return the models of a format by name: each line has the name, our model, and the numbers in order."""
+    rows = [line.split() for line in table.strip().splitlines()]
+    return {name: FormatModel(name, model, tuple(numbers)) for name, model, *numbers in rows}
+
+
 def intrinsics(camera: Camera) -> list[Intrinsics]:
-    """Return the models and numbers of a camera's rays, its own model first; none for other models.
+    """Return the models that have a camera's rays, and their numbers; its own model comes first.
 
     The image circle of lenses such as ``fisheye-equidistant`` is not among these numbers.
 
@@ -107,7 +113,7 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
 
 
 def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> Numbers:
-    """Return the numbers of a format's model, ``shift_px`` added to the principal point."""
+    """Return the numbers of a format's model by name; ``shift_px`` is added to the principal point."""
     numbers = dict(zip(row.numbers, values, strict=True))
     if "f" in numbers:
         numbers["fx"] = numbers["fy"] = numbers.pop("f")
@@ -115,28 +121,26 @@ def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> 
     return numbers
 
 
-def fit_format(
-    camera: Camera, rows: Iterable[FormatModel], shift_px: float
-) -> tuple[FormatModel, list[float]] | None:
-    """Return the first of a format's models that holds all of a camera's numbers, and these in its order.
+def write_numbers(
+    camera: Camera, rows: Iterable[FormatModel], shift_px: float, expected: str
+) -> tuple[FormatModel, list[float]]:
+    """Return the first of a format's models that holds all numbers of a camera, and these in its order.
 
     Args:
-        camera: what is written.
+        camera: to be written.
         rows: the models of the format, those of fewest numbers first.
         shift_px: subtracted from the principal point.
-
-    Returns:
-        None where the format has no such model.
+        expected: the start of the error's message, such as ``Aria: expected kannala-brandt``.
 
     Raises:
-        ArgumentError: a camera with a limit ``fov_deg``.
+        ArgumentError: the format has no such model, or a camera with a limit ``fov_deg``.
     """
     rows = list(rows)
     for model, numbers in intrinsics(camera):
         for row in rows:
             if row.model == model and (values := _in_order(row, numbers, shift_px)) is not None:
                 return row, values
-    return None
+    raise ArgumentError(f"{expected}, got {camera.name}")
 
 
 def _in_order(row: FormatModel, numbers: Numbers, shift_px: float) -> list[float] | None:

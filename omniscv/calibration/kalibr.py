@@ -40,7 +40,14 @@ import yaml
 
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration.common import check_first_is_origin, image_size, parse_mapping, read_known
-from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format, read_numbers
+from omniscv.calibration.intrinsics import (
+    HALF_PIXEL,
+    FormatModel,
+    camera_of,
+    format_models,
+    read_numbers,
+    write_numbers,
+)
 from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.central_mirrors import SphereModel
 from omniscv.cameras.rig import Rig, RigCamera
@@ -48,20 +55,15 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.records import checked, mapping, record
 
-_TABLE = """
-pinhole none        pinhole          fx fy cx cy
-pinhole radtan      pinhole          fx fy cx cy k1 k2 p1 p2
-pinhole equidistant kannala-brandt   fx fy cx cy k1 k2 k3 k4
-omni    none        unified          xi fx fy cx cy
-omni    radtan      unified          xi fx fy cx cy k1 k2 p1 p2
-eucm    none        extended-unified alpha beta fx fy cx cy
-ds      none        double-sphere    xi alpha fx fy cx cy
-"""
-_ROWS = [line.split() for line in _TABLE.strip().splitlines()]
-_MODELS = {
-    f"{name}-{distortion}": FormatModel(f"{name}-{distortion}", model, tuple(names))
-    for name, distortion, model, *names in _ROWS
-}
+_MODELS = format_models("""
+pinhole-none        pinhole          fx fy cx cy
+pinhole-radtan      pinhole          fx fy cx cy k1 k2 p1 p2
+pinhole-equidistant kannala-brandt   fx fy cx cy k1 k2 k3 k4
+omni-none           unified          xi fx fy cx cy
+omni-radtan         unified          xi fx fy cx cy k1 k2 p1 p2
+eucm-none           extended-unified alpha beta fx fy cx cy
+ds-none             double-sphere    xi alpha fx fy cx cy
+""")
 """``camera_model-distortion_model``: our model; its intrinsics, then its coefficients, in Kalibr's order."""
 
 _NAME = re.compile(r"cam\d+")
@@ -79,30 +81,17 @@ class _Entry:
 
 
 def read_kalibr(text: str) -> dict[str, Camera]:
-    """Return the cameras of a chain by their names ``cam0``, ``cam1``, ...; their poses are ignored.
-
-    Raises:
-        ArgumentError: not YAML, no camera in it, a key missing or of the wrong length, a number not
-            finite, or parameters that no model of ours has.
-    """
+    """Return the cameras of a chain by their names ``cam0``, ``cam1``, ...; their poses are ignored."""
     return {name: _camera(name, entry) for name, entry in _entries(text).items()}
 
 
 def write_kalibr(cameras: Mapping[str, Camera]) -> str:
-    """Return the chain of cameras named ``cam0``, ``cam1``, ...; intrinsics only.
-
-    Raises:
-        ArgumentError: another name, or a camera that Kalibr's models cannot carry.
-    """
+    """Return the chain of cameras named ``cam0``, ``cam1``, ...; intrinsics only."""
     return _dump({name: _entry(name, camera) for name, camera in cameras.items()})
 
 
 def rig_from_kalibr(text: str) -> Rig:
-    """Return the rig of a chain ``cam0``, ``cam1``, ... in the frame of ``cam0``.
-
-    Raises:
-        ArgumentError: as :func:`read_kalibr`, or a camera after ``cam0`` has no pose.
-    """
+    """Return the rig of a chain ``cam0``, ``cam1``, ... in the frame of ``cam0``."""
     entries = _entries(text)
     cameras = {name: _camera(name, entry) for name, entry in entries.items()}
     names = [f"cam{i}" for i in range(len(cameras))]
@@ -122,11 +111,7 @@ def rig_from_kalibr(text: str) -> Rig:
 
 
 def rig_to_kalibr(rig: Rig) -> str:
-    """Return the chain of a rig whose cameras are named ``cam0``, ``cam1``, ... in this order.
-
-    Raises:
-        ArgumentError: other names, a first camera that is not the rig's frame, or as :func:`write_kalibr`.
-    """
+    """Return the chain of a rig whose cameras are named ``cam0``, ``cam1``, ... in this order."""
     if list(rig.cameras) != [f"cam{i}" for i in range(len(rig.cameras))]:
         raise ArgumentError(
             f"Kalibr: expected cameras cam0, cam1, ... in order, got {shown(list(rig.cameras))}"
@@ -148,7 +133,7 @@ def rig_to_kalibr(rig: Rig) -> str:
 
 
 def _entries(text: str) -> dict[str, dict[str, Any]]:
-    """The entries of a chain that are cameras."""
+    """Return the entries of a chain that are cameras."""
     chain = parse_mapping(text)
     entries = {name: mapping(name, entry) for name, entry in chain.items() if _NAME.fullmatch(name)}
     if not entries:
@@ -220,15 +205,13 @@ def _entry(name: str, camera: Camera) -> dict[str, Any]:
 def _row_and_values(camera: Camera) -> tuple[FormatModel, list[float]]:
     if isinstance(camera, SphereModel):
         return _MODELS["omni-none"], _mirror_values(camera)
-    carried = fit_format(camera, _MODELS.values(), HALF_PIXEL)
-    if carried is None:
-        known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
-        raise ArgumentError(f"Kalibr: expected {known}, unskewed, or a central mirror, got {camera.name}")
-    return carried
+    known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
+    expected = f"Kalibr: expected {known}, unskewed, or a central mirror"
+    return write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
 
 
 def _mirror_values(camera: SphereModel) -> list[float]:
-    """xi, fu, fv, pu, pv of a mirror's picture."""
+    """Return xi, fu, fv, pu, pv of a mirror's picture."""
     if isinstance(camera, CatadioptricHyperbolic) and camera.xi == 1:
         raise ArgumentError(
             "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi rounds "

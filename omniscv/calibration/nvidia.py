@@ -29,11 +29,11 @@ from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration.common import only_camera, parse_mapping, read_known, vector, whole_number
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
-    FormatModel,
     camera_of,
-    fit_format,
+    format_models,
     read_numbers,
     refuse_limit,
+    write_numbers,
 )
 from omniscv.cameras import Camera, FTheta, create
 from omniscv.errors import ArgumentError
@@ -51,23 +51,17 @@ _APIS = {
     "opencvPinhole": "OmniLensDistortionOpenCvPinholeAPI",
     "opencvFisheye": "OmniLensDistortionOpenCvFisheyeAPI",
 }
-_MATRIX = ("fx", "fy", "cx", "cy")
-_PLAIN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
-_MODELS = {
-    "opencvPinhole": FormatModel("opencvPinhole", "pinhole", (*_MATRIX, *_PLAIN)),
-    "opencvFisheye": FormatModel("opencvFisheye", "kannala-brandt", (*_MATRIX, "k1", "k2", "k3", "k4")),
-}
+_MODELS = format_models("""
+opencvPinhole pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
+opencvFisheye kannala-brandt fx fy cx cy k1 k2 k3 k4
+""")
 
 
 # -- Isaac Sim ------------------------------------------------------------------------------------------
 
 
 def read_isaac(layer: str) -> dict[str, Camera]:
-    """Return the cameras of a USD layer by the names of their prims; ``cam0`` without a prim.
-
-    Raises:
-        ArgumentError: no ``omni:lensdistortion`` attributes, one missing or wrong, or another model.
-    """
+    """Return the cameras of a USD layer by the names of their prims; ``cam0`` without a prim."""
     cameras: dict[str, Camera] = {}
     for name, text in _prims(layer):
         attributes = {key: value.strip("\"'") for key, value in _ATTRIBUTE.findall(text)}
@@ -80,11 +74,7 @@ def read_isaac(layer: str) -> dict[str, Camera]:
 
 
 def write_isaac(cameras: Mapping[str, Camera]) -> str:
-    """Return a USD layer with a prim ``Camera`` for each camera.
-
-    Raises:
-        ArgumentError: a name that no prim can have, or a camera that Isaac Sim's models cannot carry.
-    """
+    """Return a USD layer with a prim ``Camera`` for each camera."""
     lines = ["#usda 1.0"]
     for name, camera in cameras.items():
         with within(name):
@@ -94,10 +84,8 @@ def write_isaac(cameras: Mapping[str, Camera]) -> str:
         lines += ["", f'def Camera "{name}" (', f'    prepend apiSchemas = ["{_APIS[model]}"]', ")", "{"]
         lines.append(f'    token {_PREFIX}model = "{model}"')
         for key, value in values.items():
-            usd_types: dict[type[Any], str] = {tuple: "float2", list: "int2"}
-            usd_type = usd_types.get(type(value), "float")
-            value_text = f"({value[0]}, {value[1]})" if usd_type != "float" else str(value)
-            lines.append(f"    {usd_type} {_PREFIX}{model}:{key} = {value_text}")
+            usd_type = {"opticalCenter": "float2", "imageSize": "int2"}.get(key, "float")
+            lines.append(f"    {usd_type} {_PREFIX}{model}:{key} = {value}")
         lines.append("}")
     return "\n".join(lines) + "\n"
 
@@ -167,21 +155,15 @@ def _isaac_values(camera: Camera) -> tuple[str, dict[str, Any]]:
         most = 360.0 if camera.max_angle_deg is None else 2 * camera.max_angle_deg
         values = {"nominalWidth": camera.width, "nominalHeight": camera.height, "opticalCenter": (cx, cy)}
         return "ftheta", values | {"maxFov": most} | {f"k{i}": [*c, 0, 0, 0][i] for i in range(5)}
-    carried = fit_format(camera, _MODELS.values(), HALF_PIXEL)
-    if carried is None:
-        raise ArgumentError(f"Isaac: expected ftheta, pinhole or kannala-brandt, unskewed, got {camera.name}")
-    row, terms = carried
-    size = {"imageSize": [camera.width, camera.height]}
+    expected = "Isaac: expected ftheta, pinhole or kannala-brandt, unskewed"
+    row, terms = write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
+    size = {"imageSize": (camera.width, camera.height)}
     return row.name, size | dict(zip(row.numbers, terms, strict=True))
 
 
 # -- NCore ----------------------------------------------------------------------------------------------
 
 _REFERENCES = {"ANGLE_TO_PIXELDIST": "angle-to-pixel", "PIXELDIST_TO_ANGLE": "pixel-to-angle"}
-_POLYNOMIALS = {
-    "ANGLE_TO_PIXELDIST": "angle_to_pixeldist_poly",
-    "PIXELDIST_TO_ANGLE": "pixeldist_to_angle_poly",
-}
 _DEGREE = 5
 
 
@@ -197,20 +179,16 @@ class _NCore:
     center: Array = checked(numbers, shape=(2,), key="principal_point")
     max_angle: float = checked(number, above=0)
     linear: Array = checked(vector, default_factory=lambda: np.array([1.0, 0.0, 0.0]), key="linear_cde")
-    by_pixel: Any = checked(lambda name, value: value, default=None, key="pixeldist_to_angle_poly")
-    by_angle: Any = checked(lambda name, value: value, default=None, key="angle_to_pixeldist_poly")
+    pixeldist_to_angle_poly: Any = None
+    angle_to_pixeldist_poly: Any = None
 
 
 def read_ncore(document: str) -> dict[str, Camera]:
-    """Return the camera, named ``cam0``, of NCore's f-theta parameters in JSON.
-
-    Raises:
-        ArgumentError: a key is missing or holds something else, or no camera has these parameters.
-    """
+    """Return the camera, named ``cam0``, of NCore's f-theta parameters in JSON."""
     data = parse_mapping(document)
     f = read_known(_NCore, data.get("camera_model_parameters", data))
-    key = _POLYNOMIALS[f.reference]
-    polynomial = numbers(key, f.by_pixel if f.reference == "PIXELDIST_TO_ANGLE" else f.by_angle, (None,))
+    key = f"{f.reference.lower()}_poly"
+    polynomial = numbers(key, getattr(f, key), (None,))
     max_angle_deg = float(np.degrees(f.max_angle))
     limit = None if abs(max_angle_deg - 180) < 1e-9 else max_angle_deg
     reference = _REFERENCES[f.reference]
@@ -218,14 +196,8 @@ def read_ncore(document: str) -> dict[str, Camera]:
 
 
 def write_ncore(cameras: Mapping[str, Camera]) -> str:
-    """Return the JSON of one ``ftheta`` camera; its name is not carried.
-
-    Raises:
-        ArgumentError: not exactly one camera, another model, a limit ``fov_deg``, or a polynomial of degree
-            above 5.
-    """
-    name, camera = only_camera(cameras, "NCore")
-    with within(name):
+    """Return the JSON of one ``ftheta`` camera; its name is not carried."""
+    with only_camera(cameras, "NCore") as camera:
         if not isinstance(camera, FTheta):
             raise ArgumentError(f"NCore: expected a camera ftheta, got {camera.name}")
         refuse_limit(camera)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
-from omniscv.arguments import numbers, shown, within
+from omniscv.arguments import numbers, shown
 from omniscv.calibration.common import only_camera, whole_number
 from omniscv.calibration.intrinsics import HALF_PIXEL, refuse_limit
 from omniscv.cameras import Camera, Scaramuzza
@@ -35,11 +35,7 @@ _INVERSE_ERROR_PX = 0.01
 
 
 def read_ocamcalib(text: str) -> dict[str, Camera]:
-    """Return the camera of a ``calib_results.txt``, named ``cam0``.
-
-    Raises:
-        ArgumentError: a number is missing, surplus or not finite, c <= 0, or a0 >= 0.
-    """
+    """Return the camera of a ``calib_results.txt``, named ``cam0``."""
     words = [word for line in text.splitlines() for word in line.partition("#")[0].split()]
     polynomial, words = _counted("polynomial", words)
     _, words = _counted("inverse polynomial", words)
@@ -53,15 +49,8 @@ def read_ocamcalib(text: str) -> dict[str, Camera]:
 
 
 def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
-    """Return the ``calib_results.txt`` of one ``scaramuzza`` camera; its name is not carried.
-
-    Raises:
-        ArgumentError: not exactly one camera, another model, a limit ``fov_deg``, an affine part with
-            c <= 0, or a polynomial whose inverse no polynomial of degree 32 approximates within 0.01 px in
-            the image.
-    """
-    name, camera = only_camera(cameras, "OCamCalib")
-    with within(name):
+    """Return the ``calib_results.txt`` of one ``scaramuzza`` camera; its name is not carried."""
+    with only_camera(cameras, "OCamCalib") as camera:
         if not isinstance(camera, Scaramuzza):
             raise ArgumentError(f"OCamCalib: expected a camera scaramuzza, got {camera.name}")
         refuse_limit(camera)

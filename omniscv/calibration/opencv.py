@@ -19,27 +19,30 @@ calibration samples.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, numbers, shown, within
+from omniscv.arguments import number, numbers, shown
 from omniscv.calibration.common import only_camera, parse_mapping, read_known, whole_number
-from omniscv.calibration.intrinsics import HALF_PIXEL, FormatModel, camera_of, fit_format
+from omniscv.calibration.intrinsics import HALF_PIXEL, camera_of, format_models, write_numbers
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, record
 
 Floats = NDArray[np.float64]
 
-_MATRIX = "fx fy cx cy"
-_PLAIN = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4".split()  # noqa: SIM905 - as OpenCV's manual lists them
+_MODELS = format_models("""
+opencv-4       pinhole        fx fy cx cy k1 k2 p1 p2
+opencv-5       pinhole        fx fy cx cy k1 k2 p1 p2 k3
+opencv-8       pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6
+opencv-12      pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
+opencv-fisheye kannala-brandt fx fy cx cy skew k1 k2 k3 k4
+opencv-omnidir unified        fx fy cx cy skew k1 k2 p1 p2 xi
+""")
 _COUNTS = (4, 5, 8, 12)
-_FISHEYE = FormatModel("opencv-fisheye", "kannala-brandt", (*_MATRIX.split(), "skew", "k1", "k2", "k3", "k4"))
-_OMNIDIR = FormatModel("opencv-omnidir", "unified", (*_MATRIX.split(), "skew", "k1", "k2", "p1", "p2", "xi"))
-_PINHOLES = [FormatModel("opencv", "pinhole", (*_MATRIX.split(), *_PLAIN[:count])) for count in _COUNTS]
 _SUFFIXES = (".yml", ".yaml", ".xml", ".json")
 
 
@@ -55,10 +58,6 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
         D: 4, 5, 8, 12 or 14 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, 0, 0), as (N,), (N, 1)
             or (1, N).
         width, height: image size, px; K and D do not hold it.
-
-    Raises:
-        ArgumentError: other shapes, numbers that are not finite, skew, a tilted sensor, or focal lengths not
-            above 0.
     """
     matrix = _matrix_numbers(K, skewed=False)
     values = _vector(D, None)
@@ -67,18 +66,16 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
     if len(values) not in _COUNTS:
         got = f"{len(values)}: {shown(values)}"
         raise ArgumentError(f"D: expected 4, 5, 8 or 12 coefficients (and no tilt), got {got}")
-    return camera_of("pinhole", width, height, matrix | dict(zip(_PLAIN, values, strict=False)))
+    terms = _MODELS["opencv-12"].numbers[4:]
+    return camera_of("pinhole", width, height, matrix | dict(zip(terms, values, strict=False)))
 
 
 def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
     """Return K (3, 3) and D (4, 5, 8 or 12) for ``cv2.projectPoints``; 0.5 is taken from the principal point.
 
     OpenCV projects points with z < 0 too, mirrored.
-
-    Raises:
-        ArgumentError: not a ``pinhole`` without skew, or one with a limit ``fov_deg``.
     """
-    values = _values(camera, _PINHOLES, "OpenCV: expected a camera pinhole without skew")
+    values = _values(camera, "pinhole", "OpenCV: expected a camera pinhole without skew")
     return _matrix(values), np.array(values[4:])
 
 
@@ -90,9 +87,6 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
             0.5 is added to cx and cy.
         D: four numbers (k1, k2, k3, k4), as (4,), (4, 1) or (1, 4).
         width, height: image size, px; K and D do not hold it.
-
-    Raises:
-        ArgumentError: other shapes, numbers that are not finite, or focal lengths not above 0.
     """
     k = dict(zip(("k1", "k2", "k3", "k4"), _vector(D, 4), strict=True))
     return camera_of("kannala-brandt", width, height, _matrix_numbers(K) | k)
@@ -103,11 +97,8 @@ def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
 
     OpenCV's ``projectPoints`` works on x / z, so it is right only for points with z > 0; it takes skew as
     its argument ``alpha``, ``K[0, 1] / K[0, 0]``.
-
-    Raises:
-        ArgumentError: not a ``kannala-brandt`` camera, or one with a limit ``fov_deg``.
     """
-    values = _values(camera, [_FISHEYE], "OpenCV fisheye: expected a camera kannala-brandt")
+    values = _values(camera, "kannala-brandt", "OpenCV fisheye: expected a camera kannala-brandt")
     return _matrix(values, values[4]), np.array(values[5:])
 
 
@@ -119,9 +110,6 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
         xi: no unit.
         D: four numbers (k1, k2, p1, p2), as (4,), (4, 1) or (1, 4).
         width, height: image size, px; the arrays do not hold it.
-
-    Raises:
-        ArgumentError: other shapes, numbers that are not finite, or that the model refuses.
     """
     terms = dict(zip(("k1", "k2", "p1", "p2"), _vector(D, 4), strict=True))
     xi = number("xi", np.asarray(xi, dtype=object).item() if np.size(xi) == 1 else xi)
@@ -129,12 +117,8 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
 
 
 def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
-    """Return K (3, 3), xi and D (4,) for ``cv2.omnidir``; 0.5 is taken from the principal point.
-
-    Raises:
-        ArgumentError: not a ``unified`` camera, or one with a limit ``fov_deg``.
-    """
-    values = _values(camera, [_OMNIDIR], "OpenCV omnidir: expected a camera unified")
+    """Return K (3, 3), xi and D (4,) for ``cv2.omnidir``; 0.5 is taken from the principal point."""
+    values = _values(camera, "unified", "OpenCV omnidir: expected a camera unified")
     return _matrix(values, values[4]), values[9], np.array(values[5:9])
 
 
@@ -152,11 +136,9 @@ def _vector(D: ArrayLike, count: int | None) -> list[float]:
     return values
 
 
-def _values(camera: Camera, rows: Iterable[FormatModel], expected: str) -> list[float]:
-    carried = fit_format(camera, rows, HALF_PIXEL)
-    if carried is None:
-        raise ArgumentError(f"{expected}, got {camera.name}")
-    return carried[1]
+def _values(camera: Camera, model: str, expected: str) -> list[float]:
+    rows = [row for row in _MODELS.values() if row.model == model]
+    return write_numbers(camera, rows, HALF_PIXEL, expected)[1]
 
 
 def _matrix(values: list[float], skew: float = 0.0) -> Floats:
@@ -177,9 +159,6 @@ def read_opencv(text: str, size: tuple[int, int] | None = None) -> dict[str, Cam
     Args:
         text: of the file.
         size: width and height, px, for a file that does not hold them.
-
-    Raises:
-        ArgumentError: a key is missing or holds something else, or as :func:`from_opencv`.
     """
     file = _parsed(text, size, fisheye=0)
     return {"cam0": from_opencv(file.camera_matrix, file.coefficients, *file.size)}
@@ -189,9 +168,6 @@ def read_opencv_fisheye(text: str, size: tuple[int, int] | None = None) -> dict[
     """Return the camera, ``cam0``, of a file of the fisheye model; else as :func:`read_opencv`.
 
     ``fisheye_model`` may be missing but not 0.
-
-    Raises:
-        ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_fisheye`.
     """
     file = _parsed(text, size, fisheye=1)
     return {"cam0": from_opencv_fisheye(file.camera_matrix, file.four(), *file.size)}
@@ -201,9 +177,6 @@ def read_opencv_omnidir(text: str, size: tuple[int, int] | None = None) -> dict[
     """Return the camera, ``cam0``, of a file with ``xi`` as ccalib's omnidirectional sample writes it.
 
     That sample omits ``image_width`` and ``image_height``: add them, or give ``size``.
-
-    Raises:
-        ArgumentError: a key is missing or holds something else, or as :func:`from_opencv_omnidir`.
     """
     file = _parsed(text, size)
     if file.xi is None:
@@ -217,38 +190,24 @@ def write_opencv(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
     Args:
         cameras: one, by name.
         suffix: ``.yml``, ``.xml`` or ``.json``.
-
-    Raises:
-        ArgumentError: not exactly one camera, or as :func:`to_opencv`.
     """
-    name, camera = only_camera(cameras, "OpenCV")
-    with within(name):
+    with only_camera(cameras, "OpenCV") as camera:
         K, D = to_opencv(camera)
-    return _written(camera, {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}, suffix)
+    return _dump(camera, {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}, suffix)
 
 
 def write_opencv_fisheye(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
-    """Return the file of one camera as :func:`write_opencv`, of the fisheye model.
-
-    Raises:
-        ArgumentError: not exactly one camera, or as :func:`to_opencv_fisheye`.
-    """
-    name, camera = only_camera(cameras, "OpenCV")
-    with within(name):
+    """Return the file of one camera as :func:`write_opencv`, of the fisheye model."""
+    with only_camera(cameras, "OpenCV") as camera:
         K, D = to_opencv_fisheye(camera)
-    return _written(camera, {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}, suffix)
+    return _dump(camera, {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}, suffix)
 
 
 def write_opencv_omnidir(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
-    """Return the file of one camera as :func:`write_opencv`, of the omnidirectional model.
-
-    Raises:
-        ArgumentError: not exactly one camera, or as :func:`to_opencv_omnidir`.
-    """
-    name, camera = only_camera(cameras, "OpenCV")
-    with within(name):
+    """Return the file of one camera as :func:`write_opencv`, of the omnidirectional model."""
+    with only_camera(cameras, "OpenCV") as camera:
         K, xi, D = to_opencv_omnidir(camera)
-    return _written(camera, {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}, suffix)
+    return _dump(camera, {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}, suffix)
 
 
 def model_of(text: str) -> str | None:
@@ -301,7 +260,7 @@ def _data(name: str, value: object, count: int | None = None) -> Floats:
     if isinstance(value, str):
         value = value.split()
     if isinstance(value, list) and len(value) <= _MOST_ROWS and all(isinstance(row, list) for row in value):
-        value = [each for row in value for each in row]
+        value = [item for row in value for item in row]
     return numbers(name, value, (count,))
 
 
@@ -370,7 +329,7 @@ def _from_xml(text: str) -> dict[str, Any]:
     return {node.tag: {child.tag: child.text for child in node} or node.text for node in root}
 
 
-def _written(camera: Camera, values: Mapping[str, Any], suffix: str) -> str:
+def _dump(camera: Camera, values: Mapping[str, Any], suffix: str) -> str:
     import cv2  # slow to load, and reading does without
 
     suffix = suffix if suffix in _SUFFIXES else ".yml"

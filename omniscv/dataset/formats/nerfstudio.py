@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import optional_number
-from omniscv.calibration.intrinsics import FormatModel, fit_format
+from omniscv.calibration.intrinsics import format_models, write_numbers
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.depth_codes import PRESETS, encode
@@ -35,12 +35,11 @@ from omniscv.modalities import Modality
 from omniscv.records import checked, record
 from omniscv.truth.point_cloud import inexact
 
-_FOCAL = ("fx", "fy", "cx", "cy")
-_MODELS = (
-    FormatModel("PINHOLE", "pinhole", _FOCAL),
-    FormatModel("OPENCV", "pinhole", (*_FOCAL, "k1", "k2", "k3", "p1", "p2")),
-    FormatModel("OPENCV_FISHEYE", "kannala-brandt", (*_FOCAL, "k1", "k2", "k3", "k4")),
-)
+_MODELS = format_models("""
+PINHOLE        pinhole        fx fy cx cy
+OPENCV         pinhole        fx fy cx cy k1 k2 k3 p1 p2
+OPENCV_FISHEYE kannala-brandt fx fy cx cy k1 k2 k3 k4
+""")
 _NAMES = {"fx": "fl_x", "fy": "fl_y"}
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 _SPLITS = ("train", "val", "test")
@@ -91,12 +90,8 @@ def intrinsics(camera: Camera) -> dict[str, Any]:
     if isinstance(camera, Equirectangular):
         numbers = {"fl_x": width / 2, "fl_y": height, "cx": width / 2, "cy": height / 2}
         return {"camera_model": "EQUIRECTANGULAR", **numbers, **size}
-    fit = fit_format(without_limit(camera), _MODELS, 0.0) if camera.central else None
-    if fit is None:
-        raise ArgumentError(
-            f"expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular, got {camera.name}"
-        )
-    model, values = fit
+    expected = "expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular"
+    model, values = write_numbers(without_limit(camera), _MODELS.values(), 0.0, expected)
     numbers = {_NAMES.get(key, key): value for key, value in zip(model.numbers, values, strict=True)}
     return {"camera_model": model.name, **numbers, **size}
 
