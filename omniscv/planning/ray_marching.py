@@ -284,11 +284,16 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
                     break
         if not free:
             hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(min(psi + step, np.pi - 1e-9)))
-            hits.hidden_to[i] = foot + h / np.tan(psi - step) if psi > end else np.inf
+            hits.hidden_to[i] = foot + h / np.tan(max(psi - step, end)) if psi > end else np.inf
         was_free, first = free, False
         if psi <= end:
             break
         psi -= step
+    if met_at < 0.0 and free:
+        psi = _hidden_beyond(shell, arc, end, step)
+        if psi >= 0.0:
+            hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(psi + step))
+            hits.hidden_to[i] = np.inf
     hits.sure[i] = hits.hidden_from[i] > hits.hidden_to[i]
     if met_at >= 0.0:
         _meet(shell, arc, hits, i, met_at)
@@ -298,6 +303,20 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
     if passed < np.inf:
         hits.grazes[i] = True
         hits.error[i] = max(hits.error[i], _MARGIN * (hits.reach[i] - passed))
+
+
+@njit(cache=True, nogil=True)
+def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
+    """Return the first angle from ``end`` down to 0 at which a surface hides the ray; -1 if there is none.
+
+    These points of the ray are farther from the centre than all captured surfaces.
+    """
+    psi = end
+    while psi > 0.0:
+        psi = max(0.0, psi - step)
+        if _distance(shell, _toward(arc, psi)) < np.inf:
+            return float(psi)
+    return -1.0
 
 
 @njit(cache=True, nogil=True)

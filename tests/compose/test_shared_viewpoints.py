@@ -31,6 +31,12 @@ CASES = {
         Pose.from_angles((1.2, 0.3, 1.5), 25, 4, -3),
         STRIPS | {"viewpoints": 12},
     ),
+    "centre-right-behind-a-wall": (
+        "four-wall",
+        create("noncentral-panorama", width=96, height=80, radius=1.33),
+        Pose.from_angles((1.264, 2.319, 1.984), 37.9, 56.7, 151.8),
+        FACES | {"viewpoints": 6, "face_size": 128},
+    ),
     "rolling-shutter": (
         "four-wall",
         FAST,
