@@ -15,9 +15,11 @@ from itertools import islice
 from benches import Figure, Reference
 from benches._bare import bare
 from benches._replaying import Replies, learned, servers
-from benches._views import MODES, requests
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.sources import Request, View
 from omniscv.sources.registry import open_sources
 
+MODES = ("lit", "object_mask", "depth")
 FACES, WARM_UP = 6 * len(MODES), 2 * len(MODES)
 CALM_S = 60.0  # of a machine that others use
 PICTURE_S = 0.004
@@ -71,3 +73,15 @@ def live_rate(addresses: list[str], count: int) -> float:
         for _ in source.capture(islice(requests(16), count)):
             pass
         return count / (time.perf_counter() - started)
+
+
+def requests(size: int) -> Iterator[Request]:
+    """Yield the faces of viewpoints on a path without end, all modes of a view together."""
+    viewpoint = 0
+    while True:
+        center = (-1 + 0.01 * (viewpoint % 200), 0.1, 1.5)
+        for _, R_w_c in cube_rotations():
+            view = View(Pose(center, R_w_c), 90.0, size, size)
+            for mode in MODES:
+                yield Request(view, mode)
+        viewpoint += 1

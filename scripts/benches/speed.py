@@ -6,15 +6,21 @@ the package but what that commit has, too.
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
 
 import omniscv
-from benches import Figure, Reference, best_ms, compose, maps, sequence, start
-from omniscv import cameras, jobs
-from omniscv.geometry import Pose
+from benches import Figure, Reference, best_ms, start
+from benches._faces import Noise, made_map
+from omniscv import Renderer, RenderOptions, cameras, jobs
+from omniscv.cameras import Camera
+from omniscv.chart.peers import peers
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.planning import ImageRays
 from omniscv.sources import Request, View
 from omniscv.sources.recording.inspection import info
 
@@ -25,12 +31,13 @@ KEPT = (
 )
 """Models, faces, sizes, and the goals of their times by that of one ``cv2.remap``."""
 MODES = ("lit", "object_mask", "depth")
+OURS, REMAP = "ours", "one cv2.remap"
 
 
 def measure(quick: bool) -> Iterator[Figure]:
     cv2.setNumThreads(omniscv.parallel.cores())
     yield from kept_maps(1 if quick else 15, 32 if quick else 1)
-    took = best_ms(maps.maps(64 if quick else 2048), 1 if quick else 10)
+    took = best_ms(maps(64 if quick else 2048), 1 if quick else 10)
     for (name, ms), goal in zip(took.items(), (12, 70), strict=True):
         yield Figure("maps of 2048x1024", name, "ms", ms, limit=Reference("goal", goal))
     with TemporaryDirectory() as folder:
@@ -45,25 +52,63 @@ def kept_maps(turns: int, part: int) -> Iterator[Figure]:
     """Compose from decoded faces, the map kept."""
     for model, face_size, width, height, more, goal in KEPT:
         camera = cameras.create(model, width=width // part, height=height // part, **more)
-        ways = compose.ways(camera, face_size // part)
-        for name in ("nearest", "bicubic", "area", compose.FIXED, "the paper's algorithm"):
-            ways.pop(name, None)
-        took = best_ms(ways, turns)
+        took = best_ms(ways(camera, face_size // part), turns)
         title = f"6 x {face_size}^2 to {model} {width}x{height}, map kept"
-        limit = took.pop(compose.FLOAT)
-        ours = took.pop("bilinear")
-        yield Figure(title, "time", "ms", ours, limit=Reference("one cv2.remap", limit))
+        limit = took.pop(REMAP)
+        ours = took.pop(OURS)
+        yield Figure(title, "time", "ms", ours, limit=Reference(REMAP, limit))
         yield Figure(title, "by one cv2.remap", "times", ours / limit, limit=Reference("goal", goal))
         for name, ms in took.items():
             yield Figure(title, "time", "ms", ours, Reference(name, ms))
 
 
+def ways(camera: Camera, face_size: int) -> dict[str, Callable[[], object]]:
+    """Return a render, one remap by its map and, for panoramas, other programs; all of the same faces."""
+    source, pose = Noise(), Pose.from_angles((0, 0, 1.5), yaw_deg=20, pitch_deg=5)
+    options = RenderOptions("cube", face_size=face_size, filter="bilinear")
+    views, atlas, x, y = made_map(ImageRays(camera), pose, face_size)
+    faces = [capture.pixels for capture in source.capture(Request(view, "lit") for view in views)]
+    size = camera.height, camera.width
+    found: dict[str, Callable[[], object]] = {
+        OURS: partial(Renderer(source).render, camera, pose, ("lit",), options),
+        REMAP: partial(
+            cv2.remap,
+            atlas.picture(faces),
+            x.reshape(size),
+            y.reshape(size),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+        ),
+    }
+    if camera.name == "equirectangular":
+        square = source.face(face_size)
+        found |= peers({name: square for name, _ in cube_rotations()}, camera)
+        del found["the paper's algorithm"]
+    return found
+
+
+def maps(width: int) -> dict[str, Callable[[], object]]:
+    """Return what makes maps: views, a lookup and coordinates; each call has an orientation of its own."""
+    turn = count()
+
+    def unprojected() -> ImageRays:
+        return ImageRays(cameras.create("equirectangular", width=width, height=width // 2))
+
+    def make(rays: ImageRays) -> object:
+        return made_map(rays, Pose.from_angles((0, 0, 1.5), yaw_deg=0.1 * next(turn)), width // 2)
+
+    rays = unprojected()
+    return {
+        "new orientation of a known camera": lambda: make(rays),
+        "camera never seen": lambda: make(unprojected()),
+    }
+
+
 def frames(folder: Path, count: int, width: int) -> Iterator[Figure]:
     """Compose a sequence from a recording into files: lit, object_mask, labels, depth and their marks."""
-    capturing = sequence.job(str(folder), "mock://four-wall", 1, width, "png")
-    jobs.capture(capturing, folder / "room.sqlite")
+    jobs.capture(sequence(folder, "mock://four-wall", 1, width), folder / "room.sqlite")
     for frames in (2, count):  # the first compiles
-        job = sequence.job(str(folder), str(folder / "room.sqlite"), frames, width, "png")
+        job = sequence(folder, str(folder / "room.sqlite"), frames, width)
         started, used = time.perf_counter(), time.process_time()
         jobs.run(job)
         seconds, used = time.perf_counter() - started, time.process_time() - used
@@ -72,6 +117,16 @@ def frames(folder: Path, count: int, width: int) -> Iterator[Figure]:
     yield Figure(title, "frames", "1/s", count / seconds, limit=Reference("goal", 10))
     yield Figure(title, "processor time of a frame", "ms", 1e3 * used / count, limit=Reference("goal", 150))
     yield Figure(title, "size of a frame", "MB", size / 1e6, limit=Reference("goal", 5))
+
+
+def sequence(folder: Path, source: str, frames: int, width: int) -> jobs.Job:
+    """Return a job of panoramas at one place, each in another orientation, so that every map is new."""
+    camera = cameras.create("equirectangular", width=width, height=width // 2)
+    poses = tuple(
+        Pose.from_angles((0, 0, 1.5), yaw_deg=3.6 * i, pitch_deg=20 - 0.4 * i, roll_deg=0.2 * i)
+        for i in range(frames)
+    )
+    return jobs.Job(source, {"pano": camera}, poses, folder / f"out-{frames}", MODES)
 
 
 def recorded(path: Path, count: int) -> Iterator[Figure]:
@@ -96,9 +151,9 @@ def first_image(turns: int) -> Iterator[Figure]:
     """Start processes whose kernels are cached."""
     with TemporaryDirectory() as folder:
         kernel = Path(folder) / "kernel.py"
-        kernel.write_text(start._KERNEL)
+        kernel.write_text(start.KERNEL_PROGRAM)
         ways = {
-            "image": lambda: start.running("-c", start._IMAGE),
+            "image": lambda: start.running("-c", start.IMAGE_PROGRAM),
             "kernel": lambda: start.running(str(kernel)),
         }
         took = best_ms(ways, turns)

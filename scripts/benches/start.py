@@ -17,7 +17,7 @@ from benches import Figure, Reference
 NUMPY, OMNISCV, VERSION = "import numpy", "import omniscv", "omniscv --version"
 KERNEL, IMAGE = "a kernel of numba", "first image, 256x128"
 
-_KERNEL = """
+KERNEL_PROGRAM = """
 import numba
 
 @numba.njit(cache=True)
@@ -26,7 +26,7 @@ def doubled(value):
 
 doubled(1.0)
 """
-_IMAGE = """
+IMAGE_PROGRAM = """
 import omniscv
 
 camera = omniscv.cameras.create("equirectangular", width=256, height=128)
@@ -39,13 +39,13 @@ def measure(quick: bool) -> Iterator[Figure]:
     times: dict[str, list[float]] = {name: [] for name in (NUMPY, OMNISCV, VERSION, KERNEL, IMAGE)}
     with TemporaryDirectory() as folder:
         kernel = Path(folder) / "kernel.py"  # a file: what is in none is not cached
-        kernel.write_text(_KERNEL)
+        kernel.write_text(KERNEL_PROGRAM)
         measured = {
             NUMPY: lambda: importing("numpy"),
             OMNISCV: lambda: importing("omniscv"),
             VERSION: version,
             KERNEL: lambda: running(str(kernel)),
-            IMAGE: lambda: running("-c", _IMAGE),
+            IMAGE: lambda: running("-c", IMAGE_PROGRAM),
         }
         for _ in range(1 if quick else 8):
             for name, once in measured.items():
