@@ -11,6 +11,7 @@ from typer import Argument, Option, Typer
 from typer.core import TyperGroup
 
 from omniscv.cli import console, options
+from omniscv.cli.old_spellings import FitCommand
 from omniscv.errors import ArgumentError
 
 
@@ -127,8 +128,9 @@ def from_unreal(
 
 
 @app.command(
+    cls=FitCommand,
     epilog="Example: omniscv cameras fit double-sphere kannala-brandt --size 640x480 "
-    "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap"
+    "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap",
 )
 def fit(
     source: Annotated[str, Argument(help="A calibration file, or a model, with --size and --set.")],
@@ -138,8 +140,6 @@ def fit(
     settings: Annotated[
         list[str] | None, Option("--set", help="KEY=VALUE: a parameter of a model, as alpha=0.6; repeatable.")
     ] = None,
-    fov: Annotated[float | None, Option(hidden=True)] = None,
-    param: Annotated[list[str] | None, Option(hidden=True)] = None,
     out: Annotated[Path | None, Option(help="A file for the fitted camera.")] = None,
     format: Annotated[str, Option(help="Of --out: opencv, kalibr, ...; see docs/calibration.md.")] = "json",
     as_json: options.AsJson = False,
@@ -153,9 +153,7 @@ def fit(
     from omniscv.cameras import create, names
 
     if source in names():
-        parameters: dict[str, Any] = {} if fov is None else {"fov_deg": fov}
-        parameters |= map(options.parameter, param or [])
-        parameters |= (options.setting(text, "alpha=0.6") for text in settings or [])
+        parameters = dict(options.setting(text, "alpha=0.6") for text in settings or [])
         if {"width", "height"} & parameters.keys():
             raise ArgumentError("--set: expected width and height in --size WIDTHxHEIGHT, got them as keys")
         camera = create(source, *options.size(size), **parameters)

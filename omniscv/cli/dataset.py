@@ -8,6 +8,7 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.job_options import IMAGES, JobArguments, with_job
+from omniscv.cli.old_spellings import FormatCommand, JobCommand
 from omniscv.cli.options import AsJson, setting
 from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
@@ -22,12 +23,11 @@ Settings = Annotated[
     list[str] | None,
     Option("--set", help="KEY=VALUE: an option of the format, such as max_count=100."),
 ]
-OldSettings = Annotated[list[str] | None, Option("--option", hidden=True)]
 Shard = Annotated[str | None, Option(help="I/N: these frames only, I from 0; finish with --resume.")]
 _CLUSTER_HELP = "Workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
 
 
-@app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
+@app.command(cls=JobCommand, epilog="Example: omniscv dataset make dataset.yaml --resume")
 @with_job(IMAGES, needs_file=True)
 def make(
     job: JobArguments,
@@ -79,7 +79,9 @@ def make(
     raise Exit(1 if made.failed else 0)
 
 
-@app.command(epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100")
+@app.command(
+    cls=FormatCommand, epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100"
+)
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
@@ -88,12 +90,11 @@ def export(
     ] = None,
     camera: Cameras = None,
     settings: Settings = None,
-    option: OldSettings = None,
 ) -> None:
     """Write a dataset in the form of another program, without its source."""
     from omniscv.dataset import export
 
-    values = dict(setting(text, "max_count=100") for text in [*(settings or []), *(option or [])])
+    values = dict(setting(text, "max_count=100") for text in settings or [])
     for path in export(folder, to, out, camera or (), **values):
         console.line(path)
 
@@ -169,7 +170,7 @@ def _recorded(path: Path) -> bool:
     return path.exists() and path.suffix not in (".yaml", ".yml", ".json")
 
 
-@app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")
+@app.command(cls=FormatCommand, epilog="Example: omniscv dataset pack dataset --as webdataset")
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
@@ -178,12 +179,11 @@ def pack(
     ] = None,
     camera: Cameras = None,
     settings: Settings = None,
-    option: OldSettings = None,
 ) -> None:
     """Write a dataset for training: WebDataset shards, or a Hugging Face ImageFolder."""
     from omniscv.arguments import one_of
 
-    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, settings, option)
+    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, settings)
 
 
 @app.command(epilog="Example: omniscv dataset video dataset --camera panorama --out panorama.mp4 --rate 10")

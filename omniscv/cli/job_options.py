@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from typer import Argument, Context, Option
 
 from omniscv.cli import console
-from omniscv.cli.options import edge, modes, numbers, one_number, parameter, setting, size
-from omniscv.errors import ArgumentError
+from omniscv.cli.options import modes, numbers, setting, size
 
 if TYPE_CHECKING:
     from omniscv.job import Job
@@ -32,15 +31,15 @@ class JobOption(NamedTuple):
         keys: function from the option's value to the keys that it sets.
         type: of the value.
         default: where there is no file; None and empty lists set nothing.
-        help: in the command's help. Without it the option is an old spelling of ``--set`` and is not listed.
+        help: in the command's help.
         panel: group of options in the help.
         complete: yields words for the shell's completion.
     """
 
     keys: Callable[[Any], Keys]
     type: Any
-    default: Any = None
-    help: str = ""
+    default: Any
+    help: str
     panel: str = ""
     complete: Callable[[], Iterable[str]] | None = None
 
@@ -50,7 +49,6 @@ class JobOption(NamedTuple):
             self.default,
             f"--{name.replace('_', '-')}",
             help=self.help,
-            hidden=not self.help,
             show_default=shows_default,
             rich_help_panel=self.panel or None,
             autocompletion=self.complete,
@@ -90,55 +88,14 @@ def _settings(texts: list[str]) -> Keys:
     return dict(map(setting, texts))
 
 
-def _parameters(texts: list[str]) -> Keys:
-    for name, value in map(parameter, texts):
-        if name in ("width", "height"):
-            raise ArgumentError(f"--param: expected {name} in --size WIDTHxHEIGHT, got '{name}={value}'")
-    return {f"cameras.*.{name}": value for name, value in map(parameter, texts)}
-
-
 MODES = JobOption(
     key("modes", modes), str, "lit", "Some of lit,object_mask (or mask),depth,normals.", _OUTPUT
 )
 SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
-_POSITION_HELP = "X,Y,Z in metres: X forward, Y left, Z up."
 _SET_HELP = (
     "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as face_size=512, camera.fov_deg=185, "
     "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
 )
-
-AIM: Mapping[str, JobOption] = {
-    "accuracy": JobOption(
-        key("accuracy"), str | None, None, "Share of the pixels that may be doubtful, such as 0.1%.", _OUTPUT
-    ),
-    "most_captures": JobOption(
-        key("most_captures"), int | None, None, "Captures of an image at which --accuracy stops.", _OUTPUT
-    ),
-    "most_megapixels": JobOption(
-        key("most_megapixels"), float | None, None, "Megapixels at which --accuracy stops.", _OUTPUT
-    ),
-}
-"""How accurate images are, and what that may take."""
-
-OLD: Mapping[str, JobOption] = {
-    "strategy": JobOption(key("strategy"), str | None),
-    "viewpoints": JobOption(key("viewpoints"), int | None),
-    "face_size": JobOption(key("face_size", edge), str | None),
-    "filter": JobOption(key("filter"), str | None),
-    "max_error": JobOption(
-        key("max_error_px", lambda text: one_number("--max-error", text.removesuffix("px"))), str | None
-    ),
-    "normals": JobOption(key("normals"), str | None),
-    "truth_scale": JobOption(key("truth_scale"), int | None),
-    "timeout": JobOption(
-        key("source_options.timeout_s", lambda value: one_number("--timeout", value)), float | None
-    ),
-    "patience": JobOption(
-        key("source_options.patience_s", lambda value: one_number("--patience", value)), float | None
-    ),
-    "freeze": JobOption(key("freeze"), str | None),
-}
-"""Spellings of ``--set`` from before it, which keep working."""
 
 SET: Mapping[str, JobOption] = {"set": JobOption(_settings, list[str], [], _SET_HELP, _ANY, _key_names)}
 
@@ -159,21 +116,26 @@ VIEW: Mapping[str, JobOption] = {
         "Width x height of the image, px.",
         _CAMERA,
     ),
-    "fov": JobOption(key("cameras.*.fov_deg"), float | None),
-    "param": JobOption(_parameters, list[str], []),
     "position": JobOption(
         lambda text: {"poses": [{"position": numbers("--position", text)}]},
         str,
         "0,0,1.5",
-        _POSITION_HELP,
+        "X,Y,Z in metres: X forward, Y left, Z up.",
         _POSE,
     ),
     "yaw": JobOption(key("poses.*.yaw_deg"), float, 0.0, "Degrees, to the left +.", _POSE),
     "pitch": JobOption(key("poses.*.pitch_deg"), float, 0.0, "Degrees, nose up +.", _POSE),
     "roll": JobOption(key("poses.*.roll_deg"), float, 0.0, "Degrees, right side down +.", _POSE),
     "modes": MODES,
-    **AIM,
-    **OLD,
+    "accuracy": JobOption(
+        key("accuracy"), str | None, None, "Share of the pixels that may be doubtful, such as 0.1%.", _OUTPUT
+    ),
+    "most_captures": JobOption(
+        key("most_captures"), int | None, None, "Captures of an image at which --accuracy stops.", _OUTPUT
+    ),
+    "most_megapixels": JobOption(
+        key("most_megapixels"), float | None, None, "Megapixels at which --accuracy stops.", _OUTPUT
+    ),
     **SET,
 }
 """One camera at one pose."""
@@ -182,8 +144,6 @@ IMAGES: Mapping[str, JobOption] = {
     **VIEW,
     # A text: as a path, a URL would lose a slash.
     "out": JobOption(key("out"), str, "out", "Folder for the images.", _OUTPUT),
-    "record": JobOption(key("record"), str | None),
-    "image_format": JobOption(key("image_format"), str | None),
     **SET,
 }
 """One camera at one pose, and where its images are written."""

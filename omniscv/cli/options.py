@@ -35,13 +35,6 @@ def size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def edge(text: str) -> Any:
-    """Return ``--face-size``: ``auto``, or px as a whole number."""
-    if text != "auto" and not re.fullmatch(r"[0-9]{1,9}", text):
-        raise _wrong("--face-size", "auto or a number of px", text)
-    return text if text == "auto" else int(text)
-
-
 def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ...]:
     """Return ``0,0,1.5`` as numbers, as many as the example has."""
     try:
@@ -79,20 +72,6 @@ def setting(text: str, example: str = "face_size=512 or camera.fov_deg=185") -> 
         return re.sub(r"^(camera|pose)\.", r"\1s.*.", name), bounded.parse_yaml(value)
     except ArgumentError as cause:
         raise ArgumentError(f"--set {name}: {cause.message}") from cause
-
-
-def parameter(text: str) -> tuple[str, Any]:
-    """Return ``--param NAME=VALUE``; the value is YAML, or a list separated by commas."""
-    from omniscv.storage import bounded
-
-    name, equals, value = text.partition("=")
-    try:
-        if not (equals and name.isidentifier()):
-            raise ArgumentError("no name")
-        parsed = bounded.parse_yaml(value)
-        return name, bounded.parse_yaml(f"[{value}]") if isinstance(parsed, str) and "," in parsed else parsed
-    except ArgumentError as cause:
-        raise _wrong("--param", "NAME=VALUE such as radius=1.0 or k=0.1,0.2", text) from cause
 
 
 def _wrong(option: str, wanted: str, text: str) -> ArgumentError:

@@ -7,6 +7,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.job_options import VIEW, JobArguments, with_job
+from omniscv.cli.old_spellings import JobCommand
 
 app = Typer(add_completion=False)
 
@@ -24,7 +25,8 @@ _COLUMNS = (
 
 
 @app.command(
-    epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth"
+    cls=JobCommand,
+    epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth",
 )
 @with_job(VIEW)
 def plan(

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 from typer import Option, Typer
 
 from omniscv.cli import console, options
-from omniscv.cli.job_options import MODES, OLD, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
+from omniscv.cli.job_options import MODES, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
+from omniscv.cli.old_spellings import JobCommand
 from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
@@ -50,14 +51,12 @@ OPTIONS = {
         "Manual exposure of the camera: its bias in stops, or auto, as bright as the game's own.",
     ),
     "out": JobOption(key("record"), str | None, None, "The recording; else the job's, or capture.sqlite."),
-    **OLD,
-    "strategy": OLD["strategy"]._replace(default="cube"),
-    "face_size": OLD["face_size"]._replace(default="1024"),
     **SET,
 }
 
 
 @app.command(
+    cls=JobCommand,
     no_args_is_help=True,
     epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
     "--set face_size=256 --modes lit,mask,depth --out room.sqlite",
@@ -97,12 +96,16 @@ def _described(job: JobArguments, games: list[Path]) -> JobArguments:
     from omniscv.sources.registry import scheme_of
 
     values = dict(job.values)
-    if "face_size" not in job.given and values["source"] and not any(map(scheme_of, values["source"])):
-        values["face_size"] = "auto"  # as the recording has them
-    edge = dict(map(options.setting, values["set"])).get("face_size", options.edge(values["face_size"]))
+    recorded = values["source"] and not any(map(scheme_of, values["source"]))
+    edge = dict(map(options.setting, values["set"])).get("face_size", "auto" if recorded else 1024)
     width = 2 * edge if isinstance(edge, int) else 2048
     cube = {"model": "equirectangular", "width": width, "height": width // 2}
-    described: dict[str, Any] = {"source": "mock://four-wall", "cameras": {"cube": cube}}
+    described: dict[str, Any] = {
+        "source": "mock://four-wall",
+        "cameras": {"cube": cube},
+        "strategy": "cube",
+        "face_size": edge,
+    }
     # The size is for a game that cannot set another one.
     size = f"?size={edge}x{edge}" if isinstance(edge, int) else ""
     values["source"] = [*values["source"], *(f"launch:{game}{size}" for game in games)]

@@ -7,6 +7,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.job_options import IMAGES, JobArguments, with_job
+from omniscv.cli.old_spellings import JobCommand
 from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
 
@@ -14,6 +15,7 @@ app = Typer(add_completion=False)
 
 
 @app.command(
+    cls=JobCommand,
     no_args_is_help=True,
     epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
     "--size 1024x1024 --set camera.fov_deg=185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"

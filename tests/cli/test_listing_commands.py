@@ -93,7 +93,7 @@ def test_scenes_models_and_plans_as_json(capsys):
     assert kinds == {
         name: "central" if cameras.model(name).central else "non-central" for name in cameras.names()
     }
-    plan = printed_json(capsys, "plan", "--size", "64x32", "--face-size", "16")
+    plan = printed_json(capsys, "plan", "--size", "64x32", "--set", "face_size=16")
     assert {each["strategy"]: each["views"] for each in plan}["cube"] == 6
 
 

@@ -5,11 +5,13 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from omniscv.arguments import shown
-from omniscv.cli import job_options, run
+from omniscv.cli import run
 from omniscv.cli.job_options import IMAGES, JobArguments
+from omniscv.cli.old_spellings import OF_FIT, OF_FORMATS, OF_JOBS, in_new_words
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import address, load, overridden, read
@@ -22,6 +24,9 @@ poses: [{position: [0, 0, 1.5], yaw_deg: 40}]
 modes: [lit, mask]
 face_size: 32
 """
+
+
+LENS = "--camera kannala-brandt --size 64x48 --param fx=20 --param fy=20.5 --param cx=32 --param cy=24"
 
 
 @pytest.fixture
@@ -46,7 +51,6 @@ def loaded(job, **values):
         ({"position": "1,0,1.5", "pitch": 10.0}, "poses.0.position.0", 1.0),
         ({"source": "scene://six-wall"}, "source", "scene://six-wall"),
         ({"size": "16x8"}, "cameras.pano.width", 16),
-        ({"camera": "pinhole", "size": "8x6", "param": ["focal=5"]}, "cameras.pinhole.focal", 5.0),
         ({"camera": "pinhole", "size": "8x6", "set": ["camera.focal=5"]}, "cameras.pinhole.focal", 5.0),
         ({"out": "elsewhere"}, "out.name", "elsewhere"),
         ({"set": ["face_size=16", "filter=area"]}, "options.face_size", 16),
@@ -54,20 +58,7 @@ def loaded(job, **values):
         ({"set": ["source_options.timeout_s=3"]}, "source_options.timeout_s", 3.0),
         ({"set": ["modes=[lit]"]}, "modes", ("lit",)),
         ({"set": ["truth.boxes=true"]}, "recipe.truth.boxes", {}),
-        # Spellings from before --set:
-        ({"face-size": "16"}, "options.face_size", 16),
-        ({"face-size": "auto"}, "options.face_size", "auto"),
-        ({"strategy": "cube"}, "options.strategy", "cube"),
-        ({"viewpoints": 3}, "options.viewpoints", 3),
-        ({"filter": "area"}, "options.filter", "area"),
-        ({"max-error": "0.5px"}, "options.max_error_px", 0.5),
-        ({"normals": "from-depth"}, "options.normals", "from-depth"),
-        ({"truth-scale": 2}, "options.truth_scale", 2),
-        ({"timeout": 3.0}, "source_options.timeout_s", 3.0),
-        ({"patience": 4.0}, "source_options.patience_s", 4.0),
-        ({"freeze": "none"}, "source_options.freeze", "none"),
-        ({"image-format": "jpg"}, "image_format", "jpg"),
-        ({"record": "room.sqlite"}, "record.name", "room.sqlite"),
+        ({"set": ["record=room.sqlite"]}, "record.name", "room.sqlite"),
     ],
 )
 def test_an_option_overrides_its_key(options, field, value, job, capsys):
@@ -99,11 +90,45 @@ def test_a_wrong_setting_is_refused(setting, says, job, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_old_spellings_are_not_in_the_help(capsys):
-    assert run(["render", "--help"]) == 0
-    listed = set(re.findall(r"--([a-z-]+)", capsys.readouterr().out.partition("Example:")[0]))
-    assert {"set", "size", "modes"} <= listed
-    assert not listed & {name.replace("_", "-") for name in job_options.OLD}
+@pytest.mark.parametrize(
+    ("old", "field", "value"),
+    [
+        ("--face-size 16", "options.face_size", 16),
+        ("--face-size=auto", "options.face_size", "auto"),
+        ("--strategy cube", "options.strategy", "cube"),
+        ("--viewpoints 3", "options.viewpoints", 3),
+        ("--filter area", "options.filter", "area"),
+        ("--max-error 0.5px", "options.max_error_px", 0.5),
+        ("--normals from-depth", "options.normals", "from-depth"),
+        ("--truth-scale 2", "options.truth_scale", 2),
+        ("--timeout 3", "source_options.timeout_s", 3.0),
+        ("--patience 4", "source_options.patience_s", 4.0),
+        ("--freeze none", "source_options.freeze", "none"),
+        ("--image-format jpg", "image_format", "jpg"),
+        ("--record room.sqlite", "record.name", "room.sqlite"),
+        ("--fov 90 --camera fisheye-equidistant --size 8x8", "cameras.fisheye-equidistant.focal", 16 / np.pi),
+        ("--param focal=5 --camera pinhole --size 8x6", "cameras.pinhole.focal", 5.0),
+        (f"{LENS} --param k=0.01,0,0,0", "cameras.kannala-brandt.k", (0.01, 0, 0, 0)),
+        (f"{LENS} --param=k=[0.01,0,0,0]", "cameras.kannala-brandt.k", (0.01, 0, 0, 0)),
+    ],
+)
+def test_spellings_from_before_set_work(old, field, value, job, monkeypatch):
+    loaded = []
+    monkeypatch.setattr("omniscv.make.run", lambda job, *_, **__: loaded.append(job) or [])
+    assert run(["render", str(job), *old.split()]) == 0
+    assert np.array_equal(_field(loaded[0], field), value)
+
+
+@pytest.mark.parametrize(
+    ("command", "renamed"),
+    [("render", OF_JOBS), ("record", OF_JOBS), ("cameras fit", OF_FIT), ("dataset export", OF_FORMATS)],
+)
+def test_old_spellings_are_not_in_the_help(command, renamed, capsys):
+    assert run([*command.split(), "--help"]) == 0
+    listed = set(re.findall(r"--[a-z-]+", capsys.readouterr().out.partition("Example:")[0]))
+    assert "--set" in listed
+    assert not listed & renamed.keys()
+    assert in_new_words(["--option", "a=1", "b"], OF_FORMATS) == ["--set", "a=1", "b"]
 
 
 def _field(job, path):
@@ -146,7 +171,9 @@ def test_paths_of_options_are_relative_to_the_present_folder(job, monkeypatch, c
 
 
 def test_a_recording_of_a_job_with_other_options(job, capsys):
-    assert run(["record", str(job), "--position", "1,0,1.5", "--face-size", "16", "--out", "b.sqlite"]) == 0
+    assert (
+        run(["record", str(job), "--position", "1,0,1.5", "--set", "face_size=16", "--out", "b.sqlite"]) == 0
+    )
     held = info(job.parent / "b.sqlite")
     assert held.centers == 1
     assert all(int(size.partition("x")[0]) < 32 for size in held.sizes)
@@ -155,7 +182,7 @@ def test_a_recording_of_a_job_with_other_options(job, capsys):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--fov", "90"], "camera equirectangular: expected width, height; got 'fov_deg'"),
+        (["--set", "camera.fov_deg=90"], "camera equirectangular: expected width, height; got 'fov_deg'"),
         (
             ["--camera", "kannala-brandt"],
             "cameras.kannala-brandt: camera kannala-brandt: expected width, height, fx",

@@ -31,7 +31,7 @@ def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path
     """It may come several times, as from ``timeout`` and terminals. SIGHUP under nohup changes nothing."""
     out = tmp_path / "room.sqlite"
     positions = [f"--position={0.001 * step},0,1.5" for step in range(1000)]
-    options = ["--face-size", "32", "--modes", "lit", "--out", out]
+    options = ["--set", "face_size=32", "--modes", "lit", "--out", out]
     with started(*OMNISCV, "record", *options, *positions, ignored=ignored) as process:
         if signal.SIGHUP in ignored:
             process.send_signal(signal.SIGHUP)
