@@ -1,15 +1,63 @@
-"""The cine camera of plugin 1.1.0: its state, its replies, and the projection that all sensors share.
+"""The cine camera of plugin 1.1.0: its settings, its replies, and the projection that all sensors share.
 
 Written from the reference, section 2.3, which does not give the numbers of a new camera. Crop, focus, near
-plane and physical exposure are kept and reported, and change no image.
+plane and physical exposure are stored and reported; they change no image.
 """
 
+import copy
 import json
 import math
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+_DEFAULTS: dict[str, dict[str, Any]] = {
+    "filmback": {
+        "sensor_width_mm": 23.76, "sensor_height_mm": 13.365,
+        "sensor_offset_x_mm": 0.0, "sensor_offset_y_mm": 0.0,
+    },
+    "lens": {
+        "focal_length_mm": 35.0, "aperture_fstop": 2.8, "min_focal_length_mm": 1.0,
+        "max_focal_length_mm": 1000.0, "min_fstop": 0.1, "max_fstop": 64.0,
+        "minimum_focus_distance_mm": 15.0, "squeeze_factor": 1.0, "diaphragm_blade_count": 7,
+    },
+    "focus": {
+        "mode": "manual", "manual_distance_cm": 100000.0, "smooth": False, "smoothing_speed": 8.0,
+        "offset_cm": 0.0, "tracking_actor": "", "tracking_offset_cm": [0.0, 0.0, 0.0],
+    },
+    "crop": {
+        "aspect_ratio": 0.0, "overscan": 0.0, "crop_overscan": False,
+        "scale_resolution_with_overscan": False,
+    },
+    "exposure": {"iso": 100.0, "shutter_speed_reciprocal": 60.0, "apply_physical_exposure": False},
+    "near_clip": {"override": False, "distance_cm": 10.0},
+}  # fmt: skip
+"""The sections of the reply to ``cine``, and their keys."""
+
+_LENS = list(_DEFAULTS["lens"])
+_COMMANDS = {
+    "filmback": ("filmback", list(_DEFAULTS["filmback"])),
+    "lens": ("lens", _LENS[:2]),
+    "lens_settings": ("lens", _LENS[2:]),
+    "focus": ("focus", ["manual_distance_cm"]),
+    "focus_mode": ("focus", ["mode", "smooth", "smoothing_speed", "offset_cm"]),
+    "focus_tracking": ("focus", ["tracking_actor", "tracking_offset_cm"]),
+    "crop": ("crop", list(_DEFAULTS["crop"])),
+    "near_clip": ("near_clip", list(_DEFAULTS["near_clip"])),
+    "exposure": ("exposure", list(_DEFAULTS["exposure"])),
+}
+"""By the name of a command, the section and the keys that it sets."""
+
+_WORDS = {str: "[str]", float: "[float]", bool: "[uint]", int: "[uint]", list: " ".join(["[float]"] * 3)}
+_LIMITS = {
+    "sensor_width_mm": (1e-3, math.inf), "sensor_height_mm": (1e-3, math.inf), "iso": (1.0, math.inf),
+    "squeeze_factor": (1.0, 2.0), "diaphragm_blade_count": (4, 16),
+}  # fmt: skip
 _MODES = ("manual", "tracking", "disable", "none", "do_not_override")
+
+TEMPLATES = {
+    name: " ".join([name, *(_WORDS[type(_DEFAULTS[section][key])] for key in keys)])
+    for name, (section, keys) in _COMMANDS.items()
+}
+"""By the name of a command, the end of its template."""
 
 
 class Projection(NamedTuple):
@@ -21,90 +69,48 @@ class Projection(NamedTuple):
     cy: float
 
 
-@dataclass
 class Cine:
-    """The settings of one camera's cine model; every setter but ``enable(0)`` switches it on.
+    """The settings of one camera's cine model.
 
     Pixels are square; if ``stretched`` the picture shows the whole height of the filmback, whatever its size.
     """
 
-    enabled: bool = False
-    stretched: bool = False
-    filmback: list[float] = field(
-        default_factory=lambda: [23.76, 13.365, 0.0, 0.0]
-    )  # width, height, offsets, mm
-    lens: list[float] = field(default_factory=lambda: [35.0, 2.8])  # focal length, mm; aperture
-    limits: list[float] = field(default_factory=lambda: [1.0, 1000.0, 0.1, 64.0, 15.0])
-    squeeze: float = 1.0
-    blades: int = 7
-    focus: dict[str, Any] = field(
-        default_factory=lambda: {
-            "mode": "manual", "manual_distance_cm": 100000.0, "smooth": False, "smoothing_speed": 8.0,
-            "offset_cm": 0.0, "tracking_actor": "", "tracking_offset_cm": [0.0, 0.0, 0.0],
-        }
-    )  # fmt: skip
-    crop: list[float] = field(default_factory=lambda: [0.0, 0.0, 0, 0])
-    near_clip: list[float] = field(default_factory=lambda: [0, 10.0])
-    exposure: list[float] = field(default_factory=lambda: [100.0, 60.0, 0])
+    def __init__(self) -> None:
+        self.enabled = self.stretched = False
+        self._settings = copy.deepcopy(_DEFAULTS)
 
-    def enable(self, on: int) -> None:
-        """Switch it on or off."""
-        self.enabled = bool(on)
-
-    def set_filmback(self, width: float, height: float, x: float, y: float) -> None:
-        """Set the sensor's size and offsets, mm."""
-        self.enabled, self.filmback = True, [max(width, 1e-3), max(height, 1e-3), x, y]
-
-    def set_lens(self, focal: float, aperture: float) -> None:
-        """Set focal length, mm, and aperture, within their limits."""
-        least, most, widest, smallest, _ = self.limits
-        stop = max(0.1, min(max(aperture, widest), smallest))
-        self.enabled, self.lens = True, [min(max(focal, least), most), stop]
-
-    def set_lens_settings(self, *values: float) -> None:
-        """Set the limits, squeeze factor and blades."""
-        self.enabled, self.limits = True, list(values[:5])
-        self.squeeze, self.blades = min(max(values[5], 1.0), 2.0), int(min(max(values[6], 4), 16))
-
-    def set_focus(self, distance: float) -> None:
-        """Set the manual focus distance, cm."""
-        self.enabled, self.focus["manual_distance_cm"] = True, distance
-
-    def set_focus_mode(self, mode: str, smooth: int, speed: float, offset: float) -> str | None:
-        """Set how it focuses."""
-        if mode.lower() not in _MODES:
-            return f"error Focus mode must be {', '.join(_MODES[:-1])}, or {_MODES[-1]}"
+    def set(self, command: str, *values: Any) -> str | None:
+        """Change settings by a command of ``TEMPLATES``, which also switches the model on."""
+        section, keys = _COMMANDS[command]
+        settings = self._settings[section]
+        if command == "focus_tracking":
+            values = values[0], list(values[1:])
+            settings["mode"] = "tracking"
+        changes = dict(zip(keys, values, strict=True))
+        for key, value in changes.items():
+            if isinstance(settings[key], bool):
+                changes[key] = bool(value)
+            elif key in _LIMITS:
+                changes[key] = _clamp(value, *_LIMITS[key])
+        if command == "focus_mode":
+            if (mode := changes["mode"].lower()) not in _MODES:
+                return f"error Focus mode must be {', '.join(_MODES[:-1])}, or {_MODES[-1]}"
+            changes["mode"] = mode
+        if command == "lens":
+            focal, stop = changes.values()
+            focal = _clamp(focal, settings["min_focal_length_mm"], settings["max_focal_length_mm"])
+            stop = max(0.1, _clamp(stop, settings["min_fstop"], settings["max_fstop"]))
+            changes = dict(zip(keys, (focal, stop), strict=True))
+        settings.update(changes)
         self.enabled = True
-        self.focus |= {
-            "mode": mode.lower(),
-            "smooth": bool(smooth),
-            "smoothing_speed": speed,
-            "offset_cm": offset,
-        }
         return None
-
-    def set_tracking(self, actor: str, *offset: float) -> None:
-        """Focus on an actor."""
-        self.enabled = True
-        self.focus |= {"mode": "tracking", "tracking_actor": actor, "tracking_offset_cm": list(offset)}
-
-    def set_crop(self, *values: float) -> None:
-        """Set aspect ratio, overscan, and whether it crops and scales."""
-        self.enabled, self.crop = True, list(values)
-
-    def set_near_clip(self, override: int, distance: float) -> None:
-        """Set the near plane, cm."""
-        self.enabled, self.near_clip = True, [override, distance]
-
-    def set_exposure(self, iso: float, shutter: float, apply: int) -> None:
-        """Set the physical exposure."""
-        self.enabled, self.exposure = True, [max(iso, 1.0), shutter, apply]
 
     def projection(self, width: int, height: int) -> Projection:
         """Return the projection of an image, whose field of view is horizontal, also for a portrait."""
-        sensor, tall, x, y = self.filmback
-        focal = width * self.lens[0] / (sensor * self.squeeze)
-        down = height * self.lens[0] / tall if self.stretched else focal
+        sensor, tall, x, y = self._settings["filmback"].values()
+        lens = self._settings["lens"]
+        focal = width * lens["focal_length_mm"] / (sensor * lens["squeeze_factor"])
+        down = height * lens["focal_length_mm"] / tall if self.stretched else focal
         return Projection(focal, down, width / 2 - width * x / sensor, height / 2 + height * y / tall)
 
     def intrinsics(self, width: int, height: int) -> str:
@@ -120,26 +126,13 @@ class Cine:
     def model(self, width: int, height: int) -> str:
         """Return the reply to ``cine``."""
         fx, fy = self.projection(width, height)[:2]
-        lens = [*self.lens, *self.limits, self.squeeze, self.blades]
         return _pretty({
-            "enabled": self.enabled,
-            "filmback": dict(zip(_FILMBACK, self.filmback, strict=True)),
-            "lens": dict(zip(_LENS, lens, strict=True)),
-            "focus": self.focus,
-            "crop": dict(zip(_CROP, [*self.crop[:2], *map(bool, self.crop[2:])], strict=True)),
-            "exposure": dict(zip(_EXPOSURE, [*self.exposure[:2], bool(self.exposure[2])], strict=True)),
-            "near_clip": {"override": bool(self.near_clip[0]), "distance_cm": self.near_clip[1]},
-            **_angles(2 * fx / width, 2 * fy / height),
+            "enabled": self.enabled, **self._settings, **_angles(2 * fx / width, 2 * fy / height),
         })  # fmt: skip
 
 
-_FILMBACK = ("sensor_width_mm", "sensor_height_mm", "sensor_offset_x_mm", "sensor_offset_y_mm")
-_LENS = (
-    "focal_length_mm", "aperture_fstop", "min_focal_length_mm", "max_focal_length_mm", "min_fstop",
-    "max_fstop", "minimum_focus_distance_mm", "squeeze_factor", "diaphragm_blade_count",
-)  # fmt: skip
-_CROP = ("aspect_ratio", "overscan", "crop_overscan", "scale_resolution_with_overscan")
-_EXPOSURE = ("iso", "shutter_speed_reciprocal", "apply_physical_exposure")
+def _clamp(value: Any, least: float, most: float) -> Any:
+    return min(max(value, least), most)
 
 
 def _angles(m00: float, m11: float) -> dict[str, float]:

@@ -1,11 +1,14 @@
 """Flaws of captures: what some faults of :mod:`mock_server.faults` do to pose, depth and pixels."""
 
 import random
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from mock_server.render import ViewHits
 
 Triple = tuple[float, float, float]
 Depth = NDArray[np.float64]
@@ -81,3 +84,30 @@ def shifted(image: Bytes, px: float) -> Bytes:
     matrix = np.array([[1.0, 0.0, px], [0.0, 1.0, 0.0]])
     size = image.shape[1], image.shape[0]
     return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def radial(depth: Depth, share: float, view: ViewHits) -> Depth:
+    """Return planar depth that goes a share of the way to the distance along the ray."""
+    is_surface = np.isfinite(view.depth)
+    farther = np.where(is_surface, view.distance, 0) - np.where(is_surface, view.depth, 0)
+    return depth + share * farther
+
+
+IMAGES: tuple[tuple[str, str, Callable[[Bytes, float, random.Random], Bytes]], ...] = (
+    ("mask-blur", "object_mask", lambda image, px, _: blurred(image, px)),
+    ("mask-noise", "object_mask", recoloured),
+    ("lit-offset", "lit", lambda image, px, _: shifted(image, px)),
+    ("distortion", "", lambda image, corner, _: distorted(image, corner)),
+    ("jpeg", "", lambda image, loss, _: through_jpeg(image, loss)),
+)
+"""The faults of images in their order: name, mode (empty for all), and what they do."""
+
+DEPTHS: tuple[tuple[str, Callable[[Depth, float, ViewHits], Depth]], ...] = (
+    ("depth-scale", lambda depth, share, _: depth * (1 + share)),
+    ("distortion", lambda depth, corner, _: distorted(depth, corner)),
+    ("radial-depth", radial),
+    ("far-plane", lambda depth, most, _: np.minimum(depth, most)),
+    ("depth-bits", lambda depth, bits, _: in_steps(depth, bits)),
+    ("depth-mantissa", lambda depth, bits, _: in_bits(depth, bits)),
+)
+"""The faults of depth in their order: name, and what they do."""

@@ -262,16 +262,10 @@ class World:
     def image(self, view: ViewHits, mode: str, camera: Camera | None = None) -> pixels.Bytes:
         """Return (H, W, 3) a camera's view in a view mode; modes that the mock lacks look like ``lit``."""
         image = self._image(view, mode, camera)
-        if mode == "object_mask" and (fault := self.faults.strike("mask-blur")):
-            image = flaws.blurred(image, fault.amount())
-        if mode == "object_mask" and (fault := self.faults.strike("mask-noise")):
-            image = flaws.recoloured(image, fault.amount(), self.faults.generator("mask-noise"))
-        if mode == "lit" and (fault := self.faults.strike("lit-offset")):
-            image = flaws.shifted(image, fault.amount())
-        if fault := self.faults.strike("distortion"):
-            image = flaws.distorted(image, fault.amount())
-        fault = self.faults.strike("jpeg")
-        return flaws.through_jpeg(image, fault.amount()) if fault else image
+        for name, only, change in flaws.IMAGES:
+            if only in ("", mode) and (fault := self.faults.strike(name)):
+                image = change(image, fault.amount(), self.faults.generator(name))
+        return image
 
     def _image(self, view: ViewHits, mode: str, camera: Camera | None) -> pixels.Bytes:
         if mode == "object_mask":
@@ -303,21 +297,10 @@ class World:
         if growth := self.faults.strike("moving-world"):
             depth = depth * self._depth_scale
             self._depth_scale += growth.amount()
-        if fault := self.faults.strike("depth-scale"):
-            depth = depth * (1 + fault.amount())
-        if fault := self.faults.strike("distortion"):
-            depth = flaws.distorted(depth, fault.amount())
-        if fault := self.faults.strike("radial-depth"):
-            farther = np.where(np.isfinite(view.depth), view.distance, 0) - np.where(
-                np.isfinite(view.depth), view.depth, 0
-            )
-            depth = depth + fault.amount() * farther
-        if fault := self.faults.strike("far-plane"):
-            depth = np.minimum(depth, fault.amount())
-        if fault := self.faults.strike("depth-bits"):
-            depth = flaws.in_steps(depth, fault.amount())
-        fault = self.faults.strike("depth-mantissa")
-        return flaws.in_bits(depth, fault.amount()) if fault else depth
+        for name, change in flaws.DEPTHS:
+            if fault := self.faults.strike(name):
+                depth = change(depth, fault.amount(), view)
+        return depth
 
     def _traced(self, camera: Camera, moment: Moment, hidden: frozenset[str]) -> ViewHits:
         """Return a view, cached for requests of other modes."""

@@ -3,12 +3,12 @@
 import json
 import os
 from collections import Counter
-from collections.abc import Callable
 from functools import partial
 
 import cv2
 import numpy as np
 
+from mock_server import cine as cine_model
 from mock_server import pixels
 from mock_server.dialects.common import THREE, OutputFolder, Reply, Row, ok
 from mock_server.dialects.v1 import BAD_ARGUMENT, MODES, Branch52
@@ -16,18 +16,6 @@ from mock_server.objects import SceneObject
 from mock_server.settings import Settings
 from mock_server.world import Camera, World
 
-_CINE = {
-    "enabled [uint]": "enable",
-    "filmback [float] [float] [float] [float]": "set_filmback",
-    "lens [float] [float]": "set_lens",
-    "lens_settings [float] [float] [float] [float] [float] [float] [uint]": "set_lens_settings",
-    "focus [float]": "set_focus",
-    "focus_mode [str] [uint] [float] [float]": "set_focus_mode",
-    "focus_tracking [str] [float] [float] [float]": "set_tracking",
-    "crop [float] [float] [uint] [uint]": "set_crop",
-    "near_clip [uint] [float]": "set_near_clip",
-    "exposure [float] [float] [uint]": "set_exposure",
-}
 _SHARED = {mode: mode for mode in MODES} | {"seg": "object_mask"}
 """What regions show, by the word of the command; both words for masks share one."""
 _NO_WINDOWS = "error Windows shared memory transport is only available on Windows"
@@ -64,9 +52,10 @@ class Plugin11(Branch52):
             (f"vget {cine}", "The cine camera", strict(lambda c: c.cine.model(*c.size))),
             (f"vget {cine}/enabled", "Whether it is on", strict(lambda c: str(int(c.cine.enabled)))),
             (f"vget {cine}/intrinsics", "Its projection", strict(lambda c: c.cine.intrinsics(*c.size))),
+            (f"vset {cine}/enabled [uint]", "Switches it on", strict(_switch_cine)),
             *(
-                (f"vset {cam}/cine/{end}", "Switches it on", strict(_cine(name)))
-                for end, name in _CINE.items()
+                (f"vset {cine}/{template}", "Switches it on", strict(partial(_set_cine, name)))
+                for name, template in cine_model.TEMPLATES.items()
             ),
         ]
         if self.settings.shared_memory != "unlisted":
@@ -128,11 +117,9 @@ def _set_fov(camera: Camera, fov: float) -> None:
     camera.fov = min(max(fov, 1.0), 179.0)
 
 
-def _cine(name: str) -> Callable[..., Reply]:
-    """Return a handler that calls a method of a camera's cine model."""
+def _switch_cine(camera: Camera, on: int) -> None:
+    camera.cine.enabled = bool(on)
 
-    def handler(camera: Camera, *values: float) -> Reply:
-        reply: Reply = getattr(camera.cine, name)(*values)
-        return reply
 
-    return handler
+def _set_cine(command: str, camera: Camera, *values: float) -> Reply:
+    return camera.cine.set(command, *values)
