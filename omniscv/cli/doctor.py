@@ -24,7 +24,7 @@ def doctor(
     ] = None,
     self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
     quick: Annotated[
-        bool, Option("--quick", help="Leave out seams, the unit of depth and what moves: seconds.")
+        bool, Option("--quick", help="Leave out the unit of depth, agreement of captures, and motion.")
     ] = False,
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     picture: Annotated[

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compose.light_checks import entered
-from omniscv.diagnostics import Finding
-from omniscv.diagnostics.seams import FACES
-from omniscv.diagnostics.self_calibration import inside, sample
-from omniscv.diagnostics.server import RawCamera
+from omniscv.diagnostics import Finding, light
+from omniscv.diagnostics.self_calibration import GREY, Picture, inside, sample
+from omniscv.diagnostics.server import FACES, RawCamera
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import Color, View
@@ -43,7 +42,12 @@ _CROSSED_PX = 150  # rays that enter the box of an object that is not shown
 _SPHERE, _SPHERE_PX = 2e-3, 2000
 _AGAIN_LEVELS = 0.5
 _MOST_PX = 4  # by which colours are looked for beside the masks' edges
-_EFFECTS = "turn off auto exposure, vignette, bloom, anti-aliasing and compression"
+_EFFECTS = (
+    "see exposure and vignette; no compression; vrun r.BloomQuality 0, r.LensFlareQuality 0, "
+    "r.SSR.Quality 0, r.PostProcessAAQuality 0"
+)
+"""Effects that make pictures of one surface differ (protocol reference, section 7.1)."""
+
 _POSES = "check field of view, poses and the meaning of depth; pause the game"
 
 
@@ -177,6 +181,8 @@ def findings(
     (again,) = shoot(camera, [FACES["front"]], here)
     names = {red << 16 | green << 8 | blue: name for name, (red, green, blue) in colors.items()}
     yield _again(faces[0], again)
+    greys = [[Picture(shot.lit @ GREY, shot.view.pose) for shot in shots] for shots in (faces, turned)]
+    yield from light.findings([(a, b) for a in greys[0] for b in greys[1]], camera.fov_deg)
     of_turn = [Overlap.of(*pair) for a in faces for b in turned for pair in ((a, b), (b, a))]
     of_move = [Overlap.of(*pair) for a in faces for b in beside for pair in ((a, b), (b, a))]
     yield from _agree("turned", of_turn, np.abs)

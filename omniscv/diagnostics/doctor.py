@@ -10,12 +10,12 @@ import numpy as np
 
 from omniscv import storage
 from omniscv.arguments import shown
-from omniscv.diagnostics import Finding, agreement, native_panorama, seams
+from omniscv.diagnostics import Finding, agreement, native_panorama
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
-from omniscv.diagnostics.server import EDGE_PX, NEVER, RawCamera, across, alike, color_counts
+from omniscv.diagnostics.server import EDGE_PX, FACES, NEVER, RawCamera, across, alike, color_counts
 from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
@@ -61,7 +61,7 @@ def examine_address(
             recording, or a folder of captures, for
             :func:`omniscv.diagnostics.recorded_faces.examine_recording`.
         position: (3,) where to measure, world frame, metres; None: the player's position.
-        quick: leave out seams, the unit of depth, and what moves.
+        quick: leave out the unit of depth, what captures say of each other, and what moves.
         picture: PNG to write, of a recording's worst edge.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
@@ -103,7 +103,6 @@ def examine_address(
                 *([scale] if scale else []),
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
-                *([] if quick else seams.findings(seams.measure(camera))),
                 *([] if quick else native_panorama.findings(connection, camera)),
                 *([] if quick else _agreement(connection, camera)),
                 *motion,
@@ -237,7 +236,7 @@ def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
     """Measure by how much depth straight ahead decreases when the camera moves there."""
     _, expected = camera.driver.table.depth
     decreases = []
-    for yaw, pitch in seams.FACES.values():
+    for yaw, pitch in FACES.values():
         ahead = []
         for forward_m in (0.0, _FORWARD_M):
             camera.go(yaw, pitch, forward_m)

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.seams import FACES
 from omniscv.diagnostics.self_calibration import GREY, Picture, sample
-from omniscv.diagnostics.server import RawCamera
+from omniscv.diagnostics.server import FACES, RawCamera
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.unreal.client import Connection

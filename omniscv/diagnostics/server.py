@@ -21,6 +21,11 @@ from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.replies import Reply, described, fov
 from omniscv.sources.unreal.source import open_driver
 
+FACES = {
+    "front": (0, 0), "left": (90, 0), "back": (180, 0), "right": (-90, 0), "up": (0, 90), "down": (0, -90),
+}  # fmt: skip
+"""Yaw to the left and pitch, degrees."""
+
 EDGE_PX = 128  # frames are square and of this size, where the server can set it
 _LARGEST_PX = 1 << 13
 _FRAMES = 8  # after so many frames at one pose a camera shows it, if it ever does
