@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from omniscv import modalities, storage
 from omniscv.arguments import shown
-from omniscv.dataset import manifest, registry
+from omniscv.dataset import exporting, manifest
 from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
 from omniscv.dataset.manifest import Manifest
 from omniscv.errors import DatasetError, MissingFileError, OmniscvError
@@ -50,7 +50,7 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
         faults += of_frame
     wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
     if format is not None:
-        name = registry.get(format).name
+        name = exporting.get(format).name
         wanted = [each for each in wanted if each.format == name] or [Export(name)]
     if not faults:  # of damaged frames, every export would have faults
         for each in wanted:
@@ -194,7 +194,7 @@ def _export_faults(folder: Folder, frames: list[Frame], wanted: Export, deep: bo
 def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
     """Return faults of a local export, below a folder that stands for the dataset's."""
     place = root / EXPORTS / wanted.folder
-    format = registry.get(wanted.format)
+    format = exporting.get(wanted.format)
     shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
     if (faults := format.check(shown, place)) is not None:
         return faults

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,26 @@ _FROM_TRUTH = {
     "amodal": {"visib_fract": "visib_fract", "px_all": "area_amodal", "bbox": "bbox_amodal"},
 }
 """By truth: fields of its records, and their names in annotations."""
+
+
+def entries(
+    frames: Sequence[Frame],
+    image: Callable[[Frame, int], dict[str, Any]],
+    objects: Callable[[Frame], Iterable[dict[str, Any]]],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the entries of ``images`` and ``annotations`` of frames, numbered from 1.
+
+    Args:
+        frames: in their order.
+        image: returns the entry of a frame and its number.
+        objects: returns the annotations of a frame, without ids.
+    """
+    images, annotations = [], list[dict[str, Any]]()
+    for number, frame in enumerate(frames, start=1):
+        images.append(image(frame, number))
+        for entry in objects(frame):
+            annotations.append({"id": len(annotations) + 1, "image_id": number, **entry})
+    return images, annotations
 
 
 def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
@@ -117,7 +137,8 @@ def _fields_from_truth(frame: Frame) -> dict[int, dict[str, Any]]:
 
 
 def write_compact(path: Path, data: Mapping[str, Any]) -> Path:
-    """Write JSON without spaces, whole or not at all, and return the path: masks are long."""
+    """Write JSON without spaces, as masks are long, whole or not at all; return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as part:
         text = json.dumps(data, separators=(",", ":"), allow_nan=False)
         part.write_text(text + "\n", encoding="utf-8")

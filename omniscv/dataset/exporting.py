@@ -1,27 +1,159 @@
-"""Exports: what other programs read, written from the frames of a dataset."""
+"""The formats that datasets are exported to, by name, and exports: what other programs read."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from omniscv import storage
+from omniscv import plugins, storage
 from omniscv.arguments import one_of, text, within
 from omniscv.cameras import Camera
-from omniscv.dataset import registry
 from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame, FrameFiles
+from omniscv.records import NoOptions, read
 from omniscv.storage import Folder
 from omniscv.storage.local import folder_beside, replace_folder
 
 EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
 _NAMED_BY = "--camera, or 'cameras' in a job"
+
+RELATIVE_ERROR_HELP = "part of the depth; leave out pixels whose depth_error is larger; null: none"
+"""Of the option of formats of points."""
+
+
+class Format(ABC):
+    """Base of the formats. A subclass has at least a name and :meth:`write`.
+
+    Attributes:
+        name: of the format in jobs and commands.
+        needs: kinds of files that its frames must have.
+        keys: keys of the job that are added to the options, such as ``seam``.
+        options: record of the options (:mod:`omniscv.records`) that the methods get; None: they get the
+            mapping as it is.
+    """
+
+    name: str
+    needs: Sequence[str] = ()
+    keys: Sequence[str] = ()
+    options: type[Any] | None = NoOptions
+
+    def refuses(self, camera: Camera) -> str | None:
+        """Return why the format cannot carry a camera, in one line; None if it can."""
+        return None
+
+    def check_options(  # noqa: B027 - most formats take every camera with any of their options
+        self, options: Any, cameras: Mapping[str, Camera]
+    ) -> None:
+        """Raise ArgumentError for options that do not fit the cameras, before anything is captured."""
+
+    @abstractmethod
+    def write(self, frames: Sequence[Frame], out: Path, options: Any) -> list[Path]:
+        """Write frames below a folder, and return the files.
+
+        Raises:
+            ArgumentError: frames that the format cannot carry.
+        """
+
+    def export(self, frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
+        """Write frames as :meth:`write` does, with options as a job has them."""
+        return self.write(frames, out, self.read_options(options))
+
+    def check(self, frames: Sequence[Frame], out: Path) -> list[str] | None:
+        """Return a line for each fault of an export; None: compare it with a new export."""
+        return None
+
+    def read_options(self, options: Mapping[str, Any]) -> Any:
+        """Return the options as the methods get them.
+
+        Raises:
+            ArgumentError: an unknown option, or a wrong value.
+        """
+        return options if self.options is None else read(self.options, options)
+
+
+class _Outside(Format):
+    """A format that is no subclass of :class:`Format`: an object with ``name``, ``refuses``, ``write``."""
+
+    options = None
+
+    def __init__(self, format: Any) -> None:
+        if missing := [name for name in ("name", "refuses", "write") if not hasattr(format, name)]:
+            raise ArgumentError(f"format: expected an object with {', '.join(missing)}, got {format!r}")
+        self._format = format
+        names = ("name", "needs", "keys", "options", "refuses", "check_options", "check")
+        vars(self).update({name: getattr(format, name) for name in names if hasattr(format, name)})
+
+    def write(self, frames: Sequence[Frame], out: Path, options: Any) -> list[Path]:
+        """Write frames as the object does."""
+        files: list[Path] = self._format.write(frames, out, options)
+        return files
+
+
+_NAMES = (
+    "ply",
+    "depth_png",
+    "normals_png",
+    "poses",
+    "colmap",
+    "nerfstudio",
+    "kalibr",
+    "tum_mono",
+    "flow",
+    "cfl",
+    "horizonnet",
+    "structured3d",
+    "webdataset",
+    "hf",
+    "coco",
+    "omni3d",
+)
+"""The formats of this package; the module of each name in :mod:`omniscv.dataset.formats` registers it."""
+
+_FORMATS: dict[str, Format] = {}
+
+
+def register(format: Any) -> None:
+    """Add a format, or replace the one of its name.
+
+    Args:
+        format: a :class:`Format`, or an object with ``name``, ``refuses`` and ``write``.
+
+    Raises:
+        ArgumentError: it lacks one of these.
+    """
+    adapted = format if isinstance(format, Format) else _Outside(format)
+    _FORMATS[adapted.name] = adapted
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all formats."""
+    plugins.load()
+    return tuple(dict.fromkeys((*_NAMES, *_FORMATS)))
+
+
+def get(name: str) -> Format:
+    """Return a format by its name; ``-`` and ``_`` are alike.
+
+    Raises:
+        ArgumentError: no format has that name.
+    """
+    known = {format.replace("-", "_"): format for format in names()}
+    one_of("format", name.replace("-", "_"), known)
+    name = known[name.replace("-", "_")]
+    if name not in _FORMATS:
+        import_module(f"omniscv.dataset.formats.{name}")
+    return _FORMATS[name]
+
+
+# -- exports ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -40,7 +172,7 @@ class Export:
     cameras: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        name = registry.get(self.format).name
+        name = get(self.format).name
         folder = text("out", self.folder or name)
         if folder != Path(folder).name or folder.startswith("."):
             raise ArgumentError(f"out: expected the name of a folder, got {folder!r}")
@@ -70,7 +202,7 @@ class Export:
         Raises:
             ArgumentError: the first that is refused, and why; or an unknown name of a camera.
         """
-        format, start = registry.get(self.format), f"export: {self.format}"
+        format, start = get(self.format), f"export: {self.format}"
         for name in self.cameras:
             one_of(f"{start}: {_NAMED_BY}", name, cameras)
         cameras = {name: camera for name, camera in cameras.items() if self.shows(name)}
@@ -86,7 +218,7 @@ class Export:
 
     def write_into(self, frames: Sequence[Frame], folder: Path) -> list[Path]:
         """Write frames as the format does, file by file."""
-        format = registry.get(self.format)
+        format = get(self.format)
         with within(self.format):
             return format.export(
                 [frame for frame in frames if self.shows(frame.camera_name)], folder, self.options
@@ -123,7 +255,7 @@ def export(
     source = storage.folder(folder)
     frames = open(source)
     shown = [set(frame.files) for frame in frames if wanted.shows(frame.camera_name)]
-    kinds = set.intersection(*shown) if shown else set(registry.get(to).needs)
+    kinds = set.intersection(*shown) if shown else set(get(to).needs)
     wanted.check({frame.camera_name: frame.camera for frame in frames}, kinds)
     if out is None:
         return write(wanted, frames, source)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, Equirectangular, Pinhole, from_dict
-from omniscv.compose.files import write_picture
+from omniscv.compose.files import write_json, write_picture
 from omniscv.compose.pictures import uint8_colors
 from omniscv.frame import Frame
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.modalities import Modality, get
+from omniscv.parallel import side_by_side
 from omniscv.storage.local import whole_file
 
 _READABLE = (".png", ".jpg", ".jpeg")
@@ -73,6 +74,32 @@ def write_pixels(path: Path, pixels: NDArray[Any]) -> Path:
     """Write uint8 (H, W) or (H, W, 3), or uint16 (H, W), as the file's suffix has it; return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_picture(path, np.ascontiguousarray(pixels), Modality("pixels", (pixels.dtype.name,)))
+
+
+def write_numbers(
+    frames: Sequence[Frame],
+    folder: Path,
+    encode: Callable[[Frame], tuple[NDArray[Any], Any]],
+    description: Mapping[str, Any],
+) -> list[Path]:
+    """Write a layer of frames as whole numbers: ``KEY.png``, and ``FOLDER.json``, which describes them.
+
+    Args:
+        frames: with the layer.
+        folder: of the files; made if it is not there.
+        encode: returns the pixels of a frame, and what of them is replaced, for the description.
+        description: plain values.
+    """
+
+    def write(frame: Frame) -> tuple[Path, Any]:
+        pixels, replaced = encode(frame)
+        return write_pixels(folder / f"{frame.key}.png", pixels), replaced
+
+    folder.mkdir(parents=True, exist_ok=True)
+    written = side_by_side(write, frames)
+    replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
+    content = {**description, "replaced": replaced}
+    return [*(path for path, _ in written), write_json(folder / f"{folder.name}.json", content)]
 
 
 def faces(frame: Frame, folder: Path) -> Iterator[Frame]:

@@ -10,12 +10,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
-
-import numpy as np
 
 from omniscv.arguments import number
 from omniscv.cameras import Camera
@@ -119,15 +115,9 @@ def _degrees(value: float) -> str:
 # -- videos ----------------------------------------------------------------------------------------------
 
 _MONO = 0
-_BOXES = (b"mdia", b"minf", b"stbl")
-_BEFORE_ENTRIES = 16  # bytes of stsd, its header included, before the first sample entry
-_OFFSETS = {b"stco": ">u4", b"co64": ">u8"}
-
-
-class _Box(NamedTuple):
-    kind: bytes
-    start: int
-    end: int
+_TO_ENTRY = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
+"""The boxes around the sample entry of a track, outermost first."""
+_BOX_HEADER, _LIST_HEADER = 8, 16
 
 
 def video_boxes() -> bytes:
@@ -138,84 +128,40 @@ def video_boxes() -> bytes:
 
 
 def with_video_boxes(video: bytes) -> bytes:
-    """Return an MP4 file, all in memory, with the boxes in its first video track.
+    """Return an MP4 file with the boxes in its track.
 
     Args:
-        video: the file's bytes.
+        video: the file's bytes: one track, its tables behind its pictures, whose offsets then stay.
 
     Raises:
-        ArgumentError: no MP4 file with a video track.
+        ArgumentError: no such file.
     """
     added = video_boxes()
-    path = _video_entry(video)
-    entry = path[-1]
-    result = bytearray(video[: entry.end] + added + video[entry.end :])
-    for box in path:
-        struct.pack_into(">I", result, box.start, box.end - box.start + len(added))
-    moov = path[0]
-    media_moves = any(box.kind == b"mdat" and box.start > moov.start for box in _boxes(video, 0, len(video)))
-    if media_moves:
-        _move_chunks(result, _Box(moov.kind, moov.start, moov.end + len(added)), len(added))
+    result, start, end = bytearray(video), 0, len(video)
+    for kind in _TO_ENTRY:
+        box = _find(video, start, end, kind)
+        if box is None:
+            raise ArgumentError("video: expected an MP4 file with a video track, got none")
+        first, end = box
+        struct.pack_into(">I", result, first, end - first + len(added))
+        start = first + (_LIST_HEADER if kind == b"stsd" else _BOX_HEADER)
+    (size,) = struct.unpack_from(">I", video, start)
+    struct.pack_into(">I", result, start, size + len(added))
+    result[start + size : start + size] = added
     return bytes(result)
 
 
 def _box(kind: bytes, content: bytes) -> bytes:
-    return struct.pack(">I", 8 + len(content)) + kind + content
+    return struct.pack(">I", _BOX_HEADER + len(content)) + kind + content
 
 
-def _boxes(data: bytes | bytearray, start: int, end: int) -> Iterator[_Box]:
-    """The boxes between two offsets, one after the other."""
-    while start + 8 <= end:
-        size, kind = struct.unpack_from(">I4s", data, start)
-        if size == 1:
-            (size,) = struct.unpack_from(">Q", data, start + 8)
-        size = size or end - start
-        if size < 8 or start + size > end:
-            return
-        yield _Box(kind, start, start + size)
-        start += size
-
-
-def _child(data: bytes | bytearray, box: _Box, kind: bytes) -> _Box | None:
-    """The first box of a kind in a box; None without one."""
-    return next((each for each in _boxes(data, box.start + 8, box.end) if each.kind == kind), None)
-
-
-def _tables(data: bytes | bytearray, trak: _Box) -> list[_Box]:
-    """The boxes from a track to its sample table, outermost first, as far as they are there."""
-    path = [trak]
-    for kind in _BOXES:
-        inside = _child(data, path[-1], kind)
-        if inside is None:
-            break
-        path.append(inside)
-    return path
-
-
-def _tracks(data: bytes | bytearray, moov: _Box) -> list[_Box]:
-    return [box for box in _boxes(data, moov.start + 8, moov.end) if box.kind == b"trak"]
-
-
-def _video_entry(video: bytes) -> list[_Box]:
-    """The boxes around the sample entry of the first video track, outermost first, and the entry."""
-    for moov in [box for box in _boxes(video, 0, len(video)) if box.kind == b"moov"]:
-        for trak in _tracks(video, moov):
-            path = _tables(video, trak)
-            if len(path) <= len(_BOXES) or _child(video, path[2], b"vmhd") is None:
-                continue
-            stsd = _child(video, path[-1], b"stsd")
-            entries = [] if stsd is None else list(_boxes(video, stsd.start + _BEFORE_ENTRIES, stsd.end))
-            if stsd is not None and entries:
-                return [moov, *path, stsd, entries[0]]
-    raise ArgumentError("video: expected an MP4 file with a video track, got none")
-
-
-def _move_chunks(data: bytearray, moov: _Box, by: int) -> None:
-    """Add to the offsets of all chunks, which lie behind the boxes that have grown."""
-    for trak in _tracks(data, moov):
-        for kind, layout in _OFFSETS.items():
-            table = _child(data, _tables(data, trak)[-1], kind)
-            if table is not None:
-                (count,) = struct.unpack_from(">I", data, table.start + 12)
-                view = np.frombuffer(data, layout, count, table.start + 16)
-                view += by
+def _find(data: bytes, start: int, end: int, kind: bytes) -> tuple[int, int] | None:
+    """Return start and end of the first box of a kind between two offsets; None without one."""
+    while start + _BOX_HEADER <= end:
+        size, found = struct.unpack_from(">I4s", data, start)
+        if size == 1:  # 64 bits, as of media beyond 4 GB
+            (size,) = struct.unpack_from(">Q", data, start + _BOX_HEADER)
+        if found == kind:
+            return start, start + size
+        start += max(size, _BOX_HEADER)
+    return None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from tempfile import gettempdir
 from threading import Lock
 from types import TracebackType
 from typing import Any, Self
@@ -19,13 +20,17 @@ from omniscv.arguments import optional_number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
-from omniscv.dataset import folder, manifest, spherical_metadata
+from omniscv.dataset import manifest, spherical_metadata
 from omniscv.dataset.manifest import MOST_IDS, Manifest
-from omniscv.errors import ArgumentError, DatasetError
-from omniscv.frame import IMAGE, FileEntry, Frame
+from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
+from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.geometry import Pose
+from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES
+from omniscv.storage.local import remove_parts, remove_scratch, scratch_folder
 from omniscv.truth.classes import ClassRules, class_rules
 
+_SCRATCH = ".omniscv-"
 _AHEAD = 8
 """Frames whose files are put into a store at a time, while the next one is made."""
 
@@ -80,8 +85,8 @@ class Writer:
         self._putting: list[Future[None]] = []
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
-        with folder.lock(self._folder):
-            self.manifest = folder.begin(self._folder, wanted, resume)
+        with manifest.lock(self._folder):
+            self.manifest = manifest.begin(self._folder, wanted, resume)
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
@@ -186,16 +191,16 @@ class Writer:
             self._written.add(frame.key)
         frame = replace(frame, blank=tuple(blank(image.layers)))
         with ExitStack() as stack:
-            scratch = stack.enter_context(folder.scratch(self._folder))
-            files = write_layers(image.layers, scratch, frame.key, self._image_format, image.transfer)
+            folder = stack.enter_context(scratch(self._folder))
+            files = write_layers(image.layers, folder, frame.key, self._image_format, image.transfer)
             if self._media["xmp"] and "lit" in files and spherical_metadata.refuses(frame.camera) is None:
                 spherical_metadata.tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])
             for kind, record in records.items():
                 # Not indented: curves are long lists.
-                files[kind] = write_json(scratch / f"{frame.key}.{kind}.json", record, indent=None)
+                files[kind] = write_json(folder / f"{frame.key}.{kind}.json", record, indent=None)
             entries = {kind: FileEntry.of(path) for kind, path in sorted(files.items())}
             line = frame.with_files(self._folder, entries).to_dict()
-            path = write_json(scratch / f"{frame.key}.json", {**_described(image), "frame": line})
+            path = write_json(folder / f"{frame.key}.json", {**_described(image), "frame": line})
             entries[IMAGE] = FileEntry.of(path)
             written = frame.with_files(self._folder, entries)
             put = partial(self._put, stack.pop_all(), written, [*files.values(), path])
@@ -206,10 +211,16 @@ class Writer:
             self._putting.append(self._pool.submit(put))
         self._settle(_AHEAD)
 
-    def _put(self, scratch: ExitStack, frame: Frame, paths: Sequence[Path]) -> None:
-        """Put the files of a frame into the dataset, its own last, and remove their scratch folder."""
-        with scratch:
-            folder.put(self._folder, paths[:-1], last=paths[-1])
+    def _put(self, stack: ExitStack, frame: Frame, paths: Sequence[Path]) -> None:
+        """Move the files of a frame into the dataset, its own last, and remove their scratch folder."""
+        with stack:
+            *others, last = paths
+            if self._folder.local is None:
+                self._folder.each(lambda path: self._folder.put(path.name, path), others)
+                self._folder.put(last.name, last)
+            else:
+                for path in paths:
+                    path.replace(self._folder.local / path.name)
         with self._lock:
             self._frames[frame.key] = frame
 
@@ -244,9 +255,9 @@ class Writer:
         names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
         self.keep([key for key in names if "." not in key and "/" not in key])
         frames = self.frames(sorted(self._frames))
-        with folder.lock(self._folder):
+        with manifest.lock(self._folder):
             manifest.write_frames(self._folder, frames)
-            folder.tidy(self._folder)
+            tidy(self._folder)
         return frames
 
     def __enter__(self) -> Self:
@@ -262,14 +273,14 @@ class Writer:
     def keep(self, keys: Iterable[str]) -> None:
         """Read the frames of these keys that the dataset has; damaged ones are left out."""
         missing = [key for key in keys if key not in self._frames]
-        for frame in self._folder.each(partial(folder.read_frame, self._folder, self.manifest), missing):
+        for frame in self._folder.each(partial(_read_frame, self._folder, self.manifest), missing):
             if frame is not None:
                 self._frames[frame.key] = frame
 
     def keep_marked(self, marked: Iterable[Frame]) -> None:
         """Take frames from the marker of a finished part, except those whose files are gone."""
         for frame in marked:
-            if not folder.is_damaged(self._folder, frame, deep=False):
+            if not _damaged(frame, deep=False):
                 self._frames[frame.key] = frame
 
     def _camera_name(self, camera: Camera) -> str:
@@ -293,14 +304,61 @@ class Writer:
                     raise DatasetError(
                         f"names: expected the objects that the dataset was begun with, got {got}"
                     )
-                names_with_ids = folder.with_names(self.manifest.names, new)
+                names_with_ids = manifest.with_names(self.manifest.names, new)
                 self._write_manifest(replace(self.manifest, names=names_with_ids))
             return self.manifest
 
     def _write_manifest(self, extended: Manifest) -> None:
-        with folder.lock(self._folder):
+        with manifest.lock(self._folder):
             manifest.write(self._folder, extended)
         self.manifest = extended
+
+
+# -- files of frames -------------------------------------------------------------------------------------
+
+
+@contextmanager
+def scratch(folder: Folder) -> Iterator[Path]:
+    """Give an empty folder in which the files of one frame are written, inside a local folder of a dataset.
+
+    Each writer has its own: two may write one frame, as when a worker that was taken for dead continues.
+    """
+    parent = Path(gettempdir()) if folder.local is None else folder.local
+    with scratch_folder(parent, _SCRATCH) as path:
+        yield path
+
+
+def tidy(folder: Folder) -> None:
+    """Remove what killed writers have left in a local folder, under :func:`lock`.
+
+    Only names that writers of datasets use are removed; the scratch folders of live writers stay.
+    """
+    if folder.local is not None:
+        remove_scratch(folder.local, _SCRATCH)
+        for name in (manifest.DATASET, manifest.FRAMES):
+            remove_parts(folder.local / name)
+
+
+def _read_frame(folder: Folder, whole: Manifest, key: str) -> Frame | None:
+    """Return a frame of a dataset; None if it is missing or damaged.
+
+    Local files are compared with their checksums. In a store the frame's last file is enough.
+    """
+    name = f"{key}.json"
+    try:
+        frame = whole.frame_of_file(name, folder.read(name, MOST_JSON_BYTES), folder)
+    except (DatasetError, DamagedFileError, MissingFileError):
+        return None
+    return None if _damaged(frame, deep=True) else frame
+
+
+def _damaged(frame: Frame, deep: bool) -> bool:
+    """Return whether a local file of a frame is missing, of another size, or, ``deep``, has other bytes.
+
+    Files of a store are not read: they are written whole.
+    """
+    files = frame.files
+    return isinstance(files, FrameFiles) and any(files.fault(kind, deep) for kind in files)
 
 
 def _described(image: OmniImage) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """The files of a frame, checked where they are read: the one border between a dataset and its readers.
 
 :class:`FrameFiles` gives the path of a file only if it is a regular file in the folder of the dataset, with
-the size and the checksum of the manifest, and, of a layer, a picture of the camera's size. Each file is
-checked once. So what makes, checks, exports, packs, shows and loads frames reads the same bytes or raises the
-same :class:`~omniscv.errors.DatasetError`.
+the size and the checksum of the manifest, and, of a layer, a picture of the camera's size. So what makes,
+checks, exports, packs, shows and loads frames reads the same bytes or raises the same
+:class:`~omniscv.errors.DatasetError`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
@@ -22,9 +22,10 @@ from omniscv.arguments import shown, text, whole_number, within
 from omniscv.compose.files import check_header, formats
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError
 from omniscv.storage import Folder
-from omniscv.storage.bounded import open_regular
+from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular
 
 _SHA256 = re.compile("[0-9a-f]{64}")
+_MOST_PIXEL_BYTES = 32
 
 Size = tuple[int, int]
 """Width and height, px."""
@@ -82,6 +83,33 @@ class FileEntry:
         return None
 
 
+def read_entries(
+    key: str, size: Size, files: Mapping[str, Any], endings: Mapping[str, Collection[str]]
+) -> dict[str, FileEntry]:
+    """Return the files that the line of a frame lists, by kind.
+
+    Args:
+        key: of the frame.
+        size: of its camera's images.
+        files: of the line.
+        endings: as :func:`file_endings` returns them.
+
+    Raises:
+        ArgumentError: an unknown kind, a name that is not that of the key and the kind, or a file that is
+            larger than such a file can be.
+    """
+    most = MOST_JSON_BYTES + _MOST_PIXEL_BYTES * size[0] * size[1]
+    entries = {}
+    for kind, values in files.items():
+        entries[kind] = entry = FileEntry(**values)
+        if entry.path not in {f"{key}{ending}" for ending in endings.get(kind, ())}:
+            wanted = f"expected the name {key}.KIND.SUFFIX of a layer or record, of {', '.join(endings)}"
+            raise ArgumentError(f"{key}: files.{shown(kind)}: {wanted}; got {shown(entry.path)}")
+        if entry.bytes > most:
+            raise ArgumentError(f"{entry.path}: expected at most {most} bytes, got {entry.bytes}")
+    return entries
+
+
 def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
     """Return, by the kinds of files that a frame may have, how their names go on after its key.
 
@@ -103,10 +131,18 @@ def _checksum(file: BufferedReader) -> str:
     return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-class _Files(Mapping[str, Path]):
-    """Files by kind: access checks a file, counting and naming them does not."""
+@dataclass(frozen=True, eq=False)
+class ImageFiles(Mapping[str, Path]):
+    """The files of an image by kind. Access checks a file, counting and naming them does not: that it is a
+    regular file and, of a layer, a picture of the camera's size.
+
+    Attributes:
+        entries: paths by kind.
+        size: of the camera's images.
+    """
 
     entries: Mapping[str, Any]
+    size: Size
 
     def __contains__(self, kind: object) -> bool:
         return kind in self.entries
@@ -117,24 +153,35 @@ class _Files(Mapping[str, Path]):
     def __len__(self) -> int:
         return len(self.entries)
 
+    def __getitem__(self, kind: str) -> Path:
+        """Return the path of a file; ArgumentError if it is none."""
+        path: Path = self.entries[kind]
+        with within(path):
+            try:
+                open_regular(path, links=False).close()
+            except OSError as fault:
+                raise ArgumentError(f"expected a file, got: {fault.strerror}") from fault
+            if wrong := _layer_fault(path, kind, self.size):
+                raise ArgumentError(wrong)
+        return path
+
 
 @dataclass(frozen=True, eq=False)
-class FrameFiles(_Files):
+class FrameFiles(ImageFiles):
     """The files of a frame of a dataset by kind: paths in a local folder, or of copies of a store's files.
 
-    Access checks a file; see the module. It raises DatasetError for one that is missing, or no such file, and
-    StorageError for a store that fails.
+    Access also compares a file with its size and checksum in the manifest, once. It raises DatasetError for
+    one that is missing or differs, and StorageError for a store that fails.
 
     Attributes:
-        folder: of the dataset.
-        entries: the files by kind.
+        entries: the manifest's entries by kind.
         size: of the camera's images.
+        folder: of the dataset.
         stand_in: a local folder that stands for that of a store while an export below it is written.
     """
 
-    folder: Folder
     entries: Mapping[str, FileEntry]
-    size: Size
+    folder: Folder
     stand_in: Path | None = None
     _checked: set[str] = field(default_factory=set, repr=False)  # shared by copies of the record
 
@@ -154,12 +201,16 @@ class FrameFiles(_Files):
         self._checked.add(kind)
         return path
 
-    def fault(self, kind: str) -> str | None:
-        """Return what is wrong with a file in a local folder, in a few words; None if nothing is."""
-        if kind in self._checked or self.folder.local is None:
+    def fault(self, kind: str, deep: bool = True) -> str | None:
+        """Return what is wrong with a file in a local folder, in a few words; None if nothing is.
+
+        Its bytes are read only if ``deep``.
+        """
+        local, entry = self.folder.local, self.entries[kind]
+        if local is None or (deep and kind in self._checked):
             return None
-        entry = self.entries[kind]
-        return entry.fault(self.folder.local) or _layer_fault(self.folder.local / entry.path, kind, self.size)
+        wrong = entry.fault(local, deep)
+        return _layer_fault(local / entry.path, kind, self.size) if deep and wrong is None else wrong
 
     def reference(self, kind: str, out: Path) -> str:
         """Return the name of a file as seen from a folder; of a store its URL, unless it has a stand-in.
@@ -172,31 +223,6 @@ class FrameFiles(_Files):
         if self.stand_in is None or self.stand_in not in out.parents:
             return f"{self.folder}/{name}"
         return relative(self.stand_in / name, out)
-
-
-@dataclass(frozen=True, eq=False)
-class ImageFiles(_Files):
-    """The files of an image that is in no dataset, by kind. Access checks that a file is a regular one, and
-    that a layer has the camera's size; ArgumentError if not.
-
-    Attributes:
-        entries: paths by kind.
-        size: of the camera's images.
-    """
-
-    entries: Mapping[str, Path]
-    size: Size
-
-    def __getitem__(self, kind: str) -> Path:
-        path = self.entries[kind]
-        with within(path):
-            try:
-                open_regular(path, links=False).close()
-            except OSError as fault:
-                raise ArgumentError(f"expected a file, got: {fault.strerror}") from fault
-            if wrong := _layer_fault(path, kind, self.size):
-                raise ArgumentError(wrong)
-        return path
 
 
 def _layer_fault(path: Path, kind: str, size: Size) -> str | None:

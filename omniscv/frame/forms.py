@@ -8,46 +8,47 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text, whole_number
+from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import position_reader, rotation_reader
 from omniscv.geometry.scene_geometry import BoxSource
 from omniscv.records import listed, mapping, named, nested, optional
 
-if TYPE_CHECKING:
-    from omniscv.frame.frame import Frame
 
-
-def checked(kind: str, content: Any, frame: Frame) -> Any:
+def checked(kind: str, content: Any, camera: Camera, instances: Mapping[str, int]) -> Any:
     """Return the content of a file of records; ArgumentError if it has another form.
 
     Args:
         kind: of the file: ``truth``, with records by the names of their truths, or one that is one record.
         content: plain values.
-        frame: whose records they are.
+        camera: of the image.
+        instances: object name to instance id.
     """
     if kind == "layout":
         _LAYOUT("layout", content)
-        _check_pixels(content, frame)
+        _check_pixels(content, camera)
     if kind == "truth":
         records = mapping("truth", content)
         for name in _TRUTHS.keys() & records.keys():
             _TRUTHS[name](name, records[name])
         for name in _OF_OBJECTS & records.keys():
             for i, record in enumerate(records[name]):
-                _check_object(f"{name}[{i}]", record, frame)
+                _check_object(f"{name}[{i}]", record, camera, instances)
     return content
 
 
-def _check_object(where: str, record: Mapping[str, Any], frame: Frame) -> None:
+def _check_object(
+    where: str, record: Mapping[str, Any], camera: Camera, instances: Mapping[str, int]
+) -> None:
     """Raise ArgumentError for an object that the dataset does not have, or a mask of another image's size."""
-    if frame.instances.get(record["name"]) != record["instance_id"]:
+    if instances.get(record["name"]) != record["instance_id"]:
         got = f"{shown(record['name'])} as {record['instance_id']}"
         raise ArgumentError(f"{where}: expected an object of the dataset with its instance id, got {got}")
-    width, height = frame.camera.width, frame.camera.height
+    width, height = camera.width, camera.height
     for key, most in (("bbox", width), ("bbox_wrap", 2 * width)):
         x, y, across, down = record.get(key, (0, 0, 1, 1))
         if not (0 <= x < width and y >= 0 and 0 < across <= min(width, most - x) and 0 < down <= height - y):
@@ -58,14 +59,14 @@ def _check_object(where: str, record: Mapping[str, Any], frame: Frame) -> None:
         raise ArgumentError(f"{where}.segmentation: {wanted}, got {shown(mask['size'])}")
 
 
-def _check_pixels(layout: Mapping[str, Any], frame: Frame) -> None:
+def _check_pixels(layout: Mapping[str, Any], camera: Camera) -> None:
     """Raise ArgumentError for a pixel of a layout that is not in the image."""
     pixels = [pixel for edge in layout["edges"] for piece in edge["pieces"] for pixel in piece["pixels"]]
     pixels += [corner["pixel"] for corner in layout["corners"] if corner["in_image"]]
     if not pixels:
         return
     all_pixels = numbers("layout: pixels", pixels, (None, 2))
-    outside = ((all_pixels < 0) | (all_pixels > [frame.camera.width, frame.camera.height])).any(axis=1)
+    outside = ((all_pixels < 0) | (all_pixels > [camera.width, camera.height])).any(axis=1)
     if outside.any():
         got = shown(all_pixels[outside][0])
         raise ArgumentError(f"layout: expected pixels in the image, got {got}")

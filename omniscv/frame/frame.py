@@ -29,15 +29,13 @@ from omniscv.cameras import Camera
 from omniscv.compose.files import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
-from omniscv.frame.files import FileEntry, FrameFiles, relative
+from omniscv.frame.files import FileEntry, FrameFiles, read_entries, relative
 from omniscv.geometry import Pose
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 if TYPE_CHECKING:
     from omniscv.truth.classes import ClassTable
-
-_MOST_PIXEL_BYTES = 32
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +110,7 @@ class Frame:
 
     def with_files(self, folder: Folder, entries: Mapping[str, FileEntry]) -> Frame:
         """Return the frame with files in the folder of a dataset."""
-        return replace(self, files=FrameFiles(folder, entries, (self.camera.width, self.camera.height)))
+        return replace(self, files=FrameFiles(entries, (self.camera.width, self.camera.height), folder))
 
     def records(self, kind: str) -> Any:
         """Return the content of a file of records, such as STEM.truth.json.
@@ -122,7 +120,8 @@ class Frame:
         """
         path = self.files[kind]
         with self._damage(), within(f"{path}: expected {kind} records, got"):
-            return forms.checked(kind, parse_json(read_bytes(path, MOST_JSON_BYTES)), self)
+            content = parse_json(read_bytes(path, MOST_JSON_BYTES))
+            return forms.checked(kind, content, self.camera, self.instances)
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
@@ -190,14 +189,13 @@ class Frame:
                 known = ", ".join(cameras)
                 raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
             camera = cameras[camera_name]
+            size = camera.width, camera.height
             return cls(
                 key=key,
                 camera_name=camera_name,
                 camera=camera,
                 pose=Pose.from_dict(data["pose"]),
-                files=FrameFiles(
-                    folder, _entries(key, camera, data["files"], endings), (camera.width, camera.height)
-                ),
+                files=FrameFiles(read_entries(key, size, data["files"], endings), size, folder),
                 blank=tuple(one_of("blank", name, _marks()) for name in data.get("blank", ())),
                 instances=instances or {},
                 classes=classes,
@@ -210,28 +208,6 @@ class Frame:
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
-
-
-def _entries(
-    key: str, camera: Camera, files: Mapping[str, Any], endings: Mapping[str, Collection[str]]
-) -> dict[str, FileEntry]:
-    """Return the files of a frame by kind; ArgumentError for an unknown kind, a name that is not that of the
-    key and the kind, or a file that is larger than such a file can be."""
-    most = MOST_JSON_BYTES + _MOST_PIXEL_BYTES * camera.width * camera.height
-    entries = {}
-    for kind, said in files.items():
-        entries[kind] = entry = FileEntry(**said)
-        if (
-            kind not in endings
-            or not entry.path.startswith(key)
-            or entry.path[len(key) :] not in endings[kind]
-        ):
-            kinds = ", ".join(endings)
-            wanted = f"expected the name {key}.KIND.SUFFIX of a layer or record, of {kinds}"
-            raise ArgumentError(f"{key}: files.{shown(kind)}: {wanted}; got {shown(entry.path)}")
-        if entry.bytes > most:
-            raise ArgumentError(f"{entry.path}: expected at most {most} bytes, got {entry.bytes}")
-    return entries
 
 
 def _marks() -> list[str]:

@@ -189,7 +189,7 @@ class _Keys:
     seam: str | None = checked(
         one_of, words=("whole", "split"), default=None, help="boxes of objects across the seam: whole, split"
     )
-    layout: Any = checked(recipe.plain, cls=recipe.Layout, default=None, help="source and maps of layouts")
+    layout: Any = checked(recipe.plain, cls=recipe.LayoutKey, default=None, help="source and maps of layouts")
 
 
 _RENDER = {each.name: each for each in fields(RenderOptions)}
@@ -201,8 +201,8 @@ _BELOW: dict[str, type[Any]] = {
     "sensor": Sensor,
     "split": recipe.SplitOptions,
     "media": recipe.Media,
-    "layout": recipe.Layout,
-    "layout.maps": recipe.LayoutMaps,
+    "layout": recipe.LayoutKey,
+    "layout.maps": recipe.MapOptions,
     "truth.tolerance": recipe.Tolerance,
 }
 

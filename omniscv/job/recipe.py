@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from omniscv.arguments import flag, number, one_of, shown, stem, text, texts, wh
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.clusters import cluster_starts
-from omniscv.records import checked, mapping, read, record
+from omniscv.records import checked, mapping, nested, read, record
 
 _TOLERANCE = 1e-6
 """Largest difference of the sum of shares from 1."""
@@ -102,8 +103,15 @@ def read_split(name: str, value: object) -> Split:
 
 def plain(name: str, value: object, cls: type[Any]) -> dict[str, Any]:
     """Return the keys of a mapping as a record's readers convert them, without those that it leaves out."""
-    values = read(cls, value, name)
-    return {key: getattr(values, key) for key in mapping(name, value)}
+    return _given(asdict(read(cls, value, name)), mapping(name, value))
+
+
+def _given(values: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of some keys, and below them of the keys that mappings have."""
+    return {
+        key: _given(values[key], below) if isinstance(below, Mapping) else values[key]
+        for key, below in keys.items()
+    }
 
 
 @record
@@ -115,27 +123,45 @@ class Media:
 
 
 @record
-class LayoutMaps:
-    """Widths of the maps of a room layout, in shares of the pixels of a full turn."""
-
-    edge_sigma: float | None = checked(number, above=0, most=1, default=None, help="of edge maps")
-    corner_sigma: float | None = checked(number, above=0, most=1, default=None, help="of corner maps")
-
-
-@record
-class Layout:
-    """Where room layouts come from, and how their maps are drawn."""
-
-    source: str | None = checked(text, default=None, help="scene or fitted")
-    maps: Any = checked(plain, cls=LayoutMaps, default=None, help="widths of edges and corners")
-
-
-@record
 class Tolerance:
-    """How far depth may be off where a truth compares it."""
+    """How far two depths along a ray may differ and still be taken for one; the larger of both limits counts.
 
-    abs_m: float | None = checked(number, least=0, default=None, help="metres")
-    rel: float | None = checked(number, least=0, default=None, help="share of the depth")
+    It is the key ``tolerance`` under a job's ``truth:``.
+    """
+
+    abs_m: float = checked(number, least=0, default=0.02, help="metres")
+    rel: float = checked(number, least=0, default=0.01, help="share of the distance")
+
+
+LayoutSource = Literal["scene", "fitted"]
+Visibility = Literal["room", "full", "all"]
+
+layout_source = partial(one_of, words=get_args(LayoutSource))
+_sigma = partial(number, above=0, most=1)
+
+
+@record
+class MapOptions:
+    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_maps.exact_maps`."""
+
+    edge_sigma: float | None = checked(
+        _sigma, default=None, help="of edges, share of the pixels of a full turn; default 0.0054"
+    )
+    corner_sigma: float | None = checked(_sigma, default=None, help="the same of corners; default 0.0107")
+    visibility: Visibility | None = checked(
+        one_of,
+        words=get_args(Visibility),
+        default=None,
+        help="room (default): what no wall hides; full: what nothing hides; all",
+    )
+
+
+@record
+class LayoutKey:
+    """The key ``layout`` of a job: of the truth ``layout``, and of the formats that draw its maps."""
+
+    source: LayoutSource | None = checked(layout_source, default=None, help="scene or fitted")
+    maps: MapOptions = checked(nested(MapOptions), default=MapOptions(), help="how maps are drawn")
 
 
 @dataclass(frozen=True)

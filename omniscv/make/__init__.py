@@ -1,8 +1,7 @@
 """Run a job: render its images, capture what they need, count what that costs, or make its dataset."""
 
 from omniscv.make.contents import check, check_dataset
-from omniscv.make.dataset import Made, finish, make, run_part
-from omniscv.make.parts import Part, parts_of
+from omniscv.make.dataset import Made, Part, finish, make, parts_of, run_part
 from omniscv.make.render import aims, capture, costs, measured_price, run
 from omniscv.make.source import opened, source_options
 

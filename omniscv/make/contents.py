@@ -11,7 +11,7 @@ from omniscv import modalities, planning
 from omniscv.arguments import one_of, stem, texts, within
 from omniscv.compose.files import check_format
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset import registry
+from omniscv.dataset import exporting
 from omniscv.dataset.exporting import Export
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE
@@ -213,7 +213,7 @@ def _with_options(
 def _export(keys: Mapping[str, Any], recipe: Recipe) -> Export:
     options = {key: value for key, value in keys.items() if key not in ("format", "out", "cameras")}
     with within("export"):
-        shared = _shared(registry.get(keys["format"]), recipe)
+        shared = _shared(exporting.get(keys["format"]), recipe)
         return Export(keys["format"], shared | options, keys.get("out", ""), tuple(keys.get("cameras", ())))
 
 

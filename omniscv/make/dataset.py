@@ -1,37 +1,45 @@
-"""Make the dataset that a job describes, at once or part by part."""
+"""Make the dataset that a job describes, at once or part by part.
+
+A part is a run of consecutive poses, which any process makes into the same bytes. Its last file is its
+marker, ``parts/INDEX-of-COUNT.json``: its frames with their checksums. A dataset is finished by joining the
+markers of all its parts into ``frames.jsonl``. Then they are removed, so that a dataset has the same files
+however it was made.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import chain
-from typing import NamedTuple
+from typing import Any
+
+import numpy as np
 
 from omniscv import modalities, storage
 from omniscv.arguments import whole_number
 from omniscv.dataset import exporting, manifest
-from omniscv.dataset.folder import lock, make_room, tidy
-from omniscv.dataset.manifest import Manifest
-from omniscv.dataset.writer import Writer
-from omniscv.errors import ArgumentError, DatasetError
+from omniscv.dataset.manifest import Manifest, lock, make_room
+from omniscv.dataset.writer import Writer, tidy
+from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
 from omniscv.frame import Frame
+from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check_dataset, check_source
 from omniscv.make.frames import FrameMaker
 from omniscv.make.moments import moments
-from omniscv.make.parts import (
-    Part,
-    marker_names,
-    read_marker,
-    read_markers,
-    remove_markers,
-    unfinished,
-    write_marker,
-)
 from omniscv.make.source import opened
 from omniscv.progress import Report
 from omniscv.sources.base import Source
+from omniscv.sources.recording import part_file
 from omniscv.storage import Folder
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
+
+_PARTS = "parts"
+_FRAMES = 16
+"""Frames of a part, about, unless the number of parts is given: a minute of a worker."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,57 @@ class Made:
     kept: int
     missing: int = 0
     failed: int = 0
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part ``index`` of ``count``, from 0.
+
+    Consecutive poses at one position are in one part if a part can hold them, as they share captures in a
+    recording. All cameras of a pose are in its part.
+
+    Raises:
+        ArgumentError: a count below 1, or an index that is not below it.
+    """
+
+    index: int = 0
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        whole_number("part.count", self.count, least=1)
+        whole_number("part.index", self.index, least=0, most=self.count - 1)
+
+    @property
+    def marker(self) -> str:
+        """The name of its marker in the dataset."""
+        return f"{_PARTS}/{self.index:0{len(str(self.count - 1))}d}-of-{self.count}.json"
+
+    def poses(self, poses: Sequence[Pose]) -> range:
+        """Return the poses of the part, by index."""
+        return range(self._first(poses, self.index), self._first(poses, self.index + 1))
+
+    def of(self, job: Job) -> Job:
+        """Return a job that records into a file of the part; ``recording merge`` joins these files."""
+        if job.record is None or self.count == 1:
+            return job
+        return replace(job, record=part_file(job.record, self.index, self.count))
+
+    def _first(self, poses: Sequence[Pose], index: int) -> int:
+        """Return the first pose of a part: of an even division, or the start of a run of one position."""
+        even, before = (len(poses) * i // self.count for i in (index, index - 1))
+        first = even
+        while 0 < first < len(poses) and np.array_equal(poses[first].position, poses[first - 1].position):
+            first -= 1
+            if first <= before:
+                return even  # the run is longer than a part
+        return first
+
+
+def parts_of(job: Job) -> list[Part]:
+    """Return the parts of a job with about 16 frames each: the same ones every time."""
+    poses_each = max(1, _FRAMES // max(1, len(job.cameras)))
+    count = max(1, -(-len(job.poses) // poses_each))
+    return [Part(index, count) for index in range(count)]
 
 
 def make(
@@ -69,7 +128,7 @@ def make(
         resume: continue a dataset; frames whose files have their checksums are kept.
         overwrite: remove a dataset that is there.
         keep_going: report frames that fail, and leave them out; ``resume`` tries them again.
-        shard: (i, n): only part i of n (:class:`omniscv.jobs.Part`), into a dataset that may exist. The last
+        shard: (i, n): only part i of n (:class:`Part`), into a dataset that may exist. The last
             one finishes the dataset. The folders of shards are joined by copying them into one, and are
             finished by ``resume``.
         workers: images that are composed at a time.
@@ -88,14 +147,14 @@ def make(
         raise ArgumentError("overwrite: expected it without resume and shard, got several of them")
     if not (resume or shard or overwrite):
         make_room(folder)
-    complete = folder.exists(manifest.FRAMES) and not marker_names(folder)
+    complete = folder.exists(manifest.FRAMES) and not _markers(folder)
     made, job, frames = _run(job, part, None, workers, progress, warn, keep_going, overwrite)
     if shard and complete and not made.written:
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
-            remove_markers(folder, [part.marker])
+            _remove_markers(folder, [part.marker])
             return Made(0, made.kept)
-    missing = sum(len(each.poses(job.poses)) for each in unfinished(folder, part.count)) * len(job.cameras)
+    missing = sum(len(each.poses(job.poses)) for each in _unfinished(folder, part.count)) * len(job.cameras)
     if not missing:
         finish(job, part.count, warn)
     return replace(made, missing=missing)
@@ -124,15 +183,7 @@ def run_part(
     Raises:
         OmniscvError: as :func:`make`.
     """
-    return _run(job, part, source, workers, progress, warn).made
-
-
-class _Run(NamedTuple):
-    """The result of a part, the job with its poses, and the part's frames."""
-
-    made: Made
-    job: Job
-    frames: list[Frame]
+    return _run(job, part, source, workers, progress, warn)[0]
 
 
 def _run(
@@ -144,8 +195,8 @@ def _run(
     warn: Callable[[str], None] | None,
     keep_going: bool = False,
     overwrite: bool = False,
-) -> _Run:
-    """Make a part; as :func:`run_part`."""
+) -> tuple[Made, Job, list[Frame]]:
+    """Make a part, as :func:`run_part`; return the counts, the job with its poses, and the part's frames."""
     contents = check_dataset(job)
     with opened(part.of(job), source) as (job, live):
         scene = "/".join(name for name in astuple(live.scene_identity) if name)
@@ -164,15 +215,15 @@ def _run(
             media=job.recipe.media,
         )
         folder = storage.folder(job.out)
-        writer.keep_marked(read_marker(folder, writer.manifest, part) or ())
+        writer.keep_marked(_read_marker(folder, writer.manifest, part) or ())
         missing = writer.missing(frames)
         maker = FrameMaker(job, contents, live, writer, workers, warn, keep_going)
         maker.run(planned, missing, progress)
         failed = set(maker.failed)
         written = writer.frames(frame.key for frame in frames if frame.key not in failed)
-        write_marker(folder, part, written)
+        _write_marker(folder, part, written)
     kept = len(frames) - len(missing)
-    return _Run(Made(len(missing) - len(failed), kept, failed=len(failed)), job, written)
+    return Made(len(missing) - len(failed), kept, failed=len(failed)), job, written
 
 
 def _names(job: Job, source: Source) -> dict[str, int]:
@@ -193,10 +244,11 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
     """
     folder = storage.folder(job.out)
     with lock(folder):
-        if folder.exists(manifest.FRAMES) and len(unfinished(folder, count)) == count:
+        if folder.exists(manifest.FRAMES) and len(_unfinished(folder, count)) == count:
             return
         whole = manifest.read(folder)
-        marked = read_markers(folder, whole, count)
+        parts = [Part(index, count) for index in range(count)]
+        marked = folder.each(lambda part: _read_marker(folder, whole, part), parts)
         if None in marked:
             index = marked.index(None)
             wanted = f"expected markers of {count} finished parts, part {index} has none"
@@ -213,7 +265,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
                 if shown:  # truths may have been left out
                     export.check(job.cameras, set.intersection(*shown))
                 exporting.write(export, written, folder)
-        remove_markers(folder, marker_names(folder))
+        _remove_markers(folder, _markers(folder))
         tidy(folder)
 
 
@@ -228,3 +280,46 @@ def _warn_of_splits(job: Job, frames: Sequence[Frame], warn: Callable[[str], Non
         if share > 0 and split not in splits:
             places = len({frame.place for frame in frames})
             warn(f"split: {split} has no frames: they are of {places} places, and places are not divided")
+
+
+# -- markers ---------------------------------------------------------------------------------------------
+
+
+def _write_marker(folder: Folder, part: Part, frames: Sequence[Frame]) -> None:
+    """Write the marker of a part, whole or not at all."""
+    lines = [frame.to_dict() for frame in frames]
+    content = json.dumps({"sha256": _checksum(lines), "frames": lines}, allow_nan=False)
+    folder.put(part.marker, content.encode())
+
+
+def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> list[Frame] | None:
+    """Return the frames of a finished part; None if its marker is missing or damaged."""
+    try:
+        content = parse_json(folder.read(part.marker, MOST_JSON_BYTES))
+        if content["sha256"] != _checksum(content["frames"]):
+            return None
+        return [manifest.frame(line, folder) for line in content["frames"]]
+    except (MissingFileError, DamagedFileError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _markers(folder: Folder) -> list[str]:
+    """Return the names of all markers, of any number of parts."""
+    return folder.names(f"{_PARTS}/")
+
+
+def _unfinished(folder: Folder, count: int) -> list[Part]:
+    """Return the parts, of so many, that have no marker."""
+    names = set(_markers(folder))
+    return [part for index in range(count) if (part := Part(index, count)).marker not in names]
+
+
+def _remove_markers(folder: Folder, names: Sequence[str]) -> None:
+    """Remove markers by name, and their local folder if it is empty then."""
+    folder.each(folder.remove, names)
+    if folder.local is not None and not _markers(folder):
+        shutil.rmtree(folder.local / _PARTS, ignore_errors=True)
+
+
+def _checksum(lines: list[Any]) -> str:
+    return hashlib.sha256(json.dumps(lines, sort_keys=True).encode()).hexdigest()

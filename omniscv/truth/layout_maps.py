@@ -12,8 +12,9 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
+from omniscv.job.recipe import Visibility
 from omniscv.truth.layout_curves import radians_per_pixel
-from omniscv.truth.layout_record import Visibility, room_of
+from omniscv.truth.layout_record import room_of
 from omniscv.truth.room_surfaces import first_hits
 
 Map = NDArray[np.uint8]

@@ -17,24 +17,24 @@ within one of it may be wrong.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, numbers, one_of, shown
+from omniscv.arguments import numbers, shown
 from omniscv.cameras import Camera, create
 from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
+from omniscv.job.recipe import LayoutKey, LayoutSource, Tolerance, layout_source
 from omniscv.records import checked, nested, record
 from omniscv.truth.layout_curves import Samples, resolved, sample_edges
-from omniscv.truth.registry import Observation, Tolerance, Truth, register
+from omniscv.truth.registry import Observation, Truth, register
 from omniscv.truth.room_layout import Picture, RoomLayout, is_room, layout
 from omniscv.truth.room_surfaces import Flags, seen_in_depth, seen_in_room
 
@@ -195,48 +195,13 @@ def _pieces(curves: Samples, in_room: Flags, in_full: Flags | None) -> dict[int,
 
 # -- the truth ------------------------------------------------------------------------------------------
 
-Source = Literal["scene", "fitted"]
-Visibility = Literal["room", "full", "all"]
-
-_sigma = partial(number, above=0, most=1)
-_source = partial(one_of, words=get_args(Source))
-
-
-@record
-class MapOptions:
-    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_maps.exact_maps`."""
-
-    edge_sigma: float | None = checked(
-        _sigma, default=None, help="of edges, share of the pixels of a full turn; default 0.0054"
-    )
-    corner_sigma: float | None = checked(_sigma, default=None, help="the same of corners; default 0.0107")
-    visibility: Visibility | None = checked(
-        one_of,
-        words=get_args(Visibility),
-        default=None,
-        help="room (default): what no wall hides; full: what nothing hides; all",
-    )
-
-    def given(self) -> dict[str, Any]:
-        """Return the options of maps that have a value, without those that a subclass adds."""
-        values = {option.name: getattr(self, option.name) for option in fields(MapOptions)}
-        return {name: value for name, value in values.items() if value is not None}
-
-
-@record
-class LayoutKey:
-    """The key ``layout`` of a job: of the truth ``layout``, and of the formats that draw its maps."""
-
-    source: Source | None = checked(_source, default=None, help="as of the truth layout")
-    maps: MapOptions = checked(nested(MapOptions), default=MapOptions(), help="how maps are drawn")
-
 
 @record
 class LayoutOptions:
     """Options of the truth ``layout``."""
 
-    source: Source | None = checked(
-        _source,
+    source: LayoutSource | None = checked(
+        layout_source,
         default=None,
         help="scene, or fitted to the image; default: scene where it knows its room",
     )
@@ -244,7 +209,7 @@ class LayoutOptions:
     layout: LayoutKey = checked(nested(LayoutKey), default=LayoutKey(), help="the key of the job")
 
     @property
-    def chosen_source(self) -> Source | None:
+    def chosen_source(self) -> LayoutSource | None:
         """The truth's own source, else the job's."""
         return self.source or self.layout.source
 
@@ -263,7 +228,7 @@ def _derive(observation: Observation, options: LayoutOptions) -> dict[str, Any]:
     return project_layout(room, image.camera, image.pose, image.depth, tolerance=options.tolerance)
 
 
-def _room(observation: Observation, source: Source | None) -> RoomLayout:
+def _room(observation: Observation, source: LayoutSource | None) -> RoomLayout:
     if source != "fitted" and (source == "scene" or observation.geometry.room is not None):
         return layout(observation.geometry)
     image = observation.image

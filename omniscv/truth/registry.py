@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import plugins
-from omniscv.arguments import number, one_of, within
+from omniscv.arguments import one_of, within
 from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
@@ -19,7 +19,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
-from omniscv.records import NoOptions, checked, read, record
+from omniscv.records import NoOptions, read
 from omniscv.sources.base import Source
 from omniscv.truth.classes import ClassTable
 
@@ -83,17 +83,6 @@ class Observation:
         if self.labels is None:
             raise ArgumentError("expected an image with labels, got none; render with object_mask")
         return self.labels
-
-
-@record
-class Tolerance:
-    """How far two depths along a ray may differ and still be taken for one; the larger of both limits counts.
-
-    It is the key ``tolerance`` under a job's ``truth:``.
-    """
-
-    abs_m: float = checked(number, least=0, default=0.02, help="metres")
-    rel: float = checked(number, least=0, default=0.01, help="share of the distance")
 
 
 Record = Mapping[str, Any] | list[Any]

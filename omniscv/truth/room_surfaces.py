@@ -13,7 +13,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
-from omniscv.truth.registry import Tolerance
+from omniscv.job.recipe import Tolerance
 
 Flags = NDArray[np.bool_]
 

@@ -7,7 +7,7 @@ from threading import Barrier
 from support.datasets import job_file, tree
 
 from omniscv import dataset, jobs, storage
-from omniscv.dataset import folder as dataset_folder
+from omniscv.dataset import writer
 
 
 def test_two_makers_of_one_part(tmp_path):
@@ -54,7 +54,7 @@ def test_hidden_files_of_the_user_stay(tmp_path):
 
 def test_a_writer_that_finishes_spares_the_scratch_folders_of_others(tmp_path):
     folder = storage.folder(tmp_path)
-    with dataset_folder.scratch(folder) as mine:
+    with writer.scratch(folder) as mine:
         (mine / "pano-0.lit.png").write_bytes(b"half")
         with dataset.Writer(tmp_path):
             pass

@@ -9,7 +9,7 @@ from PIL import Image
 from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, frame, plain_frame, room_of_plan, scene_of_plan
 
 from omniscv import Pose, cameras
-from omniscv.dataset import registry
+from omniscv.dataset import exporting
 from omniscv.errors import ArgumentError
 from omniscv.truth import project_layout
 from omniscv.truth.classes import ClassTable, SemanticClass
@@ -31,7 +31,7 @@ KNOWN_CORNERS = """159.670 199.103
 
 
 def write(name, frames, out, **options):
-    return registry.get(name).export(frames, out, options)
+    return exporting.get(name).export(frames, out, options)
 
 
 # -- HorizonNet -----------------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_a_corner_on_the_seam_is_in_one_column_at_the_first_or_last_pixel(tmp_pa
 
 
 def test_horizonnet_refuses_what_it_cannot_carry(tmp_path):
-    horizonnet = registry.get("horizonnet")
+    horizonnet = exporting.get("horizonnet")
     assert horizonnet.refuses(PANORAMA) is None
     assert "got fisheye" in horizonnet.refuses(cameras.model("fisheye-equidistant").example(64))
     leaning = plain_frame(tmp_path, "b", SMALL, Pose.from_angles((0, 0, 1.5), pitch_deg=4))
@@ -161,7 +161,7 @@ def test_cfl_pairs_its_files_by_order_and_scores_the_reference(tmp_path):
 
 def test_cfl_takes_every_camera_and_its_options(tmp_path):
     examples = {name: cameras.model(name).example(64) for name in cameras.names()}
-    assert not any(registry.get("cfl").refuses(camera) for camera in examples.values())
+    assert not any(exporting.get("cfl").refuses(camera) for camera in examples.values())
     names = "equirectangular", "noncentral-conical-mirror", "orthographic", "pinhole"
     frames = [plain_frame(tmp_path, name, examples[name], LEVEL) for name in names]
     options = {"image_format": "png", "visibility": "all", "layout": {"maps": {"corner_sigma": 0.02}}}
@@ -180,7 +180,7 @@ def test_cfl_takes_every_camera_and_its_options(tmp_path):
         ({"corner_sigma": 0}, "corner_sigma: expected a finite number > 0"),
     ):
         with pytest.raises(ArgumentError, match=words):
-            registry.get("cfl").read_options(wrong)
+            exporting.get("cfl").read_options(wrong)
 
 
 # -- Structured3D ---------------------------------------------------------------------------------------
@@ -302,6 +302,6 @@ def test_structured3d_refuses_what_it_cannot_carry(tmp_path):
     ]
     with pytest.raises(ArgumentError, match=r"b: expected panoramas of one heading.*got yaws 0, 10"):
         write("structured3d", frames, tmp_path / "out")
-    assert "got pinhole" in registry.get("structured3d").refuses(cameras.model("pinhole").example(64))
+    assert "got pinhole" in exporting.get("structured3d").refuses(cameras.model("pinhole").example(64))
     with pytest.raises(ArgumentError, match="unknown key 'scale'; known keys: none"):
-        registry.get("structured3d").read_options({"scale": 1})
+        exporting.get("structured3d").read_options({"scale": 1})

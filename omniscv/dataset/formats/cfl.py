@@ -7,17 +7,18 @@ Source: cfernandezlab/CFL, test_CFL.py.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from omniscv.arguments import one_of, within
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_color, write_pixels
-from omniscv.dataset.registry import Format, register
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.job.recipe import LayoutKey, MapOptions
 from omniscv.records import checked, nested, record
 from omniscv.truth.layout_maps import exact_maps, original_maps
-from omniscv.truth.layout_record import LayoutKey, MapOptions
 
 
 @record
@@ -46,7 +47,9 @@ class CflOptions(MapOptions):
 
     def maps(self) -> dict[str, Any]:
         """Return the options of exact maps: the format's own, else the job's."""
-        return {**self.layout.maps.given(), **self.given()}
+        names = [option.name for option in fields(MapOptions)]
+        values = {name: getattr(self, name) or getattr(self.layout.maps, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 class Cfl(Format):

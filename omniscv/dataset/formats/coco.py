@@ -19,21 +19,19 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import flag, one_of
-from omniscv.compose.files import write_picture
 from omniscv.dataset.coco_entries import (
     category_entries,
     class_of,
+    entries,
     image_entry,
     object_entries,
     write_compact,
 )
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
+from omniscv.dataset.pictures import write_pixels
 from omniscv.frame import Frame
-from omniscv.modalities import Modality
 from omniscv.records import checked, record
 from omniscv.truth.object_boxes import boxes
-
-_PANOPTIC = Modality("panoptic", ("uint8",), 3)
 
 
 @record
@@ -61,13 +59,11 @@ class Coco(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: CocoOptions) -> list[Path]:
         ordered = sorted(frames, key=lambda frame: frame.key)
-        out.mkdir(parents=True, exist_ok=True)
-        images: list[dict[str, Any]] = []
-        annotations: list[dict[str, Any]] = []
-        for image_id, frame in enumerate(ordered, start=1):
-            images.append(image_entry(frame, image_id, out))
-            for entry in object_entries(frame, split=options.seam == "split"):
-                annotations.append({"id": len(annotations) + 1, "image_id": image_id, **entry})
+        images, annotations = entries(
+            ordered,
+            lambda frame, number: image_entry(frame, number, out),
+            lambda frame: object_entries(frame, split=options.seam == "split"),
+        )
         content = {
             "info": {},
             "licenses": [],
@@ -86,8 +82,6 @@ class Coco(Format):
 
 def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
     """Write instance ids as ``R + 256 G + 65536 B``, and their segments."""
-    folder = out / "panoptic"
-    folder.mkdir(parents=True, exist_ok=True)
     annotations, written = [], []
     for frame, image in zip(frames, images, strict=True):
         labels, segments = frame.layer("labels"), []
@@ -97,7 +91,7 @@ def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out:
                 segments.append({**segment, "area": box["area"], "bbox": box["bbox"]})
         ids = np.where(np.isin(labels, [segment["id"] for segment in segments]), labels, np.uint16(0))
         colors = np.stack([ids & 255, ids >> 8, np.zeros_like(ids)], axis=-1).astype(np.uint8)
-        written.append(write_picture(folder / f"{frame.key}.png", colors, _PANOPTIC))
+        written.append(write_pixels(out / "panoptic" / f"{frame.key}.png", colors))
         entry = {"image_id": image["id"], "file_name": f"{frame.key}.png", "segments_info": segments}
         annotations.append(entry)
     content = {"info": {}, "licenses": [], "images": list(images)}

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, one_of, optional_number
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
+from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
 from omniscv.dataset.pictures import copy_lit, faces, without_limit, write_mask
-from omniscv.dataset.registry import RELATIVE_ERROR_HELP, Format, register
 from omniscv.dataset.sequences import RigFrames, rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

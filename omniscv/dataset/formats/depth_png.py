@@ -25,15 +25,11 @@ from pathlib import Path
 
 from omniscv.arguments import one_of, within
 from omniscv.cameras import Camera
-from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.depth_codes import PRESETS, Kind, encode
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
+from omniscv.dataset.pictures import write_numbers
 from omniscv.frame import Frame
-from omniscv.modalities import Modality
-from omniscv.parallel import side_by_side
 from omniscv.records import checked, record
-
-_DEPTH = Modality("depth", ("uint16", "uint8"))
 
 
 @record
@@ -63,21 +59,14 @@ class DepthPng(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: DepthPngOptions) -> list[Path]:
         kinds = options.kinds({frame.camera_name: frame.camera for frame in frames})
-        preset, folder = PRESETS[options.scale], out / "depth"
-        folder.mkdir(parents=True, exist_ok=True)
-
-        def write_one(frame: Frame) -> tuple[Path, dict[str, int]]:
-            pixels, counts = encode(frame.layer("depth"), frame.camera, preset)
-            return write_picture(folder / f"{frame.key}.png", pixels, _DEPTH), counts
-
-        written = side_by_side(write_one, frames)
-        description = {
-            "scale": options.scale,
-            **asdict(preset),
-            "kind": kinds,
-            "replaced": {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)},
-        }
-        return [*(path for path, _ in written), write_json(folder / "depth.json", description)]
+        preset = PRESETS[options.scale]
+        description = {"scale": options.scale, **asdict(preset), "kind": kinds}
+        return write_numbers(
+            frames,
+            out / "depth",
+            lambda frame: encode(frame.layer("depth"), frame.camera, preset),
+            description,
+        )
 
 
 register(DepthPng())

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import within
 from omniscv.cameras import Camera, Rays, RollingShutter
 from omniscv.compose.files import write_json, write_picture
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

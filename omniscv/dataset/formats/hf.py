@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from omniscv.arguments import label
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE, Frame
 from omniscv.records import checked, record

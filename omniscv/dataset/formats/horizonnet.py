@@ -11,8 +11,8 @@ from pathlib import Path
 
 from omniscv.arguments import one_of, within
 from omniscv.cameras import Camera
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_color
-from omniscv.dataset.registry import Format, register
 from omniscv.frame import Frame
 from omniscv.records import checked, record
 from omniscv.storage.local import write_text

@@ -15,7 +15,7 @@ import yaml
 from omniscv.calibration import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

@@ -23,15 +23,14 @@ import numpy as np
 from omniscv.arguments import optional_number
 from omniscv.calibration.intrinsics import format_models, write_numbers
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.compose.files import write_json, write_picture
+from omniscv.compose.files import write_json
 from omniscv.dataset.depth_codes import PRESETS, encode
-from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
-from omniscv.dataset.registry import RELATIVE_ERROR_HELP, Format, register
+from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
+from omniscv.dataset.pictures import copy_lit, without_limit, write_mask, write_pixels
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.modalities import Modality
 from omniscv.records import checked, record
 from omniscv.truth.point_cloud import inexact
 
@@ -43,7 +42,6 @@ OPENCV_FISHEYE kannala-brandt fx fy cx cy k1 k2 k3 k4
 _NAMES = {"fx": "fl_x", "fy": "fl_y"}
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 _SPLITS = ("train", "val", "test")
-_DEPTH = Modality("depth", ("uint16",))
 
 
 @record
@@ -115,12 +113,11 @@ def _write_camera(
     for frame in frames:
         paths = {"file_path": copy_lit(frame, folder / "images")}
         if with_depth:
-            (folder / "depth").mkdir(exist_ok=True)
             metres = frame.layer("depth")
             if max_relative is not None:
                 metres = np.where(inexact(frame, max_relative), np.float32(0), metres)
             depth, _ = encode(metres, camera, PRESETS["mm"])
-            paths["depth_file_path"] = write_picture(folder / "depth" / f"{frame.key}.png", depth, _DEPTH)
+            paths["depth_file_path"] = write_pixels(folder / "depth" / f"{frame.key}.png", depth)
         written += paths.values()
         if mask is not None:
             paths["mask_path"] = mask

@@ -18,16 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.arguments import one_of
-from omniscv.compose.files import write_json, write_picture
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
+from omniscv.dataset.pictures import write_numbers
 from omniscv.frame import Frame
-from omniscv.modalities import Modality
-from omniscv.parallel import side_by_side
 from omniscv.records import checked, record
 
 SCALES = {"symmetric": 32767.5, "matterport": 32768.0}
-
-_NORMALS = Modality("normals", ("uint16",), 3)
 
 
 @record
@@ -45,22 +41,16 @@ class NormalsPng(Format):
     options = NormalsPngOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: NormalsPngOptions) -> list[Path]:
-        half, folder = SCALES[options.scale], out / "normals"
-        folder.mkdir(parents=True, exist_ok=True)
-
-        def write_one(frame: Frame) -> tuple[Path, int]:
-            pixels, none = encode(frame.layer("normals"), half)
-            return write_picture(folder / f"{frame.key}.png", pixels, _NORMALS), none
-
-        written = side_by_side(write_one, frames)
+        half = SCALES[options.scale]
         description = {
             "scale": options.scale,
             "half": half,
             "none": [0, 0, 0],
             "frame": "camera: x right, y down, z forward",
-            "replaced": {frame.key: none for frame, (_, none) in zip(frames, written, strict=True)},
         }
-        return [*(path for path, _ in written), write_json(folder / "normals.json", description)]
+        return write_numbers(
+            frames, out / "normals", lambda frame: encode(frame.layer("normals"), half), description
+        )
 
 
 def encode(normals: NDArray[np.float32], half: float) -> tuple[NDArray[np.uint16], int]:

@@ -23,11 +23,12 @@ from omniscv.cameras import Camera
 from omniscv.dataset.coco_entries import (
     category_entries,
     class_of,
+    entries,
     image_entry,
     object_entries,
     write_compact,
 )
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array
@@ -51,14 +52,7 @@ class Omni3d(Format):
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
         """Write the boxes of frames; ArgumentError for a frame without the truth ``boxes3d``."""
         ordered = sorted(frames, key=lambda frame: frame.key)
-        out.mkdir(parents=True, exist_ok=True)
-        images: list[dict[str, Any]] = []
-        annotations: list[dict[str, Any]] = []
-        for image_id, frame in enumerate(ordered, start=1):
-            images.append(_image(frame, image_id, out))
-            for entry in _annotations(frame):
-                ids = {"id": len(annotations) + 1, "image_id": image_id, "dataset_id": 0}
-                annotations.append({**ids, **entry})
+        images, annotations = entries(ordered, lambda frame, number: _image(frame, number, out), _annotations)
         info = {"id": 0, "source": "omniscv", "name": "omniscv", "split": "", "version": "1", "url": ""}
         content = {"info": info, "images": images, "categories": category_entries(ordered, stuff=False)}
         return [write_compact(out / "omni3d.json", {**content, "annotations": annotations})]
@@ -104,6 +98,7 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
         corners = ObjectBox(center, R_c_o, size, box["source"]).corners_w()  # in the camera's frame
         projected = _projected(frame.camera, corners)
         yield {
+            "dataset_id": 0,
             "category_id": entry["category_id"],
             "category_name": category.name,
             "instance_id": box["instance_id"],

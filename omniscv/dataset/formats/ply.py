@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import flag, number, optional_number
 from omniscv.cameras import Camera, Rays
-from omniscv.dataset.registry import RELATIVE_ERROR_HELP, Format, register
+from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
 from omniscv.errors import printable
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from omniscv.arguments import one_of, texts
 from omniscv.cameras import Camera
-from omniscv.dataset.registry import Format, register
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera, trajectory
 from omniscv.frame import Frame
 from omniscv.geometry.trajectory import Trajectory, write_euroc, write_kitti, write_kitti_times, write_tum

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.cameras import Camera
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_color, write_pixels
-from omniscv.dataset.registry import Format, register
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry.pose import Array

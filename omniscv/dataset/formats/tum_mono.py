@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from omniscv.cameras import Camera
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_pixels
-from omniscv.dataset.registry import Format, register
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

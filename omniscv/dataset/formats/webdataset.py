@@ -18,8 +18,8 @@ from omniscv import storage
 from omniscv.arguments import shown, stem, whole_number
 from omniscv.cameras import from_dict
 from omniscv.compose.files import write_json
+from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.manifest import MOST_IDS, Manifest
-from omniscv.dataset.registry import Format, register
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.frame import FileEntry, Frame
 from omniscv.records import checked, record
