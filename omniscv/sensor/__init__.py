@@ -1,4 +1,4 @@
-"""Light after composition: what a lens and a sensor make of an image."""
+"""Light after composition: the effects of lens and sensor on an image."""
 
 from omniscv.sensor.sensor import PRESETS, Sensor
 

@@ -1,10 +1,10 @@
-"""Noise that depends on what a frame is, and on nothing else: counter-based random numbers.
+"""Counter-based random numbers: the noise of a frame depends on its identity alone.
 
-Philox 4x64-10 maps a counter to four words by a key. The key says which frame and camera, the counter which
-pixels and what for. So tiles, threads, shards and resumed jobs draw the same numbers, in any order.
+Philox 4x64-10 maps a key and a counter to four words. The key identifies frame and camera, the counter the
+pixels and the purpose. So tiles, threads, shards and resumed jobs get the same numbers, in any order.
 Source: Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC 2011.
 
-Only raw words are used: NumPy keeps those from release to release, but not what it makes of them.
+Only raw words are used: NumPy keeps those from release to release, but not its distributions.
 """
 
 import hashlib
@@ -19,11 +19,11 @@ from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats
 
 PIXEL, ROW, PRNU, DSNU = 0, 1, 2, 3
-"""What numbers are drawn for: a pixel's shot and read noise, half a word each; row noise; fixed patterns."""
+"""Purposes: a pixel's shot and read noise, half a word for each of the two; row noise; fixed patterns."""
 
 _STEP_BITS = 6
 _STEPS = 1 << _STEP_BITS
-"""Intervals in each octave of the table of normal numbers, which are linear in them: to 3e-5."""
+"""Intervals per octave of the table of normal numbers; linear interpolation in them is exact to 3e-5."""
 _MANTISSA, _BIAS = 52, 1023
 """Of float64: bits of the mantissa, and what is added to the exponent."""
 _EXPANDED = 10.0
@@ -38,7 +38,7 @@ def key(seed: int, camera: str, frame: Any = None) -> NDArray[np.uint64]:
     Args:
         seed: of the dataset.
         camera: its name.
-        frame: plain values that say what the frame is; None for what all frames of the camera share.
+        frame: plain values that identify the frame; None for noise that all frames of the camera share.
     """
     text = json.dumps(["omniscv.noise 1", seed, camera, frame], separators=(",", ":"), ensure_ascii=True)
     return np.frombuffer(hashlib.blake2b(text.encode(), digest_size=16).digest(), "<u8").astype(np.uint64)
@@ -62,7 +62,7 @@ def normals(key: NDArray[np.uint64], purpose: int, plane: int, start: int, count
 
 @cache
 def quantiles() -> NDArray[np.float64]:
-    """Return the table that :func:`expose` draws normal numbers by.
+    """Return the table of normal numbers for :func:`expose`.
 
     Entry k is the quantile of x / 2^33, where k / 64 is the exponent and mantissa of the number x, from 1 to
     2^32, in the form of a floating-point number.

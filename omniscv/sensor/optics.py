@@ -1,6 +1,6 @@
-"""What a lens does to light before the sensor: shading, blur, veiling glare, lateral colour.
+"""Effects of a lens on light: shading, blur, veiling glare, lateral colour.
 
-Composed pixels are radiance. A lens makes irradiance of it, and shading is the ratio of the two.
+Composed pixels are radiance. A lens turns it into irradiance, and shading is the ratio of the two.
 """
 
 from functools import lru_cache
@@ -28,10 +28,10 @@ _STEP_PX = 1e-3
 def shading(camera: Camera, by: Shading) -> Floats:
     """Return the share of light (H, W) that reaches each pixel, relative to the axis; 0 outside the view.
 
-    ``natural`` is the law of cosines of the camera's own projection, for an entrance pupil of one area from
-    wherever it is seen: a pixel's solid angle, relative to that on the axis. It is 1 for equisolid lenses and
-    sin(theta) / theta for equidistant ones. The pupil of a pinhole camera is flat, which adds a cosine to
-    cos^3: cos^4.
+    ``natural`` is the law of cosines of the camera's own projection, for an entrance pupil whose area is the
+    same from all directions: a pixel's solid angle, relative to that on the axis. It is 1 for equisolid
+    lenses and sin(theta) / theta for equidistant ones. The pupil of a pinhole camera is flat, which adds a
+    cosine to cos^3: cos^4.
 
     Raises:
         ArgumentError: ``natural`` for a camera that is no lens, or a vignette of another size.
@@ -47,7 +47,8 @@ def shading(camera: Camera, by: Shading) -> Floats:
         return np.asarray(table * rays.valid, np.float32)
     check_natural(camera)
     pupil = cosine if isinstance(camera, Pinhole) else 1.0
-    share = pupil * _solid_angles(camera, camera.pixels()) / _axis_solid_angle(camera)
+    middle, _ = camera.project(np.array([0.0, 0.0, 1.0]))
+    share = pupil * _solid_angles(camera, camera.pixels()) / _solid_angles(camera, middle)
     return np.asarray(np.where(np.isfinite(share) & rays.valid, share, 0), np.float32)
 
 
@@ -59,13 +60,8 @@ def check_natural(camera: Camera) -> None:
 
 
 def _lens(camera: Camera) -> Camera:
-    """Return the lens of a camera: that of a rolling shutter rests."""
+    """Return the lens of a camera; of a rolling shutter the lens at rest."""
     return camera.base if isinstance(camera, RollingShutter) else camera
-
-
-def _axis_solid_angle(camera: Camera) -> Any:
-    middle, _ = camera.project(np.array([0.0, 0.0, 1.0]))
-    return _solid_angles(camera, middle)
 
 
 def _solid_angles(camera: Camera, pixels: Any) -> Any:
@@ -74,7 +70,7 @@ def _solid_angles(camera: Camera, pixels: Any) -> Any:
     for step in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
         after, before = (camera.unproject(pixels + sign * np.array(step)).directions for sign in (1, -1))
         span = 2.0 - np.isnan(after) - np.isnan(before)
-        after, before = (np.where(np.isnan(each), middle, each) for each in (after, before))
+        after, before = (np.where(np.isnan(side), middle, side) for side in (after, before))
         sides.append((after - before) / (span * _STEP_PX))
     return np.linalg.norm(np.cross(sides[0], sides[1]), axis=-1)
 
@@ -82,7 +78,7 @@ def _solid_angles(camera: Camera, pixels: Any) -> Any:
 def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
     """Return light (H, W, 3) blurred by Gaussian kernels of unit sum.
 
-    Pixels outside the view have no part in it: the weights of the others are scaled.
+    Pixels outside the view have no weight; those of the others are scaled.
 
     Args:
         light: of the image.
@@ -99,11 +95,11 @@ def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
         if sigma == 0:
             return known
         size = 2 * int(np.ceil(4 * sigma)) + 1
-        around = [
-            cv2.GaussianBlur(each, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
-            for each in (known, weight)
-        ]
-        return np.asarray(around[0] / np.maximum(around[1], 1e-6)[..., None] * weight[..., None])
+        total, weights = (
+            cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+            for image in (known, weight)
+        )
+        return np.asarray(total / np.maximum(weights, 1e-6)[..., None] * weight[..., None])
 
     if len(sigmas) == 1:
         return blurred(sigmas[0])

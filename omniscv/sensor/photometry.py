@@ -28,7 +28,7 @@ def write_response(path: Path, transfer: str) -> Path:
     """Write the inverse response of a transfer of :mod:`omniscv.light`, and return the path."""
     light = light_of_codes(np.arange(256), transfer)
     with whole_file(path) as part:
-        part.write_text(" ".join(f"{255 * each / light[-1]:.9g}" for each in light) + "\n", encoding="utf-8")
+        part.write_text(" ".join(f"{value:.9g}" for value in 255 * light / light[-1]) + "\n", "utf-8")
     return path
 
 

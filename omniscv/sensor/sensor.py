@@ -14,25 +14,33 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import number, numbers, one_of, shown, text, whole_number
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
-from omniscv.geometry.arrays import Floats
-from omniscv.light import decode
+from omniscv.geometry.arrays import Floats, Pixels, run
+from omniscv.light import decode, encode
 from omniscv.records import checked, optional, record
-from omniscv.sensor import optics, raw
+from omniscv.sensor import noise, optics
 
 if TYPE_CHECKING:
     from omniscv.compose.image import OmniImage
 
 _FEWEST_BITS, _MOST_BITS = 8, 16
 _MOST_KERNELS = 5
+_BLOCK_PX = 1 << 21  # pixels whose random words are in memory at a time
+
+_PATTERNS = {"rggb": (0, 1, 1, 2), "bggr": (2, 1, 1, 0), "grbg": (1, 0, 2, 1), "gbrg": (1, 2, 0, 1)}
+"""The channels of the pixels (0, 0), (0, 1), (1, 0), (1, 1) in (row, column), repeated over the image."""
+
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""What a sensor without filters sees of red, green and blue light of 1: the luminance of Rec. 709."""
 
 _GLOBAL_SHUTTER = {"exposure_s": 0.01, "bits": 12, "black_level": 16.0, "mosaic": "rggb"}
 
@@ -56,7 +64,7 @@ range in the data sheets: ``full_well = SNR_max^2``, ``full_well / DR = sqrt(rea
 def _electrons(name: str, value: object) -> float | tuple[float, ...]:
     if not isinstance(value, list | tuple):
         return number(name, value, above=0)
-    return tuple(number(name, each, above=0) for each in numbers(name, value, (3,)).tolist())
+    return tuple(number(name, item, above=0) for item in numbers(name, value, (3,)).tolist())
 
 
 def _shading(name: str, value: object) -> optics.Shading:
@@ -80,19 +88,19 @@ def _blur(name: str, value: object) -> tuple[float, ...]:
     if not 1 <= len(sigmas) <= _MOST_KERNELS:
         wanted = f"expected 1 to {_MOST_KERNELS} standard deviations"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    return tuple(number(name, each, least=0) for each in sigmas)
+    return tuple(number(name, sigma, least=0) for sigma in sigmas)
 
 
 def _option(reader: Callable[..., Any], help: str, **limits: Any) -> Any:
     return checked(optional(partial(reader, **limits)), default=None, help=help)
 
 
-_MOSAICS = ("none", "mono", *raw.MOSAICS)
+_MOSAICS = ("none", "mono", *_PATTERNS)
 
 
 @record
 class Sensor:
-    """What a camera's lens and sensor make of an image's light; plain values, as in the job's key ``sensor``.
+    """Parameters of a lens and a sensor; plain values, as in the job's key ``sensor``.
 
     What is not given is the preset's, or stands in brackets. Twice the exposure time doubles ``exposure_s``
     and ``electrons``, a stop of aperture ``electrons``, twice the ISO ``gain``.
@@ -168,7 +176,7 @@ class Sensor:
 
     def exposed(self, stops: float) -> Sensor:
         """Return the sensor exposed for 2^stops times as long."""
-        electrons = tuple(each * 2.0**stops for each in self.electrons_by_channel)
+        electrons = tuple(count * 2.0**stops for count in self.electrons_by_channel)
         return replace(self, exposure_s=self.exposure_s * 2.0**stops, electrons=electrons)
 
     def check(self, camera: Camera) -> None:
@@ -195,7 +203,92 @@ class Sensor:
             light = optics.glare(light, self.glare, valid) if self.glare else light
         return light
 
-    expose, develop = raw.expose, raw.develop
+    def expose(
+        self,
+        light: Pixels,
+        camera: str = "",
+        frame: Any = None,
+        corner: tuple[int, int] = (0, 0),
+        width: int | None = None,
+        transfer: str = "linear",
+    ) -> NDArray[np.uint16]:
+        """Return the codes of light on the sensor, or on a part of it: those of the whole, to the bit.
+
+        Args:
+            light: (h, w, 3) floats, 1.0 is the white of 8 bits; or uint8 codes of a transfer.
+            camera: its name; PRNU and DSNU are the same in all its frames.
+            frame: plain values that identify the frame; all other noise follows from them.
+            corner: (row, column) of the part's first pixel.
+            width: of the whole sensor; the light's if not given.
+            transfer: of codes.
+
+        Returns:
+            (h, w) uint16; (h, w, 3) without a mosaic.
+        """
+        width = light.shape[1] if width is None else width
+        keys = noise.key(self.seed, camera, frame), noise.key(self.seed, camera)
+        if self.mosaic == "none":
+            planes = [(light[..., channel], (channel,) * 4) for channel in range(3)]
+        elif self.mosaic == "mono":
+            planes = [(decode(light, transfer) @ np.array(_LUMINANCE, np.float32), (1, 1, 1, 1))]
+        else:
+            pattern = _PATTERNS[self.mosaic]
+            plane = np.empty(light.shape[:2], light.dtype)
+            for i in range(4):
+                channel = pattern[2 * ((corner[0] + i // 2) % 2) + (corner[1] + i % 2) % 2]
+                plane[i // 2 :: 2, i % 2 :: 2] = light[i // 2 :: 2, i % 2 :: 2, channel]
+            planes = [(plane, pattern)]
+        codes = [
+            self._expose(np.ascontiguousarray(decode(plane, transfer)), pattern, k, *keys, corner, width)
+            for k, (plane, pattern) in enumerate(planes)
+        ]
+        return codes[0] if len(codes) == 1 else np.stack(codes, axis=-1)
+
+    def _expose(
+        self, light: Floats, pattern: tuple[int, ...], plane: int, key: Any, fixed: Any,
+        corner: tuple[int, int], width: int,
+    ) -> NDArray[np.uint16]:  # fmt: skip
+        """Return the codes of a plane; ``pattern`` has the channels of its even rows, then of odd ones."""
+        codes, (top, left) = np.empty(light.shape, np.uint16), corner
+        height, columns = light.shape
+        step, across = max(1, _BLOCK_PX // width), slice(left, left + columns)
+        electrons = np.array([self.electrons_by_channel[channel] for channel in pattern]).reshape(2, 2)
+        patterns = [
+            _fixed_pattern(tuple(fixed.tolist()), purpose, plane, top * width, height, width, scale)
+            for purpose, scale in ((noise.PRNU, self.prnu), (noise.DSNU, self.dsnu))
+        ]
+        for first in range(0, height, step):
+            rows = slice(first, min(first + step, height))
+            numbers = np.arange(top + first, top + rows.stop)
+            words = noise.words(key, noise.PIXEL, plane, int(numbers[0]) * width, len(numbers) * width)
+            offsets = self.row_noise * noise.normals(key, noise.ROW, plane, int(numbers[0]), len(numbers))
+            fixed_rows = [values[rows, across] for values in patterns]
+            words = words.reshape(-1, width)[:, across]
+            run(
+                noise.expose, (light[rows], words, *fixed_rows, offsets, numbers, codes[rows]),
+                noise.quantiles(), electrons, left, self.dark_current * self.exposure_s, self.full_well,
+                self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1,
+            )  # fmt: skip
+        return codes
+
+    def develop(self, codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
+        """Return the picture (H, W, 3), sRGB, of codes: demosaicing, black level, white balance, transfer.
+
+        White is light of 1, as in ``lit``, or what fills the well, if that is less. Demosaicing is OpenCV's,
+        edge-aware.
+        """
+        import cv2  # slow to load
+
+        shift = 16 - self.bits
+        scaled = codes << np.uint16(shift)
+        if self.mosaic in _PATTERNS:
+            scaled = cv2.demosaicing(scaled, getattr(cv2, f"COLOR_Bayer{self.mosaic.upper()}2RGB_EA"))
+        elif self.mosaic == "mono":
+            scaled = np.repeat(scaled[..., None], 3, axis=-1)
+        most = min(self.full_well, (2**self.bits - 1 - self.black_level) / self.gain)
+        white = self.gain * min(1.0, most / max(self.electrons_by_channel))
+        tones = [_tone(count * white, self.black_level, shift) for count in self.electrons_by_channel]
+        return np.asarray(cv2.LUT(scaled, np.stack(tones, axis=-1)[None]))
 
     def apply(
         self,
@@ -240,4 +333,22 @@ _DEFAULTS: Mapping[str, Any] = {
 
 
 def _plain(value: Any) -> Any:
-    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+@lru_cache(16)
+def _fixed_pattern(
+    key: tuple[int, ...], purpose: int, plane: int, start: int, height: int, width: int, scale: float
+) -> Floats:
+    """Return (height, width) of a camera's fixed pattern; cached, because all its frames have it."""
+    if scale == 0:
+        return np.zeros((height, width), np.float32)
+    values = noise.normals(np.array(key, np.uint64), purpose, plane, start, height * width)
+    return np.asarray(scale * values, np.float32).reshape(height, width)
+
+
+@lru_cache(8)
+def _tone(white: float, black: float, shift: int) -> NDArray[np.uint8]:
+    """Return sRGB (65536,) of a channel's codes, shifted to 16 bits; white is ``white`` above ``black``."""
+    light = (np.arange(1 << 16) / 2.0**shift - black) / white
+    return np.asarray(encode(np.asarray(light, np.float32), "srgb"))
