@@ -185,7 +185,8 @@ def check_description(camera: Camera) -> None:
     """``to_dict`` and back, by way of JSON, is the same camera to the bit."""
     described = json.loads(json.dumps(camera.to_dict()))
     again = cameras.from_dict(described)
-    assert again == camera
+    assert again == camera != described
+    assert hash(again) == hash(camera)
     assert again.to_dict() == described
     assert type(again) is type(camera)
     np.testing.assert_array_equal(again.unproject().directions, camera.unproject().directions)

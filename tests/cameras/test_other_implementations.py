@@ -193,19 +193,3 @@ def test_aria_sees_points_behind_the_camera():
     np.testing.assert_allclose(behind[:, 3:] + 1000.5, opposite, rtol=0, atol=1e-9)
     own, seen = camera.project(behind[:, :3])
     assert (np.linalg.norm(own[seen] - opposite[seen], axis=1) > 100).all()
-
-
-# -- Kalibr, basalt and others --------------------------------------------------------------------
-
-
-def test_the_published_domain_of_the_double_sphere_refuses_rays_that_pixels_have():
-    """xi = 0.5, alpha = 0.6: 147.4, not 153.7 degrees; ``test_domains.py`` has all of it."""
-    camera = cameras.create("double-sphere", **SIZE, **FOCALS, xi=0.5, alpha=0.6)
-    w1 = 0.4 / 0.6
-    w2 = (w1 + 0.5) / np.sqrt(2 * w1 * 0.5 + 0.25 + 1)
-    at_150 = np.array([np.sin(np.radians(150)), 0, np.cos(np.radians(150))])
-    assert at_150[2] < -w2  # refused by z > -w2 d
-    wide = cameras.from_dict({**camera.to_dict(), "width": 2000})
-    pixel, seen = wide.project(at_150)
-    assert seen
-    np.testing.assert_allclose(wide.unproject(pixel).directions, at_150, rtol=0, atol=1e-13)

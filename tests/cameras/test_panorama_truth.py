@@ -65,15 +65,6 @@ def test_there_and_back(view, pixel):
         np.testing.assert_allclose(off, 0, rtol=0, atol=1e-12)
 
 
-def test_profiles_of_the_cylinder():
-    """22.5 degrees up of 45: halfway by angles; tan(22.5 deg) = sqrt(2) - 1 up the cylinder's wall."""
-    size = {"width": 100, "height": 100, "fov_v_deg": 90}
-    ray = np.array([0, -np.sin(np.radians(22.5)), np.cos(np.radians(22.5))])
-    for profile, row in (("angular", 25), ("perspective", 50 * (2 - np.sqrt(2)))):
-        camera = cameras.create("cylindrical", **size, profile=profile)
-        np.testing.assert_allclose(camera.project(ray)[0], (50, row), rtol=0, atol=1e-13)
-
-
 def test_the_cylinder_ends():
     """Directions beyond its field of view are nowhere in the image."""
     camera = cameras.create("cylindrical", width=90, height=90, fov_h_deg=180, fov_v_deg=60)

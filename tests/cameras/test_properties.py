@@ -77,6 +77,7 @@ coordinate = st.one_of(
 )
 points = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=30).map(np.array)
 part = st.one_of(st.floats(0, 1), hair, hair.map(lambda x: 1 - x))
+place_in_image = st.lists(st.tuples(part, part, st.floats(-4, 4)), min_size=1, max_size=30).map(np.array)
 
 
 @cases(40)
@@ -86,23 +87,13 @@ def test_no_point_gets_a_wrong_pixel(camera, points):
 
 
 @cases(40)
-@given(central, st.lists(st.tuples(part, part), min_size=1, max_size=30).map(np.array), st.floats(-9, 9))
-def test_every_pixel_comes_back(camera, parts, away):
-    """Of pixels all over the image, most of all next to its edges."""
-    comes_back(camera, parts * (camera.width, camera.height), 10**away)
-
-
-@cases(40)
-@given(central, st.lists(st.tuples(part, st.floats(-4, 4)), min_size=1, max_size=30), st.floats(-9, 9))
-def test_pixels_of_the_image_circle_come_back(camera, polar, away):
-    """Of pixels all over the image circle, most of all next to its rim and its centre."""
-    r, azimuth = np.array(polar).T
-    circle = min(camera.width, camera.height) / 2 * (r * [np.cos(azimuth), np.sin(azimuth)]).T
-    comes_back(camera, camera.center + circle, 10**away)
-
-
-def comes_back(camera, pixels, metres):
+@given(central, place_in_image, st.floats(-9, 9))
+def test_every_pixel_comes_back(camera, places, exponent):
+    """Pixels next to the edges of the image, and next to the rim and the centre of the image circle."""
+    circle = min(camera.width, camera.height) / 2 * places[:, :1]
+    around = np.stack([np.cos(places[:, 2]), np.sin(places[:, 2])], axis=-1)
+    pixels = np.concatenate([places[:, :2] * (camera.width, camera.height), camera.center + circle * around])
     rays = camera.unproject(pixels)
-    again, seen = camera.project(metres * rays.directions[rays.valid])
+    again, seen = camera.project(10**exponent * rays.directions[rays.valid])
     assert seen.all()
     np.testing.assert_allclose(again, pixels[rays.valid], rtol=0, atol=PIXEL_TOLERANCE)

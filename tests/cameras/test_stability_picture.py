@@ -1,10 +1,7 @@
-"""What docs/stability.png claims, as a test: every model, every way into its limits."""
-
-import json
+"""The claims of docs/stability.png: every model, every approach to its limits."""
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from omniscv import cameras
 from omniscv.chart import stability
@@ -12,7 +9,7 @@ from omniscv.chart.limits import approaches
 
 
 @pytest.mark.parametrize("name", cameras.names())
-@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("every", [12, pytest.param(1, marks=pytest.mark.soak)])
 def test_every_model_keeps_its_promise_up_to_its_limits(name, every):
     """1e-6 px, or what float64 keeps of the points themselves where that is more."""
     steps = stability.STEPS[::-every]  # the last among them
@@ -25,13 +22,3 @@ def test_every_model_keeps_its_promise_up_to_its_limits(name, every):
         assert drawn.any(), way.limit
         assert (errors[drawn] <= allowed[drawn]).all(), (way.limit, errors.tolist())
         assert way.beyond() in ("refused", "marked", "in domain")
-
-
-def test_it_is_written_and_drawn(tmp_path):
-    data, drawn, picture = stability.write(
-        stability.measure(models=["equirectangular", "octahedral"]), tmp_path
-    )
-    assert json.loads(data.read_text())[0]["model"] == "equirectangular"
-    assert "octahedral" in drawn.read_text()
-    with Image.open(picture) as opened:
-        assert opened.width == 1600
