@@ -20,24 +20,6 @@ def test_a_camera_given_by_one_focal_length_is_described_as_ever():
     assert wide.focal == pytest.approx(32, rel=1e-15)
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"fy": 31.0},
-        {"fy": 30.0, "skew": 0.01},
-        {"fy": 30.0, "fov_deg": 50.0},
-        {"fy": 30.0, "distortion": [-0.1, 0.01, 1e-3, 0.0]},
-    ],
-    ids=lambda more: " ".join(more),
-)
-def test_any_other_one_is_described_by_all_its_numbers(more):
-    camera = cameras.create("pinhole", **SIZE, fx=30.0, **more)
-    described = camera.to_dict()
-    assert {"fx", "fy", "cx", "cy", "skew", "distortion"} <= set(described)
-    assert not {"focal", "center"} & set(described)
-    assert cameras.from_dict(described) == camera
-
-
 def test_the_field_of_view_limits_a_pinhole_of_two_focal_lengths():
     """The cone of 60 degrees ends at tan(30 degrees) f; given alone it spans the image's width."""
     camera = cameras.create("pinhole", **SIZE, fx=30.0, fy=30.0, fov_deg=60)
