@@ -24,13 +24,9 @@ def test_the_sphere_model_is_the_extended_one_with_beta_1() -> None:
         assert found.camera.parameters()[name] == pytest.approx(value, abs=1e-7)
     assert found.max_px < 1e-9
     assert found.coverage == 1
-
-
-def test_the_extended_sphere_model_with_beta_1_is_meis() -> None:
-    ellipsoid = calibration.fit(MEI, "extended-unified").camera
-    found = calibration.fit(ellipsoid, "unified")
-    assert found.max_px < 1e-6
-    assert found.camera.parameters()["xi"] == pytest.approx(0.9, abs=1e-5)
+    back = calibration.fit(found.camera, "unified")
+    assert back.max_px < 1e-6
+    assert back.camera.parameters()["xi"] == pytest.approx(0.9, abs=1e-5)
 
 
 @pytest.mark.parametrize("model", ["kannala-brandt", "ftheta"])
@@ -40,7 +36,7 @@ def test_an_equidistant_lens_is_a_polynomial_of_one_term(model: str) -> None:
     assert found.coverage == 1
 
 
-@pytest.mark.parametrize("model", ["fisheye-equidistant", "fisheye-stereographic", "fisheye-orthographic"])
+@pytest.mark.parametrize("model", ["fisheye-equidistant", "fisheye-orthographic"])
 def test_a_lens_is_nearest_to_itself(model: str) -> None:
     lens = cameras.create(model, 120, 100, focal=50.0, center=(61, 48))
     found = calibration.fit(lens, model)

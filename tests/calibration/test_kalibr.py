@@ -167,28 +167,3 @@ def test_a_chain_keeps_its_names() -> None:
     }
     with pytest.raises(ArgumentError, match="cam0, cam1"):
         calibration.write_kalibr({"left": MIRRORS[0]})
-
-
-@pytest.mark.parametrize(
-    ("intrinsics", "message"),
-    [
-        ([0.9, -30.0, -30.0, 29.5, 23.25], "expected fu = -fv"),
-        ([1.3, 30.0, -30.0, 29.5, 23.25], "0 <= xi <= 1"),
-        ([30.0, 30.0, 29.5, 23.25], "5 finite numbers"),
-    ],
-)
-def test_an_omni_that_is_no_model_of_ours_is_refused(intrinsics: list[float], message: str) -> None:
-    with pytest.raises(ArgumentError, match=message) as caught:
-        calibration.read_kalibr(chain("omni", intrinsics))
-    assert str(caught.value).startswith("cam0: intrinsics: expected")
-
-
-@pytest.mark.parametrize(
-    ("model", "count", "distortion", "k"),
-    [("pinhole", 4, "fov", (0.9,)), ("omni", 5, "equidistant", (0, 0, 0, 0)), ("ds", 6, "radtan", (0,) * 4)],
-)
-def test_a_model_that_is_none_of_ours_is_named(
-    model: str, count: int, distortion: str, k: tuple[float, ...]
-) -> None:
-    with pytest.raises(ArgumentError, match=f"cam0: .*pinhole-none.*{model}.*{distortion}"):
-        calibration.read_kalibr(chain(model, [1.0] * count, distortion, k))

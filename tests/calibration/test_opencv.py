@@ -1,13 +1,13 @@
 """OpenCV's fisheye files and arrays, judged by OpenCV: its projection and its FileStorage."""
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 from support.lenses import lenses, seen_in_front
 from support.same_rays import assert_same_rays
 
@@ -20,6 +20,7 @@ LENS = cameras.create(
 )
 
 
+@cases(15)
 @given(lenses, st.just(0.0) | st.floats(-0.1, 0.1))
 def test_opencv_projects_our_rays_to_our_pixels_less_half(camera: cameras.Camera, skew: float) -> None:
     skewed = cameras.from_dict({**camera.to_dict(), "skew": skew})
@@ -40,7 +41,7 @@ def test_opencv_projects_our_rays_to_our_pixels_less_half(camera: cameras.Camera
 terms = st.lists(st.integers(-20, 20).map(lambda n: n / 1000), min_size=12, max_size=12)
 
 
-@settings(max_examples=30)
+@cases(15)
 @given(st.sampled_from([4, 5, 8, 12]), terms, st.floats(30, 60), st.floats(30, 60))
 def test_the_plain_model_is_opencvs(count: int, terms: list[float], fx: float, fy: float) -> None:
     K, D = np.array([[fx, 0, 30.25], [0, fy, 22.5], [0, 0, 1]]), np.array(terms[:count])
@@ -65,7 +66,7 @@ def omnidir(K: np.ndarray, xi: float, D: np.ndarray, points: np.ndarray) -> np.n
     return (K @ np.stack([x_d, y_d, np.ones_like(x_d)]))[:2].T
 
 
-@settings(max_examples=30)
+@cases(15)
 @given(
     st.floats(0.2, 1.5),
     st.lists(st.integers(-20, 20).map(lambda n: n / 1000), min_size=4, max_size=4),
@@ -102,28 +103,6 @@ def test_every_form_is_read_by_opencv_and_by_us(format: str, suffix: str, tmp_pa
     assert storage.getNode("camera_matrix").mat().shape == (3, 3)
     assert storage.getNode("image_width").real() == 64
     assert_same_rays(calibration.load(path)["cam0"], CAMERAS[format])
-
-
-def test_a_file_of_the_omnidirectional_sample_lacks_its_size() -> None:
-    text = calibration.write_opencv_omnidir({"cam0": CAMERAS["opencv-omnidir"]})
-    with pytest.raises(ArgumentError, match="missing key 'image_width'"):
-        calibration.read_opencv_omnidir(text.replace("image_width", "nothing"))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
-        "<opencv_storage><camera_matrix>",
-        "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_width></opencv_storage>",
-    ],
-)
-@pytest.mark.parametrize("read", [calibration.read_opencv, calibration.read_opencv_omnidir])
-def test_hostile_xml_is_refused_in_one_line(text: str, read: Any) -> None:
-    with pytest.raises(ArgumentError, match=r"expected|missing key") as caught:
-        read(text)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) <= 300
 
 
 def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:

@@ -1,9 +1,9 @@
 """Fields of view at a model's limit, one unit in the last place beyond it, and mirrors by field of view.
 
-At the limit a focal length divides by tan(90 deg), sin(180 deg) or pi - phi, whose float64 values are inexact:
-360 deg in radians is not 2 pi. One ulp further the formulas still return numbers, of a lens that cannot exist.
-So the limit itself must work (or, where the model does not reach it, the last number before it), and the next
-number must be refused, by name, with the limit and the value.
+At the limit a focal length divides by tan(90 deg), sin(180 deg) or pi - phi, whose float64 values are
+inexact: 360 deg in radians is not 2 pi. One ulp further the formulas still return numbers, of a lens that
+cannot exist. So the limit itself must work (or, where the model does not reach it, the last number before
+it), and the next number must be refused, by name, with the limit and the value.
 """
 
 import numpy as np
