@@ -147,7 +147,8 @@ def test_changed_keys_are_refused(format, changes, message):
 
 # A few bytes that stand for 10^9 values, nesting beyond Python's stack, a number beyond its digits, ...
 BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10))
-ENTRY = "cam0: {{camera_model: pinhole, distortion_model: none, distortion_coeffs: [], resolution: {}, intrinsics: {}}}"
+ENTRY = "cam0: {{camera_model: pinhole, distortion_model: none, distortion_coeffs: [], "
+ENTRY += "resolution: {}, intrinsics: {}}}"
 XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_width></opencv_storage>"
 
 
