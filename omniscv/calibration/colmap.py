@@ -196,7 +196,7 @@ def _camera(words: list[str]) -> tuple[str, Camera]:
 
 
 def _sees_backwards(camera: Camera) -> bool:
-    """Whether a pixel at the image's border, or on its axes, sees 90 degrees off the axis or more."""
+    """Return whether a pixel of a grid sees 90 degrees off the axis or more."""
     if isinstance(camera, Equirectangular):
         return False
     u = np.linspace(0, camera.width, 65)

@@ -330,6 +330,6 @@ def viewpoints_by_line(origins: Array, valid: Mask, axis: int, count: int | None
     if groups == 1 and count == lines:
         centers = origins[:1]
     used, group = np.unique(np.where(valid.any(axis=1 - axis), group, -1), return_inverse=True)
-    kept = used[used >= 0]
-    line = np.expand_dims(group - (len(used) - len(kept)), 1 - axis)
-    return Viewpoints(centers[kept], np.where(valid, line, -1).astype(np.int32))
+    visible = used[used >= 0]
+    line = np.expand_dims(group - (len(used) - len(visible)), 1 - axis)
+    return Viewpoints(centers[visible], np.where(valid, line, -1).astype(np.int32))

@@ -236,25 +236,25 @@ class RollingShutter(Camera):
         root = np.array(ends)[sides]
         left, right = (np.full(len(points), end) for end in ends)
         late_left, late_right = late[0].copy(), late[1].copy()
-        open_ = np.flatnonzero(~(np.minimum(np.abs(late_left), np.abs(late_right)) <= _CONVERGED))
-        kept = np.zeros(len(points))  # the end that was kept: -1 left, 1 right
+        pending = np.flatnonzero(~(np.minimum(np.abs(late_left), np.abs(late_right)) <= _CONVERGED))
+        fixed = np.zeros(len(points))  # the end that the last step did not move: -1 left, 1 right
         for _ in range(_MOST_STEPS):
-            if not len(open_):
+            if not len(pending):
                 break
-            a, b, fa, fb = left[open_], right[open_], late_left[open_], late_right[open_]
+            a, b, fa, fb = left[pending], right[pending], late_left[pending], late_right[pending]
             secant = (a * fb - b * fa) / (fb - fa)
             at = np.where((secant > a) & (secant < b), secant, (a + b) / 2)
-            value = self._late(points[open_], at)
+            value = self._late(points[pending], at)
             # Keep the half whose ends have unlike signs, or of whose ends one is not seen.
             first = np.where(np.isnan(fa) | np.isnan(fb), np.isnan(value) == np.isnan(fb), value * fa < 0)
-            stays = np.where(first, -1.0, 1.0)
-            half = np.where(kept[open_] == stays, 0.5, 1.0)
-            left[open_], right[open_] = np.where(first, a, at), np.where(first, at, b)
-            late_left[open_] = np.where(first, fa * half, value)
-            late_right[open_] = np.where(first, value, fb * half)
-            root[open_], kept[open_] = at, stays
-            done = (np.abs(value) <= _CONVERGED) | (right[open_] - left[open_] <= _CONVERGED / 8)
-            open_ = open_[~done]
+            fixed_end = np.where(first, -1.0, 1.0)
+            half = np.where(fixed[pending] == fixed_end, 0.5, 1.0)
+            left[pending], right[pending] = np.where(first, a, at), np.where(first, at, b)
+            late_left[pending] = np.where(first, fa * half, value)
+            late_right[pending] = np.where(first, value, fb * half)
+            root[pending], fixed[pending] = at, fixed_end
+            done = (np.abs(value) <= _CONVERGED) | (right[pending] - left[pending] <= _CONVERGED / 8)
+            pending = pending[~done]
         return root
 
 

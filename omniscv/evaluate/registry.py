@@ -1,16 +1,82 @@
-"""The evaluations, by name."""
+"""The evaluations by name, and their results: figures beside the paper's, raw values, charts."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omniscv.arguments import one_of
+from omniscv.compose.files import finite, write_json
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.report import Report
+from omniscv.storage.local import whole_file
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 NAMES = ("layout", "calibration", "lines", "odometry")
+
+INK = "#1c2330"
+BLUE, ORANGE, GREEN, RED, SKY, PINK = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7"
+"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number of an evaluation.
+
+    Attributes:
+        name: such as ``edges F1, 4-wall rooms``.
+        value: ours; NaN where nothing could be measured.
+        unit: such as ``deg`` or ``%``; empty for a ratio.
+        paper: the paper's, if it prints one.
+        n: number of images, segments or poses of which the value is the mean or the worst.
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    paper: float | None = None
+    n: int = 1
+
+
+@dataclass(frozen=True)
+class Report:
+    """The outcome of an evaluation.
+
+    Attributes:
+        figures: for the table, and for ``NAME.json``.
+        rows: the raw values, for ``NAME.json`` and ``NAME.csv``; all rows have the same keys.
+        about: sizes, seeds, noise; plain JSON values.
+        written: files in the output folder.
+    """
+
+    figures: Sequence[Figure]
+    rows: Sequence[Row]
+    about: Mapping[str, Any] = field(default_factory=dict)
+    written: Sequence[Path] = ()
+
+    def write(self, name: str, out: Path) -> list[Path]:
+        """Write ``NAME.json`` and ``NAME.csv`` into a folder; return all files of the report."""
+        content = {
+            "evaluation": name,
+            "figures": [asdict(figure) for figure in self.figures],
+            "about": dict(self.about),
+            "raw": [dict(row) for row in self.rows],
+        }
+        as_json, as_csv = out / f"{name}.json", out / f"{name}.csv"
+        write_json(as_json, finite(content))
+        with whole_file(as_csv) as part, part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(self.rows[0]) if self.rows else [])
+            writer.writeheader()
+            writer.writerows(self.rows)
+        return [as_json, as_csv, *self.written]
 
 
 @dataclass(frozen=True)
@@ -48,3 +114,14 @@ def run(name: str, settings: Settings) -> Report:
         raise ArgumentError(f"{name}: unknown option {unknown[0]!r}; known options: {known}")
     report: Report = evaluation.evaluate(settings)
     return report
+
+
+@contextmanager
+def chart(path: Path, width: int, height: int) -> Iterator[matplotlib.figure.Figure]:
+    """Yield an empty drawing of a size in px, and write it as a PNG at the end."""
+    from matplotlib.figure import Figure as Drawing
+
+    drawing = Drawing(figsize=(width / 100, height / 100), dpi=100, layout="constrained")
+    yield drawing
+    with whole_file(path) as part:
+        drawing.savefig(part)

@@ -19,7 +19,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats
 from omniscv.light import light_of_codes
 from omniscv.storage import png
-from omniscv.storage.local import whole_file
+from omniscv.storage.local import whole_file, write_text
 
 RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
 
@@ -27,9 +27,7 @@ RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
 def write_response(path: Path, transfer: str) -> Path:
     """Write the inverse response of a transfer of :mod:`omniscv.light`, and return the path."""
     light = light_of_codes(np.arange(256), transfer)
-    with whole_file(path) as part:
-        part.write_text(" ".join(f"{value:.9g}" for value in 255 * light / light[-1]) + "\n", "utf-8")
-    return path
+    return write_text(path, " ".join(f"{value:.9g}" for value in 255 * light / light[-1]) + "\n")
 
 
 def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
@@ -65,6 +63,4 @@ def write_vignette(path: Path, shading: Any) -> Path:
 def write_times(path: Path, frames: Iterable[tuple[str, float, float]]) -> Path:
     """Write ``times.txt`` of (name, seconds, exposure in seconds), and return the path."""
     lines = [f"{name} {time:.9f} {1e3 * exposure:.9g}\n" for name, time, exposure in frames]
-    with whole_file(path) as part:
-        part.write_text("".join(lines), encoding="utf-8")
-    return path
+    return write_text(path, "".join(lines))

@@ -13,9 +13,8 @@ from support.rooms import L_SHAPE, PLAIN, room_of_plan, room_of_scene
 from omniscv import Pose, cameras, cli
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.layout import panoramas
-from omniscv.evaluate.layout.evaluation import scores
+from omniscv.evaluate.layout.evaluation import PAPER, figures, scores
 from omniscv.evaluate.layout.predictions import Prediction, draw_maps
-from omniscv.evaluate.layout.results import PAPER, figures
 from omniscv.evaluate.registry import Settings, run
 from omniscv.truth import project_layout
 from omniscv.truth.cor_id import cor_id

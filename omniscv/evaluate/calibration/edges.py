@@ -82,7 +82,7 @@ def group_by_line(
 def _largest_consensus(
     points: Array, model: LineImages, limits: tuple[float, float], rng: np.random.Generator
 ) -> NDArray[np.bool_]:
-    """(N,) the points near the image of a line through three of them."""
+    """Return (N,) whether points are near the image of a line through three of them."""
     triples = points[rng.integers(len(points), size=(_TRIPLES, 3))]
     r_vl = model.r_vl_of_triples(triples, *limits)
     triples, r_vl = triples[np.isfinite(r_vl)], r_vl[np.isfinite(r_vl), None]
@@ -100,7 +100,7 @@ def _largest_consensus(
 
 
 def _gradient(lit: NDArray[np.uint8]) -> Array:
-    """(H, W, 2) grey levels per px, of the channel that changes most."""
+    """Return the gradient (H, W, 2), grey levels per px, of the channel that changes most."""
     blurred = cv2.GaussianBlur(lit.astype(np.float32), (0, 0), _SIGMA_PX)
     both = np.stack([cv2.Scharr(blurred, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))], axis=-1)
     most = np.argmax((both**2).sum(axis=-1), axis=-1)
@@ -110,7 +110,7 @@ def _gradient(lit: NDArray[np.uint8]) -> Array:
 def _maxima(
     size: Array, gradient: Array, inside: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Rows and columns of the maxima, and (N, 2) px their offsets from the pixels' centres."""
+    """Return rows and columns of the maxima, and (N, 2) px their offsets from the pixels' centres."""
     across = np.abs(gradient[..., 0]) >= np.abs(gradient[..., 1])
     strong = inside & (size >= _LEAST_CONTRAST)
     strong[[0, -1]], strong[:, [0, -1]] = False, False
@@ -126,7 +126,7 @@ def _maxima(
 def _chains(
     row: NDArray[np.intp], column: NDArray[np.intp], unit: Array, shape: tuple[int, ...]
 ) -> NDArray[np.intp]:
-    """(N,) the chain of each point: connected pixels between which the gradient turns little."""
+    """Return the chain of each point (N,): connected pixels between which the gradient turns little."""
     index = np.full(shape, -1, np.intp)
     index[row, column] = np.arange(len(row))
     starts, ends = [], []

@@ -92,7 +92,7 @@ def _refine(lines: PointsOnLines, model: LineImages, r_vl: float, low: float, hi
     def distances(x: Array) -> Array:
         return lines.fit(model, float(x[0]))[1]
 
-    found = least_squares(
+    solution = least_squares(
         distances, [r_vl], bounds=([low], [high]), loss="soft_l1", f_scale=_ROBUST_PX, xtol=1e-14, ftol=1e-14
     )
-    return float(found.x[0])
+    return float(solution.x[0])

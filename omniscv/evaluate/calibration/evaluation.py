@@ -17,8 +17,20 @@ from omniscv.compose.renderer import Renderer
 from omniscv.evaluate.calibration.edges import find_edges, group_by_line
 from omniscv.evaluate.calibration.estimation import calibrate
 from omniscv.evaluate.calibration.line_images import LineImages, models
-from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, Figure, Report, Row, chart
+from omniscv.evaluate.registry import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PINK,
+    RED,
+    SKY,
+    Figure,
+    Report,
+    Row,
+    Settings,
+    chart,
+)
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.planning import RenderOptions
@@ -122,8 +134,8 @@ def line_points(camera: Camera, rng: np.random.Generator) -> list[Array]:
         points = np.outer(np.cos(angle), along) + np.outer(np.sin(angle), np.cross(normal, along))
         pixels, seen = camera.project(points)
         if seen.sum() >= 2 * _POINTS:
-            chosen = np.linspace(0, seen.sum() - 1, _POINTS).astype(int)
-            lines.append(pixels[seen][chosen] - camera.center)
+            spaced = np.linspace(0, seen.sum() - 1, _POINTS).astype(int)
+            lines.append(pixels[seen][spaced] - camera.center)
     return lines
 
 
@@ -138,7 +150,7 @@ def calibrate_image(
 
 
 def _from_points(cases: Sequence[tuple[LineImages, float]], extent: Extent) -> Iterator[list[Row]]:
-    """Estimates from exact and from noisy points of lines, by case."""
+    """Yield the estimates of a case from exact and from noisy points of lines."""
     rng = np.random.default_rng(0)
     for model, value in cases:
         rows = []
@@ -154,7 +166,7 @@ def _from_points(cases: Sequence[tuple[LineImages, float]], extent: Extent) -> I
 def _from_images(
     cases: Sequence[tuple[LineImages, float]], extent: Extent, source: str | None
 ) -> Iterator[list[Row]]:
-    """Estimates from pictures of rooms. All cameras of a viewpoint share its captures."""
+    """Yield estimates from pictures of rooms. All cameras of a viewpoint share its captures."""
     options = RenderOptions(strategy="cube", face_size=2 * extent.unit_px)
     for image, (address, position, angles) in enumerate(_VIEWPOINTS[: extent.images]):
         with open_source(source or address) as opened:

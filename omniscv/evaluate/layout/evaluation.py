@@ -6,18 +6,49 @@ predicted for them (``predictions.py``). ``perfect`` is the true layout, drawn a
 less than 1, because CFL applies different thresholds to truth and prediction.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from omniscv.arguments import within
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.layout import panoramas, predictions, results
+from omniscv.evaluate.layout import panoramas, predictions
 from omniscv.evaluate.layout.panoramas import Panorama
-from omniscv.evaluate.layout.predictions import Prediction
-from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import Report, Row
+from omniscv.evaluate.layout.predictions import Prediction, visible_curves
+from omniscv.evaluate.registry import INK, RED, Figure, Report, Row, Settings, chart
 from omniscv.truth.metrics import LayoutScores, layout_scores, map_scores
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 OPTIONS = frozenset({"predictions"})
+
+MAP_SCORES = {"iou": "IoU", "accuracy": "Acc", "precision": "P", "recall": "R", "f1": "F1"}
+"""Measures of a map, in the paper's order."""
+
+_LAYOUT_SCORES = {
+    "iou_2d": ("2D IoU", ""),
+    "iou_3d": ("3D IoU", ""),
+    "corner_error": ("corner error", "%"),
+    "pixel_error": ("pixel error", "%"),
+    "rmse_m": ("depth RMSE", "m"),
+    "delta_1": ("depth delta1", ""),
+    "walls_right": ("number of walls right", ""),
+}
+
+PAPER: Mapping[tuple[str, str], Sequence[float]] = {
+    ("edges", "6-wall"): (0.424, 0.881, 0.694, 0.519, 0.592),
+    ("edges", "4-wall"): (0.474, 0.901, 0.766, 0.554, 0.642),
+    ("corners", "6-wall"): (0.370, 0.974, 0.547, 0.526, 0.534),
+    ("corners", "4-wall"): (0.506, 0.985, 0.643, 0.698, 0.669),
+}
+"""CFL's scores on the paper's synthetic rooms, in the order of ``MAP_SCORES``."""
+
+_METHODS = ("predictions", "perfect")
 
 
 def evaluate(settings: Settings) -> Report:
@@ -45,8 +76,8 @@ def evaluate(settings: Settings) -> Report:
         "truth": "edge and corner maps by the paper's recipe, corners exact; in the folder layout",
         "to predict": [f"layout/img/{name}.png" for name in names],
     }
-    chart = results.draw(rows, rendered, predicted, settings.out / "layout.png")
-    return Report(results.figures(rows), rows, about, [out, chart])
+    chart = draw(rendered, predicted, settings.out / "layout.png")
+    return Report(figures(rows), rows, about, [out, chart])
 
 
 def _rows(panorama: Panorama, prediction: Prediction | None) -> list[Row]:
@@ -73,8 +104,70 @@ def scores(prediction: Prediction, panorama: Panorama) -> dict[str, float | None
     measured = dict[str, float | None]()
     for i, name in enumerate(("edges", "corners")):
         of_map = maps and map_scores(maps[i], panorama.maps[i])
-        measured |= {f"{name}_{key}": of_map and getattr(of_map, key) for key in results.MAP_SCORES}
+        measured |= {f"{name}_{key}": of_map and getattr(of_map, key) for key in MAP_SCORES}
     if corners is None:
         return {**measured, **dict.fromkeys(LayoutScores._fields), "walls_right": None}
     of_room = layout_scores(corners, panorama.corners, width, width // 2)
     return {**measured, **of_room._asdict(), "walls_right": float(len(corners) == len(panorama.corners))}
+
+
+def figures(rows: Sequence[Row]) -> list[Figure]:
+    """Return the means of each method for each kind of room.
+
+    Args:
+        rows: one per panorama and method: ``group``, ``method``, ``edges_iou`` to ``corners_f1``, and the
+            keys of the layout scores; None where a measure is not known.
+    """
+    means = []
+    for group in dict.fromkeys(row["group"] for row in rows):
+        for method in _METHODS:
+            mine, name = _of(rows, group, method), f"{group} rooms, {method}: "
+            for map_name in ("edges", "corners"):
+                paper = PAPER.get((map_name, group), (None,) * len(MAP_SCORES))
+                for (key, label), theirs in zip(MAP_SCORES.items(), paper, strict=True):
+                    means.append(_mean(mine, f"{map_name}_{key}", f"{name}{map_name} {label}", "", theirs))
+            if method != "perfect":  # its corners are exact
+                means += [
+                    _mean(mine, key, name + label, unit) for key, (label, unit) in _LAYOUT_SCORES.items()
+                ]
+    return [mean for mean in means if mean.n]
+
+
+def _of(rows: Sequence[Row], group: str, method: str) -> list[Row]:
+    return [row for row in rows if (row["group"], row["method"]) == (group, method)]
+
+
+def _mean(rows: Sequence[Row], key: str, name: str, unit: str, paper: float | None = None) -> Figure:
+    values = [row[key] for row in rows if row[key] is not None]
+    return Figure(name, float(np.mean(values)) if values else float("nan"), unit, paper, len(values))
+
+
+def draw(panoramas: Sequence[Panorama], predicted: Mapping[str, Prediction], path: Path) -> Path:
+    """Draw the layouts in the first panorama of each kind of room; return the path.
+
+    Args:
+        panoramas: with their true layouts.
+        predicted: by name of the panorama.
+        path: of the picture.
+    """
+    first = {panorama.group: panorama for panorama in reversed(panoramas)}
+    with chart(path, 900, 270) as drawing:
+        panels = drawing.subplots(1, len(first), squeeze=False)[0]
+        for axes, panorama in zip(panels, reversed(first.values()), strict=True):
+            _draw_panorama(axes, panorama, predicted.get(panorama.name))
+    return path
+
+
+def _draw_panorama(axes: Axes, panorama: Panorama, prediction: Prediction | None) -> None:
+    height, width = panorama.lit.shape[:2]
+    axes.imshow(panorama.lit, extent=(0, width, height, 0))
+    layouts, title = [(panorama.corners, "white", 2.6)], f"{panorama.name}: the true layout (white)"
+    if prediction is not None and prediction.corners is not None:
+        layouts.append((prediction.corners, RED, 1.1))
+        title += ", the predicted one (orange)"
+    for corners, color, line_width in layouts:
+        for curve in visible_curves(corners, width):
+            axes.plot(*curve.T, color=color, lw=line_width, solid_capstyle="round")
+    axes.set(xlim=(0, width), ylim=(height, 0))
+    axes.set_axis_off()
+    axes.set_title(title, size=8, color=INK)

@@ -100,12 +100,12 @@ def write(panorama: Panorama, folder: Path) -> None:
 
 
 def _extent(settings: Settings) -> tuple[int, int]:
-    """Width of the panoramas, px, and number of viewpoints in a room."""
+    """Return the width of the panoramas, px, and the number of viewpoints in a room."""
     return (_QUICK_WIDTH, _QUICK_VIEWPOINTS) if settings.quick else (_WIDTH, _VIEWPOINTS)
 
 
 def _room(renderer: omniscv.Renderer, positions: Array) -> Room:
-    """The room of a source, fitted to images if the source does not know it."""
+    """Return the room of a source, fitted to images if the source has none."""
     geometry = renderer.source.geometry()
     if geometry.room is not None:
         return layout(geometry).room
@@ -115,7 +115,7 @@ def _room(renderer: omniscv.Renderer, positions: Array) -> Room:
 
 
 def _positions(source: Source, most: int) -> Array:
-    """(V, 3) metres, world frame: viewpoints of a recording, or in free space, far from each other."""
+    """Return viewpoints (V, 3), world frame: those of a recording, or in free space, far from each other."""
     views, geometry = source.recorded_views(), source.geometry()
     if views is not None:
         wide = [view.pose.position for view in views if view.fov_deg >= _FACE_FOV_DEG]
@@ -132,7 +132,7 @@ def _positions(source: Source, most: int) -> Array:
 
 
 def _free_positions(room: Room, geometry: SceneGeometry) -> Array:
-    """(F, 3) points of a grid at the camera's height, away from walls and objects."""
+    """Return points (F, 3) of a grid at the camera's height, away from walls and objects."""
     low, high = room.corners_w.min(axis=0) + _FROM_WALLS_M, room.corners_w.max(axis=0)
     axes = [np.arange(start, stop, _GRID_M) for start, stop in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -147,10 +147,10 @@ def _free_positions(room: Room, geometry: SceneGeometry) -> Array:
 
 
 def _spread(positions: Array, most: int) -> list[int]:
-    """Indices of the position in the middle, then repeatedly of the farthest from those chosen."""
-    chosen = [int(np.linalg.norm(positions - positions.mean(axis=0), axis=1).argmin())]
-    away = np.linalg.norm(positions - positions[chosen[0]], axis=1)
-    while len(chosen) < min(most, len(positions)):
-        chosen.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
-    return chosen
+    """Return the indices of the middle position and of positions that are farthest from those before."""
+    indices = [int(np.linalg.norm(positions - positions.mean(axis=0), axis=1).argmin())]
+    away = np.linalg.norm(positions - positions[indices[0]], axis=1)
+    while len(indices) < min(most, len(positions)):
+        indices.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(positions - positions[indices[-1]], axis=1))
+    return indices

@@ -91,42 +91,42 @@ def _record(corners: Array, width: int) -> dict[str, Any]:
 
 
 def _find_files(folder: Path, names: Sequence[str]) -> dict[str, dict[str, Path]]:
-    """The file of each panorama, by form and name."""
+    """Return the file of each panorama, by form and name."""
     by_name: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(folder.rglob("*")):
         by_name[path.name].append(path)
-    found = {form: _files_of_form(form, by_name, names, folder) for form in _SUFFIXES}
-    forms = {form for form, paths in found.items() if paths} or {"corners"}
+    files = {form: _files_of_form(form, by_name, names, folder) for form in _SUFFIXES}
+    forms = {form for form, paths in files.items() if paths} or {"corners"}
     if "edges" in forms or "corner_map" in forms:
         forms |= {"edges", "corner_map"}
     for form in sorted(forms):
-        if missing := [name for name in names if name not in found[form]]:
-            wanted = " or ".join(missing[0] + suffix for suffix in _SUFFIXES[form])
+        if missing := [name for name in names if name not in files[form]]:
+            expected_names = " or ".join(missing[0] + suffix for suffix in _SUFFIXES[form])
             lack = f"missing for {len(missing)} of the {len(names)} panoramas in layout/img"
             expected = {name + suffix for name in names for ends in _SUFFIXES.values() for suffix in ends}
             others = [file for file in by_name if Path(file).suffix in (".png", ".jpg", ".json", ".txt")]
             got = next((file for file in others if file not in expected), "no other file")
-            raise ArgumentError(f"predictions: expected {wanted}, {lack}; got {got}")
-    return {form: found[form] for form in forms}
+            raise ArgumentError(f"predictions: expected {expected_names}, {lack}; got {got}")
+    return {form: files[form] for form in forms}
 
 
 def _files_of_form(
     form: str, by_name: Mapping[str, Sequence[Path]], names: Sequence[str], folder: Path
 ) -> dict[str, Path]:
-    """By panorama, its file of a form, where it has one."""
-    found = dict[str, Path]()
+    """Return the files of a form by the name of their panorama."""
+    files = dict[str, Path]()
     for name in names:
         paths = [path for suffix in _SUFFIXES[form] for path in by_name.get(name + suffix, ())]
         if len(paths) > 1:
             got = " and ".join(str(path.relative_to(folder)) for path in paths[:2])
             raise ArgumentError(f"predictions: expected one file of the {form} of {name}, got {got}")
         if paths:
-            found[name] = paths[0]
-    return found
+            files[name] = paths[0]
+    return files
 
 
 def _read_corners(path: Path, width: int) -> Array:
-    """(2N, 2) px of a file of corners, checked to be those of a room."""
+    """Return the corners (2N, 2), px, of a file; ArgumentError if no room has them."""
     content = read_bytes(path, _MOST_BYTES)
     try:
         if path.suffix == ".json":
@@ -147,7 +147,7 @@ def _read_corners(path: Path, width: int) -> Array:
 
 
 def _read_map(path: Path) -> Array:
-    """(H, W) 0 to 1 of a picture twice as wide as high."""
+    """Return a picture that is twice as wide as high, (H, W), 0 to 1."""
     from PIL import Image
 
     content = read_bytes(path, _MOST_BYTES)

@@ -20,8 +20,7 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.lines import plucker, reconstruction
 from omniscv.evaluate.lines.true_edges import Seen, room_edges, seen_edges
-from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import BLUE, GREEN, INK, RED, Figure, Report, Row, chart
+from omniscv.evaluate.registry import BLUE, GREEN, INK, RED, Figure, Report, Row, Settings, chart
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
@@ -135,8 +134,8 @@ def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterato
     Distances are between the points of the reconstructed and of the true line that the same pixel sees, the
     largest of all pixels.
     """
-    for prior, found in lines.items():
-        for (edge, observed), line in zip(seen, found, strict=True):
+    for prior, reconstructed in lines.items():
+        for (edge, observed), line in zip(seen, reconstructed, strict=True):
             true = edge.line_c(setup.pose)
             rays = observed.origins, observed.directions
             off = plucker.nearest_to_rays(line, *rays) - plucker.nearest_to_rays(true, *rays)
@@ -190,7 +189,7 @@ def _exact_figure(exact: Sequence[tuple[float, float]]) -> Figure:
 
 
 def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
-    """The lines with a sufficient effective baseline, between their outermost points in the image."""
+    """Return the lines of sufficient effective baseline, between their outermost points in the image."""
     segments = []
     for (edge, observed), line in zip(seen, lines, strict=True):
         rays = observed.origins, observed.directions
@@ -203,7 +202,7 @@ def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
 
 
 def _setups(quick: bool) -> list[Setup]:
-    """The paper's panorama, tilted by 10 degrees; unless ``quick`` from three poses, and a conical mirror.
+    """Return the paper's panorama, tilted by 10 degrees; unless ``quick`` at three poses, and a cone.
 
     The cone is above a camera that looks up. Its reflections lie on a circle of R_c = 0.47 m.
     """
@@ -293,7 +292,7 @@ def _draw_view(
 
 
 def _projection(turn_deg: float, lift_deg: float) -> Array:
-    """(2, 3) a parallel projection of world points: seen from -Y, turned about Z, and lifted."""
+    """Return a parallel projection (2, 3) of world points: seen from -Y, turned about Z, and lifted."""
     turn, lift = np.radians([turn_deg, lift_deg])
     right = np.array([np.cos(turn), np.sin(turn), 0.0])
     back = np.array([-np.sin(turn), np.cos(turn), 0.0])

@@ -101,13 +101,13 @@ def effective_baseline(origins: Array, directions: Array) -> float:
 
 
 def _on_klein(line: Array) -> Array:
-    """The line (6,) of unit direction nearest to six numbers, with the same direction."""
+    """Return the line (6,) of unit direction nearest to six numbers, with the same direction."""
     length = float(np.linalg.norm(line[:3]))
     along, moment = line[:3] / length, line[3:] / length
     return np.concatenate([along, moment - along * (along @ moment)])
 
 
 def _right_singular(rows: Array) -> Array:
-    """(K, K) the right singular vectors of rows (N, K); rows of zeros complete N < K."""
+    """Return the right singular vectors (K, K) of rows (N, K), completed by rows of zeros."""
     padded = np.concatenate([rows, np.zeros((rows.shape[1], rows.shape[1]))])
     return np.asarray(np.linalg.svd(padded, full_matrices=False)[2])

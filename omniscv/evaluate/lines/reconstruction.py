@@ -75,7 +75,7 @@ class ObservedLine:
         def residuals(x: Array) -> Array:
             return self.distances_px(moved(x))
 
-        found = least_squares(
+        solution = least_squares(
             residuals,
             np.zeros(2 + len(turns)),
             loss="soft_l1",
@@ -83,7 +83,7 @@ class ObservedLine:
             x_scale="jac",
             xtol=1e-12,
         )
-        return moved(found.x)
+        return moved(solution.x)
 
 
 def free(observed: ObservedLine, axis: Array) -> Array:
@@ -130,7 +130,7 @@ def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity:
 
 
 def _common_heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array) -> float:
-    """The median heading of level lines, radians, modulo a quarter turn.
+    """Return the median heading of level lines, radians, modulo a quarter turn.
 
     A line's weight is its number of pixels times the square of its effective baseline.
     """
@@ -144,6 +144,6 @@ def _common_heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array)
 
 
 def _level_direction(gravity: Array, heading: float) -> Array:
-    """The unit direction (3,) across gravity at a heading, radians."""
+    """Return the unit direction (3,) across gravity at a heading, radians."""
     x, y = plucker.across(gravity)
     return np.asarray(np.cos(heading) * x + np.sin(heading) * y)

@@ -89,15 +89,15 @@ def seen_edges(
         names: of the labels from 1 on.
     """
     label = {name: i for i, name in enumerate(names, start=1)}
-    found: Seen = []
+    edges_seen: Seen = []
     for edge, (a, b) in room_edges(room):
         if a in label and b in label and len(pixels := boundary(labels, label[a], label[b])) >= _LEAST_POINTS:
-            found.append((edge, ObservedLine(camera, pixels)))
+            edges_seen.append((edge, ObservedLine(camera, pixels)))
     for name in sorted(set(boxes) & set(label) - set(room.surfaces)):
         corners = boxes[name].corners_w()
         edges = [_edge("object", f"{name} {i}", corners[pair]) for i, pair in enumerate(BOX_EDGES)]
-        found += _seen_of_box(edges, camera, pose, boundary(labels, label[name]))
-    return found
+        edges_seen += _seen_of_box(edges, camera, pose, boundary(labels, label[name]))
+    return edges_seen
 
 
 def boundary(labels: Labels, a: int, b: int | None = None) -> Array:
@@ -114,21 +114,21 @@ def boundary(labels: Labels, a: int, b: int | None = None) -> Array:
 
 
 def _seen_of_box(edges: Sequence[Edge], camera: Camera, pose: Pose, pixels: Array) -> Seen:
-    """The edges of a box that an object's outline (N, 2) px follows, with their pixels."""
+    """Return the edges of a box that an object's outline (N, 2) px follows, with their pixels."""
     curves = [camera.project(edge.points_c(pose, _SAMPLES)) for edge in edges]
     if not all(valid.any() for _, valid in curves) or not len(pixels):
         return []
     away = np.array([cKDTree(curve[valid]).query(pixels)[0] for curve, valid in curves])
     nearest, second = np.sort(away, axis=0)[:2]
     clear = (nearest <= _NEAR_PX) & (second >= _APART_PX)
-    found: Seen = []
+    edges_seen: Seen = []
     for i, (edge, (curve, valid)) in enumerate(zip(edges, curves, strict=True)):
-        mine = pixels[clear & (away.argmin(axis=0) == i)]
-        if len(mine) >= _LEAST_POINTS:
-            gaps = np.asarray(cKDTree(mine).query(curve[valid])[0])
+        own = pixels[clear & (away.argmin(axis=0) == i)]
+        if len(own) >= _LEAST_POINTS:
+            gaps = np.asarray(cKDTree(own).query(curve[valid])[0])
             if (gaps <= 2 * _NEAR_PX).mean() >= _LEAST_SHARE:
-                found.append((edge, ObservedLine(camera, mine)))
-    return found
+                edges_seen.append((edge, ObservedLine(camera, own)))
+    return edges_seen
 
 
 def _edge(of: Owner, name: str, ends_w: Array) -> Edge:

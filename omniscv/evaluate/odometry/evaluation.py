@@ -23,12 +23,11 @@ from omniscv.evaluate.odometry.trajectory_errors import (
     rms,
     trajectory_errors,
 )
-from omniscv.evaluate.registry import Settings
-from omniscv.evaluate.report import Figure, Report, Row, chart
+from omniscv.evaluate.registry import Figure, Report, Row, Settings, chart
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.sources.registry import open_source
-from omniscv.storage.local import whole_file
+from omniscv.storage.local import write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,14 +61,14 @@ def evaluate(settings: Settings) -> Report:
     steps = len(truth) * (1 + len(rig.cameras))
     with open_source(settings.source or SOURCE) as source:
         images = sequence.render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
-    written = [_write(folder / "truth.tum", truth)]
+    written = [write_text(folder / "truth.tum", write_tum(truth))]
     runs = dict[str, TrajectoryErrors]()
     for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
         T_cam_rig, estimates = mounted.pose.inverse(), reconstruct(images[name], mounted.camera)
         errors = runs[name] = _score(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
         if errors.frames:
             aligned = Trajectory(tuple(errors.aligned), tuple(times[frame] for frame in errors.frames))
-            written.append(_write(folder / f"{name}.tum", aligned))
+            written.append(write_text(folder / f"{name}.tum", write_tum(aligned)))
         settings.progress((1 + i) * len(truth), steps)
     about = {
         "source": settings.source or SOURCE,
@@ -86,7 +85,7 @@ def evaluate(settings: Settings) -> Report:
 
 
 def _flight(settings: Settings, count: int) -> Trajectory:
-    """The loop of ``count`` poses, or those of a file, with ``quick`` at most as many."""
+    """Return the loop of ``count`` poses, or those of a file, at most as many with ``quick``."""
     path = settings.options.get("trajectory")
     if path is None:
         return sequence.flight(count)
@@ -94,18 +93,12 @@ def _flight(settings: Settings, count: int) -> Trajectory:
     return poses[:: -(-len(poses) // count)] if settings.quick else poses
 
 
-def _score(truth: Trajectory, found: Mapping[int, Pose]) -> TrajectoryErrors:
-    """The errors; none of any frame where too few poses were found to align them."""
+def _score(truth: Trajectory, estimates: Mapping[int, Pose]) -> TrajectoryErrors:
+    """Return the errors; without frames where too few poses were estimated to align them."""
     try:
-        return trajectory_errors(truth, found)
+        return trajectory_errors(truth, estimates)
     except ArgumentError:
         return _NO_ERRORS
-
-
-def _write(path: Path, trajectory: Trajectory) -> Path:
-    with whole_file(path) as part:
-        part.write_text(write_tum(trajectory), "utf-8")
-    return path
 
 
 def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
@@ -125,7 +118,7 @@ def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Fig
 
 
 def _rows(name: str, times: Sequence[float], errors: TrajectoryErrors) -> Iterator[Row]:
-    """A row for every frame, with errors if it was registered."""
+    """Yield a row for every frame, with errors if it was registered."""
     index = {frame: i for i, frame in enumerate(errors.frames)}
     for frame, time in enumerate(times):
         row: dict[str, Any] = {"camera": name, "frame": frame, "time_s": time}
@@ -167,7 +160,7 @@ def draw(
 
 
 def _from_above(poses: Sequence[Pose]) -> Array:
-    """(2, N) x and y."""
+    """Return x and y, (2, N)."""
     return np.array([pose.position[:2] for pose in poses]).T
 
 

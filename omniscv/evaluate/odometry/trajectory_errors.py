@@ -60,8 +60,8 @@ def umeyama(points: Array, targets: Array) -> tuple[float, Array, Array]:
         raise ArgumentError(f"positions: expected {FEWEST} or more, got {len(points)}")
     mean, target_mean = points.mean(axis=0), targets.mean(axis=0)
     offsets, target_offsets = points - mean, targets - target_mean
-    for each in (offsets, target_offsets):
-        spread = np.linalg.svd(each, compute_uv=False)
+    for rows in (offsets, target_offsets):
+        spread = np.linalg.svd(rows, compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
             raise ArgumentError(f"positions: expected some off a line, got spreads {shown(spread)} m")
     rotation = Rotation.align_vectors(target_offsets, offsets)[0].as_matrix()
@@ -120,7 +120,7 @@ def _positions(poses: Sequence[Pose]) -> Array:
 
 
 def _angle_deg(a: Array, b: Array) -> Array:
-    """(N,) between vectors (N, 3); exact for small angles too, where the arc cosine is not."""
+    """Return the angles (N,) between vectors (N, 3); exact for small angles, where the arc cosine is not."""
     across = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.degrees(np.arctan2(across, (a * b).sum(axis=1))))
 
