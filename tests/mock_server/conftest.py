@@ -1,5 +1,6 @@
 """Servers and clients for these tests."""
 
+import contextlib
 import functools
 import logging
 import warnings
@@ -14,33 +15,42 @@ import mock_server
 @pytest.fixture
 def open_raw():
     """Opens raw clients, closed after the test."""
-    clients = []
+    with contextlib.ExitStack() as clients:
 
-    def open_one(server):
-        clients.append(RawClient(server))
-        return clients[-1]
+        def open_one(server):
+            client = RawClient(server)
+            clients.callback(client.socket.close)
+            return client
 
-    yield open_one
-    for client in clients:
-        client.socket.close()
+        yield open_one
 
 
-# Servers share scenes, which nothing changes: reading the file takes longer than most tests.
-load_scene = functools.cache(mock_server.load_scene)
+@pytest.fixture(scope="session")
+def load_scene():
+    """Loads scenes, each once: nothing changes them, and reading a file takes longer than most tests."""
+    return functools.cache(mock_server.load_scene)
 
 
 @pytest.fixture
-def start():
+def start(load_scene):
     """Starts servers, stopped after the test: ``start("four-wall", dialect="N1")``."""
-    servers = []
+    with contextlib.ExitStack() as servers:
+        yield lambda scene="four-wall", **options: servers.enter_context(
+            mock_server.serve(load_scene(scene), **options)
+        )
 
-    def start_one(scene="four-wall", **options):
-        servers.append(mock_server.serve(load_scene(scene), **options))
-        return servers[-1]
 
-    yield start_one
-    for server in servers:
-        server.stop()
+@pytest.fixture(scope="module")
+def serve_for_module():
+    """Starts servers that are stopped after the module, and returns a raw client of each."""
+    with contextlib.ExitStack() as opened:
+
+        def start_one(scene, **options):
+            client = RawClient(opened.enter_context(mock_server.serve(scene, **options)))
+            opened.callback(client.socket.close)
+            return client
+
+        yield start_one
 
 
 @pytest.fixture
@@ -69,7 +79,7 @@ def connect(monkeypatch):
 @pytest.fixture
 def raw(start, open_raw):
     """A raw client of dialect N1."""
-    return open_raw(start(dialect="N1"))
+    return open_raw(start(dialect="N1", size=(40, 30)))
 
 
 @pytest.fixture
@@ -82,7 +92,7 @@ def camera(raw):
 
 
 @pytest.fixture(scope="module")
-def truth():
+def truth(load_scene):
     """The scene, hits and planar depth of ``camera``."""
     scene = load_scene("four-wall")
     return scene, *seen_by_hand(scene, (10, -20, 150), (10, 30, 5), 75.5, 40, 30)

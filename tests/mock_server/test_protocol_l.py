@@ -61,76 +61,6 @@ def same_depth(got, location_cm=(0, 0, 150), **angles):
 # What a client finds out first
 
 
-@pytest.mark.parametrize(
-    ("command", "reply"),
-    [
-        ("vget /unrealcv/version", "0.3.10"),
-        ("vget /cameras", "error Can not find a handler for URI 'vget /cameras'"),
-        ("vset /cameras/spawn", "error Can not find a handler for URI 'vset /cameras/spawn'"),
-        ("vget /unrealcv/commands", "error Can not find a handler for URI 'vget /unrealcv/commands'"),
-        ("vget /level/name", "error Can not find a handler for URI 'vget /level/name'"),
-        ("vbatch 3", "error Can not find a handler for URI 'vbatch 3'"),
-        ("vset /action/game/resume", "error Can not find a handler for URI 'vset /action/game/resume'"),
-        ("vrun a b c d", "error Can not find a handler for URI 'vrun a b c d'"),
-        ("vset /camera/0/fov 90.0", "error Can not find a handler for URI 'vset /camera/0/fov 90.0'"),
-        ("vget /camera/0/fov", "error Unrecognized capture mode fov"),
-        ("vget /camera/0/size", "error Unrecognized capture mode size"),
-        ("vget /camera/0/screenshot png", "error Unrecognized capture mode screenshot"),
-        ("vget /camera/0/nothing x.png", "error Unrecognized capture mode nothing"),
-        ("vget /camera/0/horizontal_fieldofview", "90.000"),
-        ("vget /camera/0/location", "0.000 0.000 150.000"),
-        ("vget /camera/0/rotation", "0.000 0.000 0.000"),
-        ("vget /camera/3/rotation", "0.000 0.000 0.000"),
-        ("vget /camera/0/pose", "0.000 0.000 150.000 0.000 0.000 0.000"),
-        ("vget /actor/location", "0.000 0.000 150.000"),
-        ("vget /camera/0/proj_matrix", "error Argument Invalid"),
-        ("vget /camera/3/location", "error Camera 3 can not be found."),
-        ("vget /camera/3/lit png", "error Invalid camera id 3"),
-        ("vget /camera/3/lit x.png", "error Invalid camera id 3"),
-        ("vget /camera/3/depth npy", "ok"),
-        ("vget /camera/0/plane_depth npy", "ok"),
-        ("vget /camera/0/vis_depth npy", "ok"),
-        ("vset /camera/1/horizontal_fieldofview 60.0",
-         "error Setting field of view is only supported for camera 0"),
-        ("vget /object/Nothing/location", "error Can not find object Nothing"),
-        ("vset /object/Nothing/hide", "error Can not find object Nothing"),
-        ("vget /object/Nothing/color", "error Object Nothing not exist"),
-        ("vget /object/Sofa/name", "Sofa"),
-        ("vset /viewmode nothing", "error Can not set ViewMode to nothing"),
-        ("vrun r.EyeAdaptationQuality 0", "ok"),
-        ("vexec Nobody Jump", "error Can not find actor with id 'Nobody'"),
-        ("vget /unrealcv/echo word", "word"),
-    ],
-)  # fmt: skip
-def test_replies(raw, command, reply):
-    assert raw.text(command) == reply
-
-
-def test_help_has_the_templates_of_the_plugin(raw):
-    templates = raw.text("vget /unrealcv/help").split("\n")[:-1:2]
-    assert templates[0] == "vrun [str]"
-    order = ["vget /objects", "vget /camera/[uint]/[str]", "vget /camera/[uint]/horizontal_fieldofview",
-             "vset /viewmode [str]", "vget /camera/[uint]/lit npy", "vget /unrealcv/status"]  # fmt: skip
-    places = [templates.index(template) for template in order]
-    assert places == sorted(places)
-
-
-def test_a_request_without_an_id_is_answered_without_an_id(raw):
-    raw.send(b"vget /unrealcv/version")
-    assert raw.frame() == b"error: Malformat raw message 'vget /unrealcv/version'"
-
-
-def test_of_a_long_id_the_last_eight_digits_count(raw):
-    raw.send(b"1234567890123:vget /unrealcv/version")
-    assert raw.frame() == b"67890123:0.3.10"
-
-
-def test_objects_are_listed_without_a_trailing_space(raw):
-    assert raw.text("vget /objects") == " ".join(mock_server.load_scene("four-wall").objects)
-    values = raw.text("vget /object/Sofa/location").split()
-    assert all(len(value.partition(".")[2]) == 2 for value in values)
-
-
 # Poses
 
 
@@ -143,21 +73,6 @@ def test_the_controller_limits_pitch_and_roll_a_tick_later(raw):
     assert raw.text("vset /camera/0/rotation 90 0 0") == "ok"
     raw.settle()
     assert raw.text("vget /camera/0/rotation") == "89.900 0.000 0.000"
-
-
-def test_location_is_read_back_at_once_and_any_id_moves_the_pawn(raw):
-    raw.ask("vset /camera/5/location 10 20 130")
-    assert raw.text("vget /camera/0/location") == "10.000 20.000 130.000"
-    raw.ask("vset /camera/0/pose 1 2 120 0 15 0")
-    assert raw.text("vget /actor/location") == "1.000 2.000 120.000"
-
-
-def test_moveto_stops_at_what_is_in_the_way(raw):
-    """Behind the front wall of the room, at x = 300 cm, one metre above the table."""
-    raw.ask("vset /camera/0/moveto 1000 0 150")
-    assert raw.text("vget /camera/0/location") == "300.000 0.000 150.000"
-    raw.ask("vset /camera/0/moveto 100 0 150")
-    assert raw.text("vget /camera/0/location") == "100.000 0.000 150.000"
 
 
 def test_pictures_lag_behind_the_pose_and_the_rotation_lags_more(start, open_raw):

@@ -1,28 +1,160 @@
-"""What the 1.x dialects do otherwise than N1, and the player's camera that they share."""
+"""The 1.x dialects on the wire: frames, poses, batches, the Unix socket, and the official client."""
 
 import logging
+import re
 import socket
+import struct
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
-from support.expected_views import npy, png
+from support.expected_views import npy
 from support.wire import leave, official_api
 
 MODERN = ("M", "N1", "N2", "N3")
 
 
 @pytest.fixture
-def raw(start, open_raw):
+def client_of(start, open_raw):
     return lambda dialect, **options: open_raw(start(dialect=dialect, size=(40, 30), **options))
 
 
-# The player's camera, number 0
+# Frames
+
+VERSION = b"vget /unrealcv/version"
+EXCHANGES = [  # dialect, payloads that are sent together, payloads that come back
+    ("N1", [b"7:" + VERSION, b"0012:" + VERSION, b"1234567890:" + VERSION],
+     [b"7:1.0.1", b"12:1.0.1", b"1234567890:1.0.1"]),
+    ("N1", [b"2147483648:" + VERSION, b"9" * 5000 + b":" + VERSION], [b"-2147483648:1.0.1", b"-1:1.0.1"]),
+    ("N1", [VERSION, b":vget /x", b"\xff\xfe", b"5:vget /unrealcv/echo here"], [b"5:here"]),  # without an id
+    ("N1", [b"%d:vget /unrealcv/echo w%d" % (i, i) for i in range(500)],
+     [b"%d:w%d" % (i, i) for i in range(500)]),
+    ("N1", ["1:vget /unrealcv/echo é".encode()], ["1:Ã©".encode()]),  # bytes are taken for characters
+    ("N2", ["1:vget /unrealcv/echo après".encode(), b"4294967295:" + VERSION],
+     ["1:après".encode(), b"0:1.0.1"]),  # no negative ids
+    ("M", [b"vget /no/id", b"1234567890123:" + VERSION], [b"67890123:0.3.10"]),
+    ("L", [VERSION], [b"error: Malformat raw message '" + VERSION + b"'"]),
+    ("L", [b"1234567890123:" + VERSION], [b"67890123:0.3.10"]),
+    ("N1", [b"1:vset /cameras/spawn", b"2:vset /camera/1/rotation -90 0 0", b"3:vget /camera/1/rotation"],
+     [b"1:FusionCameraActor_0", b"2:ok", b"3:-90.000 0.000 0.000"]),  # posed at once
+    # A batch runs in one frame, so the player's camera has not followed yet at its end.
+    ("N2", [b"1:vbatch 2", b"2:vset /camera/0/location 50 0 150", b"3:vget /camera/0/location"],
+     [b"1:ok", b"2:ok", b"3:0.000 0.000 150.000"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("dialect", "payloads", "replies"), EXCHANGES)
+def test_exchanges(client_of, dialect, payloads, replies):
+    client = client_of(dialect)
+    assert client.greeting == b"connected to four-wall"
+    client.send(*payloads)
+    assert [client.frame() for _ in replies] == replies
+
+
+def test_a_frame_may_come_in_pieces(client_of):
+    client = client_of("N1")
+    for byte in b"\xc1\x83\x2b\x9e" + struct.pack("<I", 24) + b"3:" + VERSION:
+        client.socket.sendall(bytes([byte]))
+    assert client.frame() == b"3:1.0.1"
+
+
+@pytest.mark.parametrize(
+    "header", [b"\0\0\0\0\x05\0\0\0", b"\xc1\x83\x2b\x9e\0\0\0\0", b"\xc1\x83\x2b\x9e\xff\xff\xff\xff"]
+)
+def test_a_bad_header_drops_the_connection_and_the_next_client_is_served(start, open_raw, header):
+    server = start(dialect="N1")
+    first = open_raw(server)
+    first.socket.sendall(header)
+    with pytest.raises(EOFError):
+        first.bytes(1)
+    assert open_raw(server).text("vget /unrealcv/version") == "1.0.1"
+
+
+def test_a_second_client_waits_for_its_greeting_until_the_first_leaves(start, open_raw):
+    server = start(dialect="N1")
+    first = open_raw(server)
+    second = socket.create_connection((server.host, server.port), timeout=0.3)
+    with pytest.raises(TimeoutError):
+        second.recv(1)
+    first.socket.close()
+    second.settimeout(20)
+    assert second.recv(4) == b"\xc1\x83\x2b\x9e"
+    second.close()
+
+
+# Texts
+
+
+@pytest.mark.parametrize(("dialect", "fov"), [("L", "90.000000"), ("N1", "90.000000"), ("N2", "90.0")])
+def test_status(client_of, dialect, fov):
+    lines = client_of(dialect).text("vget /unrealcv/status").split("\n")
+    port, file = lines[2], lines[4]
+    assert lines == [
+        "Is Listening", "Client Connected", port, "Configuration", file, f"Port: {port}", "Width: 40",
+        "Height: 30", f"FOV: {fov}", "EnableInput: true", "EnableRightEye: false", *[""] * (dialect != "N2"),
+    ]  # fmt: skip
+    assert re.fullmatch("Config file: /.*/unrealcv.ini", file)
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1", "N2"])
+def test_captured_files_are_beside_the_file_that_the_status_names(start, open_raw, tmp_path, dialect):
+    """Where clients look for them."""
+    raw = open_raw(start(dialect=dialect, folder=tmp_path, size=(8, 8)))
+    raw.ask("vget /camera/0/lit x.png")
+    named = re.search("^Config file: (.*)$", raw.text("vget /unrealcv/status"), re.MULTILINE)[1]
+    assert Path(named).with_name("x.png").read_bytes()[:4] == b"\x89PNG"
+
+
+ORDERS = {  # some templates, in the order of the help
+    "L": """vrun [str]|vget /objects|vget /camera/[uint]/[str]|vget /camera/[uint]/horizontal_fieldofview
+        vset /viewmode [str]|vget /camera/[uint]/lit npy|vget /unrealcv/status""",
+    "M": "vrun [str]|vget /objects|vget /unrealcv/status|vget /cameras|vset /cameras/spawn",
+    "N1": """vrun [str]|vget /objects|vget /unrealcv/status|vget /cameras|vset /cameras/spawn
+        vget /camera/[uint]/lit [str]|vset /camera/[uint]/ortho_width [float]""",
+    "N2": """vrun [str]|vget /objects|vget /unrealcv/status|vcmd [str]
+        vset /camera/[uint]/exposure_bias [float]""",
+}
+
+
+@pytest.mark.parametrize("dialect", ORDERS)
+def test_help_lists_templates_and_descriptions(client_of, dialect):
+    text = client_of(dialect).text("vget /unrealcv/help")
+    assert text.startswith("vrun [str]\n")
+    assert text.endswith("\n")
+    templates = text.split("\n")[:-1:2]
+    places = [templates.index(template.strip()) for template in re.split(r"[|\n]", ORDERS[dialect])]
+    assert places == sorted(places)
+    assert ("vcmd [str]" in templates) == ("exposure_bias" in text) == (dialect == "N2")
+    assert "vbatch" not in text  # taken out before commands are matched
+
+
+# Poses
+
+
+@pytest.mark.parametrize(
+    ("rotation", "pole"),
+    [((90, 45, 0), 1), ((90, 0, 30), 1), ((-90, 45, 0), -1), ((-90, 10, 25), -1)],
+)
+def test_at_the_poles_only_one_turn_of_a_spawned_camera_is_read_back(camera, rotation, pole):
+    camera.ask("vset /camera/1/rotation {} {} {}".format(*rotation))
+    pitch, yaw, roll = map(float, camera.text("vget /camera/1/rotation").split())
+    assert pitch == pole * 90
+    turn = (yaw - pole * roll) - (rotation[1] - pole * rotation[2])
+    assert (turn + 180) % 360 - 180 == pytest.approx(0, abs=2e-3)  # printed with three decimals, twice
+
+
+def test_near_the_pole_the_pitch_reads_exactly_90_and_beyond_it_the_camera_has_turned_round(camera):
+    for pitch, reads in ((89.95, 90.0), (-89.93, -90.0), (89.85, 89.85), (100, 80)):
+        camera.ask(f"vset /camera/1/rotation {pitch} 0 0")
+        # Kept in single precision, where the arc sine is steep: some 1e-3 degrees.
+        got = float(camera.text("vget /camera/1/rotation").split()[0])
+        assert got == pytest.approx(reads, abs=0 if abs(reads) == 90 else 5e-3)
 
 
 @pytest.mark.parametrize("dialect", MODERN)
-def test_the_players_camera_is_late(raw, dialect):
-    client = raw(dialect, frames_per_s=1)  # no frame passes by itself
+def test_the_players_camera_is_late(client_of, dialect):
+    client = client_of(dialect, frames_per_s=1)  # no frame passes by itself
     old = client.ask("vget /camera/0/depth npy")
     assert client.text("vset /camera/0/location 50 0 150") == "ok"
     assert client.text("vget /camera/0/location") == "0.000 0.000 150.000"
@@ -32,22 +164,9 @@ def test_the_players_camera_is_late(raw, dialect):
 
 
 @pytest.mark.parametrize("dialect", MODERN)
-def test_the_controller_limits_the_players_camera(raw, dialect):
-    client = raw(dialect)
-    for rotation, read in (
-        ("-90 -30 95", "270.100 330.000 89.900"),
-        ("90 720.5 -100", "89.900 0.500 270.100"),
-        ("-30 0 0", "330.000 0.000 0.000"),
-    ):
-        client.ask(f"vset /camera/0/rotation {rotation}")
-        client.settle()
-        assert client.text("vget /camera/0/rotation") == read
-
-
-@pytest.mark.parametrize("dialect", MODERN)
-def test_straight_down_is_exact_only_for_spawned_cameras(raw, dialect):
+def test_straight_down_is_exact_only_for_spawned_cameras(client_of, dialect):
     """A tenth of a degree tilts the floor's depth from side to side."""
-    client = raw(dialect, depth="float32")
+    client = client_of(dialect, depth="float32")
     client.ask("vset /cameras/spawn")
     for camera in (0, 1):
         client.ask(f"vset /camera/{camera}/location 0 0 150")
@@ -59,121 +178,8 @@ def test_straight_down_is_exact_only_for_spawned_cameras(raw, dialect):
     assert np.ptp(player[floor]) > 0.1
 
 
-@pytest.mark.parametrize("dialect", MODERN)
-def test_the_players_camera_stays_while_the_game_is_paused(raw, dialect):
-    client = raw(dialect)
-    client.ask("vset /cameras/spawn")
-    client.ask("vset /action/game/pause")
-    client.ask("vset /camera/0/location 50 0 150")
-    client.ask("vset /camera/1/location 50 0 150")
-    client.settle()
-    assert client.text("vget /camera/0/location") == "0.000 0.000 150.000"
-    assert client.text("vget /camera/1/location") == "50.000 0.000 150.000"
-    client.ask("vset /action/game/resume")
-    client.settle()
-    assert client.text("vget /camera/0/location") == "50.000 0.000 150.000"
-
-
-@pytest.mark.parametrize("dialect", MODERN)
-def test_moveto_and_screenshot_are_the_players(raw, dialect):
-    client = raw(dialect)
-    assert client.text("vset /camera/0/moveto 50 0 150") == "ok"
-    client.settle()
-    assert client.text("vget /camera/0/location") == "50.000 0.000 150.000"
-    client.ask("vset /viewmode object_mask")
-    assert client.ask("vget /screenshot png") == client.ask("vget /camera/0/object_mask png")
-    assert client.text("vget /screenshot gif") == "error Invalid filename type, filename gif"
-
-
-# What a client finds out first: the probes of the reference
-
-
-@pytest.mark.parametrize(
-    ("dialect", "version", "unknown"),
-    [
-        ("M", "0.3.10", "error Can not find a handler for URI 'nonsense'"),
-        ("N1", "1.0.1", "error Can not find a handler for URI 'nonsense'"),
-        ("N2", "1.0.1", "error No handler found for URI 'nonsense'"),
-    ],
-)
-def test_probes(raw, dialect, version, unknown):
-    client = raw(dialect)
-    assert client.text("vget /unrealcv/version") == version
-    assert client.text("nonsense") == unknown
-    assert client.text("vget /unrealcv/commands") == unknown.replace("nonsense", "vget /unrealcv/commands")
-    assert client.text("vget /cameras") == "PawnSensor "
-    assert float(client.text("vget /camera/0/fov")) == 90
-    command = "vget /camera/0/horizontal_fieldofview"
-    assert client.text(command) == unknown.replace("nonsense", command)
-    text = client.text("vget /unrealcv/help")
-    assert ("vcmd [str]" in text) == ("exposure_bias" in text) == (dialect == "N2")
-    assert "vbatch" not in text  # taken out before commands are matched
-
-
-# M
-
-
-def test_m_cannot_tell_size_or_level_but_sets_the_size(raw):
-    client = raw("M")
-    assert client.text("vget /camera/0/size") == "error Argument Invalid"
-    assert client.text("vget /level/name") == "error Can not find a handler for URI 'vget /level/name'"
-    assert client.text("vset /camera/0/size 20 10") == "ok"
-    assert png(client.ask("vget /camera/0/lit png")).shape == (10, 20, 4)
-
-
-def test_of_a_long_id_m_uses_the_last_eight_digits(raw):
-    client = raw("M")
-    client.send(b"vget /no/id", b"1234567890123:vget /unrealcv/version")
-    assert client.frame() == b"67890123:0.3.10"
-
-
-# N2
-
-
-@pytest.mark.parametrize(
-    ("command", "reply"),
-    [
-        ("xx vget /viewmode", "error No handler found for URI 'xx vget /viewmode'"),
-        ("vrun X", "error Unrecognised alias 'X'"),
-        ("vrun r.MotionBlurQuality 0", "ok"),
-        ("vcmd DisableAllScreenMessages", "ok"),
-        ("vget /object/Nothing/location", "error Cannot find object"),
-        ("vget /object/Nothing/color", "error Cannot find object"),
-        ("vget /object/Sofa/uclass_name", "StaticMeshActor"),
-        ("vset /camera/0/exposure_method MANUAL", "ok"),
-        ("vset /camera/0/exposure_bias 1.5", "ok"),
-        ("vset /camera/0/motion_blur 0 0 0 0", "ok"),
-        ("vset /camera/7/exposure_bias 1.5", "error Argument Invalid"),
-        ("vset /camera/7/reflection lumen", "error Argument Invalid"),
-        ("vget /camera/7/lit png", "error Invalid sensor id"),
-    ],
-)
-def test_n2_replies(raw, command, reply):
-    assert raw("N2").text(command) == reply
-
-
-def test_n2_offers_the_words_it_takes(raw):
-    text = raw("N2").text("vset /camera/0/exposure_method true")
-    assert text.startswith("error Can not support ")
-    assert text.endswith(" true, available options are histogram, basic and manual")
-
-
-def test_the_status_of_n2_ends_otherwise(raw):
-    text = raw("N2").text("vget /unrealcv/status")
-    assert "\nWidth: 40\nHeight: 30\nFOV: 90.0\n" in text
-    assert text.endswith("EnableRightEye: false")
-
-
-def test_n2_reads_utf8_that_n1_mangles_and_knows_no_negative_ids(raw):
-    assert raw("N1").ask("vget /unrealcv/echo é".encode()) == "Ã©".encode()
-    client = raw("N2")
-    assert client.ask("vget /unrealcv/echo après".encode()) == "après".encode()
-    client.send(b"4294967295:vget /unrealcv/version")
-    assert client.frame() == b"0:1.0.1"
-
-
-def test_a_batch_of_n2_is_held_until_it_is_whole(raw):
-    client = raw("N2", frames_per_s=100)
+def test_a_batch_of_n2_is_held_until_it_is_whole(client_of):
+    client = client_of("N2", frames_per_s=100)
     client.send(b"1:vbatch 3", b"2:vget /unrealcv/echo a", b"3:vget /unrealcv/echo b")
     assert client.frame() == b"1:ok"
     client.socket.settimeout(0.2)
@@ -184,15 +190,6 @@ def test_a_batch_of_n2_is_held_until_it_is_whole(raw):
     assert [client.frame() for _ in range(4)] == [b"2:a", b"3:b", b"4:c", b"5:d"]
 
 
-def test_a_batch_runs_in_one_frame(raw):
-    """So a pose set in it is not yet the player's camera's at its end."""
-    client = raw("N2")
-    client.send(b"1:vbatch 2", b"2:vset /camera/0/location 50 0 150")
-    assert client.frame() == b"1:ok"
-    client.send(b"3:vget /camera/0/location")
-    assert [client.frame(), client.frame()] == [b"2:ok", b"3:0.000 0.000 150.000"]
-
-
 # The official client and its high-level API
 
 
@@ -200,6 +197,8 @@ def test_a_batch_runs_in_one_frame(raw):
 def test_the_official_client(start, connect, dialect):
     client = connect(start(dialect=dialect, size=(40, 30)))
     assert client.request("vset /cameras/spawn") == "FusionCameraActor_0"
+    assert client.request("vset /camera/1/fov 60.0", -1) is True
+    assert client.request("vget /camera/1/fov") == "60.000000"
     replies = client.request(["vget /camera/1/lit png", "vget /camera/1/depth npy", "vget /camera/1/seg bmp"])
     assert [reply[:2] for reply in replies] == [b"\x89P", b"\x93N", b"BM"]
     assert client.request([f"vget /unrealcv/echo w{i}" for i in range(200)]) == [f"w{i}" for i in range(200)]
@@ -277,3 +276,9 @@ def test_the_unix_socket_is_removed_at_the_end(start, open_raw, unix_client):
     unix_client(server)
     server.stop()
     assert not server.unix_path.exists()
+
+
+def test_the_official_client_may_leave_and_come_back(start, connect):
+    server = start(dialect="N1")
+    connect(server).disconnect()
+    assert connect(server).request("vget /unrealcv/version") == "1.0.1"

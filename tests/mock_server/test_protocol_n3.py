@@ -60,52 +60,6 @@ def test_the_list_is_the_plugins(start, open_raw, raw):
     assert set(refusing.text("vget /unrealcv/commands").split("\n")) - set(lines) == set(SHARED)
 
 
-@pytest.mark.parametrize(
-    ("command", "reply"),
-    [
-        ("vget /unrealcv/version", "1.1.0"),
-        ("nonsense", "error No handler found for URI 'nonsense'"),
-        ("vget /cameras/ids", "error No handler found for URI 'vget /cameras/ids'"),
-        ("vget /camera/CID-Actor-00/fov", "error No handler found for URI 'vget /camera/CID-Actor-00/fov'"),
-        ("vget /camera/0/lit_shared", "error No handler found for URI 'vget /camera/0/lit_shared'"),
-        ("vbatch 1", "ok"),
-        ("vrun DisableAllScreenMessages", "ok"),
-        ("vset /camera/7/ortho_width 100", "error Invalid sensor id"),
-        ("vset /camera/7/projection_type perspective", "error Invalid sensor id"),
-        ("vset /camera/1/projection_type fish", "error Can not support camera mode fish, "
-         "available options are perspective and orthographic"),
-        ("vget /camera/1/cine/enabled", "0"),
-        ("vget /camera/99/cine", "error Argument Invalid"),
-        ("vset /camera/1/cine/focus_mode far 0 0 0",
-         "error Focus mode must be manual, tracking, disable, none, or do_not_override"),
-        ("vget /object/Sofa/bones", "error No skeletal or poseable mesh component found"),
-        ("vget /object/Sofa/bones hand world", "error No skeletal or poseable mesh component found"),
-        ("vget /object/Sofa/bones hand space", "error Bone space must be component or world"),
-        ("vget /object/Nothing/bones", "error Cannot find object"),
-        ("vset /objects/spawn Sphere 0 0 0", "error Can not find a class with name 'Sphere'"),
-    ],
-)  # fmt: skip
-def test_texts(raw, command, reply):
-    assert raw.text(command) == reply
-
-
-def test_fields_of_view_are_clamped_in_silence(raw):
-    for fov, reads in (("200", "179.000000"), ("0.5", "1.000000"), ("75.5", "75.500000")):
-        assert raw.text(f"vset /camera/1/fov {fov}") == "ok"
-        assert raw.text("vget /camera/1/fov") == reads
-
-
-def test_objects_are_spawned_in_their_place(raw):
-    assert raw.text("vset /objects/spawn_cube Box 0 0 100") == "Box"
-    assert raw.text("vset /objects/spawn_cube Box 0 0 100") == "error Failed to spawn Box, object exists."
-    assert raw.text("vget /object/Box/location") == "0.000 0.000 100.000"
-    assert raw.text("vset /objects/spawn CubeActor Dice 10 -20 30.5") == "Dice"
-    assert raw.text("vget /object/Dice/location") == "10.000 -20.000 30.500"
-    name = raw.text("vset /objects/spawn_cube 1 2 3")
-    assert raw.text(f"vget /object/{name}/location") == "1.000 2.000 3.000"
-    assert raw.text("vget /object/Box/uclass_name") == "CubeActor"
-
-
 def test_all_sensors_of_a_cine_camera_have_its_projection(raw):
     """Off-centre: depth and colours are those of the rays that the intrinsics give."""
     for command in ("rotation 0 30 0", "cine/filmback 36 27 4 -3", "cine/lens 18 2.8"):
@@ -157,11 +111,6 @@ def test_manual_exposure_holds_for_one_camera(start, open_raw):
     assert (len(set(held)), len(set(free))) == (1, 3)
 
 
-def test_normals_of_an_old_build_are_the_lit_image(start, open_raw):
-    raw = open_raw(start(size=(16, 16), faults=["lit-normals"]))
-    assert raw.ask("vget /camera/0/normal png") == raw.ask("vget /camera/0/lit png")
-
-
 def test_shared_memory_is_refused_elsewhere_than_on_windows(start, open_raw):
     raw = open_raw(start(shared_memory="refusing"))
     no = "error Windows shared memory transport is only available on Windows"
@@ -188,11 +137,6 @@ def test_regions_hold_what_comes_over_the_wire(start, open_raw):
     larger = share("depth")
     assert larger["name"].endswith("_v2")
     assert reply["name"] not in server.regions
-
-
-def test_a_game_may_want_a_token(start, open_raw):
-    raw = open_raw(start(faults=["authentication"]))
-    assert raw.text("vget /cameras") == "error Authentication required, use: vset /unrealcv/auth <token>"
 
 
 OFFICIAL = """
