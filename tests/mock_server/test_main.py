@@ -1,8 +1,11 @@
 """``python -m mock_server`` as a program of its own, and the signals that stop it."""
 
+import contextlib
 import re
 import signal
 import socket
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -77,21 +80,32 @@ def test_the_first_signal_stops_it_quietly_with_a_client_connected(name, number,
         client.socket.close()
 
 
-def test_a_server_that_cannot_listen_any_more_ends_with_one_line():
-    arguments = ("direction", "--port", "0", "--platform", "linux")
-    with started(*SERVERS["mock_server"], *arguments) as process:
-        address = Address(process.stdout.readline())
-        path = Path(f"/tmp/unrealcv_{address.port}.socket")
-        path.mkdir()
-        try:
-            RawClient(address).socket.close()
-            out, err = process.communicate(timeout=60)
-        finally:
-            path.rmdir()
-    assert process.returncode == 1
-    assert out == ""
+def test_a_server_that_cannot_listen_any_more_ends_with_one_line(capsys):
+    """A folder is where its Unix socket has to be."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    path = Path(f"/tmp/unrealcv_{port}.socket")
+    path.mkdir()
+    address = Address(f"unreal://127.0.0.1:{port}")
+    client = threading.Thread(target=connect_and_leave, args=(address,), daemon=True)
+    client.start()
+    try:
+        assert main(["direction", "--port", str(port), "--platform", "linux"]) == 1
+    finally:
+        path.rmdir()
+    client.join(60)
+    out, err = capsys.readouterr()
+    assert out == f"unreal://127.0.0.1:{port} direction dialect N3\n"
     assert err.startswith(f"mock_server: expected to go on listening; {path}: ")
     assert err.count("\n") == 1
+
+
+def connect_and_leave(address):
+    """Be a client as soon as there is a server."""
+    while True:
+        with contextlib.suppress(ConnectionRefusedError):
+            return RawClient(address).socket.close()
+        time.sleep(0.01)
 
 
 def test_a_signal_to_any_thread_is_noticed_every_time():
