@@ -157,37 +157,39 @@ class _Keys:
     )
     source_options: Any = checked(_source_options, default=None, help="how the source is opened")
     record: str | None = checked(
-        optional(_record), default=None, help="recording that captures are taken from and added to"
+        optional(_record),
+        default=None,
+        help="recording whose captures are reused, and that new captures are added to",
     )
     cameras: Any = checked(
-        _cameras, default=None, help="start of the file names: model and parameters, or a calibration file"
+        _cameras, default=None, help="by name: model and parameters, or a calibration file"
     )
     rig: Any = checked(_rig, default=None, help="cameras that move together, or the name of a rig's file")
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
     out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
-    image_format: str = checked(text, default="png", help="png, jxl or jpg, for lit")
+    image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
     motions: Mapping[str, MotionKeys] | None = checked(
         read_motions, default=None, help="by object: waypoints, {spline: waypoints}, or a trajectory file"
     )
     times: Times | None = checked(
-        read_times, default=None, help="list of seconds, {start, rate, count}, or poses: those of the poses"
+        read_times, default=None, help="seconds: a list, {start, rate, count}, or poses for the poses' times"
     )
-    freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is kept at an instant")
+    freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is held at one instant")
     exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
     brackets: tuple[float, ...] = checked(
-        _brackets, default=(), help="stops of exposures, which are merged to floating-point light"
+        _brackets, default=(), help="stops of the exposures that are merged to floating-point light"
     )
     sensor: Sensor | None = checked(
-        optional(nested(Sensor)), default=None, help="noise and lens of the cameras"
+        optional(nested(Sensor)), default=None, help="simulated noise and lens effects"
     )
-    classes: Any = checked(recipe.read_classes, default=None, help="names of objects to classes, or a file")
+    classes: Any = checked(recipe.read_classes, default=None, help="classes of object names, or a file")
     truth: Any = checked(recipe.read_truth, default=None, help="truths to derive, each true or its options")
     export: Any = checked(listed(recipe.read_export), default=(), help="formats, each a name or its options")
     split: Any = checked(recipe.read_split, default=None, help="share of each split")
-    shards: Any = checked(recipe.read_export, default=None, help="the last export: a format and its options")
+    shards: Any = checked(recipe.read_export, default=None, help="export to shards: a format and its options")
     media: Any = checked(recipe.plain, cls=recipe.Media, default=None, help="metadata of pictures")
     seam: str | None = checked(
-        one_of, words=("whole", "split"), default=None, help="boxes of objects across the seam: whole, split"
+        one_of, words=("whole", "split"), default=None, help="boxes across a panorama's seam: whole, split"
     )
     layout: Any = checked(recipe.plain, cls=recipe.LayoutKey, default=None, help="source and maps of layouts")
 

@@ -47,12 +47,15 @@ class Exposure:
         ArgumentError: a negative time, an even number, or another word.
     """
 
-    seconds: float = checked(number, least=0, default=0.0, help="time that the shutter is open")
+    seconds: float = checked(number, least=0, default=0.0, help="exposure time, seconds")
     instants: int | Literal["auto"] = checked(
-        _instants, default=9, help="captured instants, an odd number, or auto: as many as the motion needs"
+        _instants, default=9, help="averaged instants, an odd number, or auto: as many as the motion needs"
     )
     camera: Literal["moves", "rests"] = checked(
-        one_of, words=("moves", "rests"), default="moves", help="moves along timed poses meanwhile, or rests"
+        one_of,
+        words=("moves", "rests"),
+        default="moves",
+        help="moves along timed poses during the exposure, or rests",
     )
 
     def check(self, cameras: Mapping[str, Camera]) -> None:

@@ -47,14 +47,12 @@ class Posed(NamedTuple):
 class PoseFile:
     """The keys of ``poses`` that name a trajectory file."""
 
-    file: str = checked(
-        text, default="", help="a trajectory file: TUM, KITTI, EuRoC, or CSV with names of columns"
-    )
+    file: str = checked(text, default="", help="trajectory file: TUM, KITTI, EuRoC, or CSV with column names")
     frame: Literal["camera", "body"] | None = checked(
         one_of,
         words=("camera", "body"),
         default=None,
-        help="of the file's rotations: camera (z forward), body (x forward)",
+        help="frame of the file's rotations: camera (z forward), body (x forward)",
     )
 
     def load(self, folder: Path) -> Posed:

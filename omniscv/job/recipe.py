@@ -74,7 +74,7 @@ class SplitOptions:
     """The keys of ``split`` beside the names of splits."""
 
     distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
-    seed: int = checked(whole_number, least=0, default=0, help="of the hash that divides places")
+    seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
     by: str = checked(one_of, words=("place",), default="place", help="places are divided, not frames")
 
 
@@ -129,8 +129,8 @@ class Tolerance:
     It is the key ``tolerance`` under a job's ``truth:``.
     """
 
-    abs_m: float = checked(number, least=0, default=0.02, help="metres")
-    rel: float = checked(number, least=0, default=0.01, help="share of the distance")
+    abs_m: float = checked(number, least=0, default=0.02, help="metres within which depths are equal")
+    rel: float = checked(number, least=0, default=0.01, help="the same, as a share of the depth")
 
 
 LayoutSource = Literal["scene", "fitted"]
@@ -145,14 +145,16 @@ class MapOptions:
     """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_maps.exact_maps`."""
 
     edge_sigma: float | None = checked(
-        _sigma, default=None, help="of edges, share of the pixels of a full turn; default 0.0054"
+        _sigma, default=None, help="width of edges, a share of a full turn; default 0.0054"
     )
-    corner_sigma: float | None = checked(_sigma, default=None, help="the same of corners; default 0.0107")
+    corner_sigma: float | None = checked(
+        _sigma, default=None, help="width of corners, a share of a full turn; default 0.0107"
+    )
     visibility: Visibility | None = checked(
         one_of,
         words=get_args(Visibility),
         default=None,
-        help="room (default): what no wall hides; full: what nothing hides; all",
+        help="room (default): not hidden by walls; full: not hidden by anything; all",
     )
 
 

@@ -76,9 +76,9 @@ class RandomPoses:
     count: int = checked(whole_number, unit="poses", most=_MOST, help="number of poses")
     low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of a corner of the box, metres")
     high: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the opposite corner, metres")
-    clearance: float = checked(number, above=0, help="metres to every surface, at least")
+    clearance: float = checked(number, above=0, help="least distance to surfaces, metres")
     start: ArrayLike | None = checked(optional(_point), default=None, help=_START_HELP)
-    seed: int = checked(whole_number, least=0, default=0, help="of the random numbers")
+    seed: int = checked(whole_number, least=0, default=0, help="seed of the random numbers")
     yaw_deg: Angle = checked(_angle, default=(-180.0, 180.0), help="degrees, or [low, high] to draw from")
     pitch_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
     roll_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
@@ -119,13 +119,13 @@ class GridPoses:
     """
 
     low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the first position, metres")
-    high: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z that no position exceeds, metres")
+    high: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the last position at most, metres")
     step: float | ArrayLike = checked(_steps, help="metres between neighbours, one number or three")
     yaws_deg: ArrayLike = checked(
-        numbers, shape=(None,), default=(0.0,), help="each position is taken once with each yaw, degrees"
+        numbers, shape=(None,), default=(0.0,), help="yaws at each position, degrees"
     )
     clearance: float | None = checked(
-        optional_number, above=0, default=None, help="metres to every surface, at least; null: any position"
+        optional_number, above=0, default=None, help="least distance to surfaces, metres; null: any position"
     )
     start: ArrayLike | None = checked(optional(_point), default=None, help=_START_HELP)
 
