@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -254,18 +254,15 @@ def export(
     wanted = Export(to, options, cameras=tuple(cameras))
     source = storage.folder(folder)
     frames = open(source)
-    shown = [set(frame.files) for frame in frames if wanted.shows(frame.camera_name)]
-    kinds = set.intersection(*shown) if shown else set(get(to).needs)
-    wanted.check({frame.camera_name: frame.camera for frame in frames}, kinds)
+    kinds = [set(frame.files) for frame in frames if wanted.shows(frame.camera_name)]
+    common = set.intersection(*kinds) if kinds else set(get(to).needs)
+    wanted.check({frame.camera_name: frame.camera for frame in frames}, common)
     if out is None:
         return write(wanted, frames, source)
     target = storage.folder(out)
     if target.exists(DATASET):  # whose files would be taken for frames, or replaced
         raise ArgumentError(f"{target}: expected a folder that holds no dataset; write beside it")
-    if target.local is not None:
-        return [*_written(wanted, frames, target.local, _merge)]
-    with tempfile.TemporaryDirectory(prefix="omniscv-") as part:
-        return _put(target, Path(part), wanted.write_into(frames, Path(part)))
+    return _write(wanted, frames, target, within_dataset=False)
 
 
 def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
@@ -277,16 +274,41 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
     Raises:
         ArgumentError: as the format.
     """
-    if out.local is not None:
-        return [*_written(wanted, frames, out.local / EXPORTS / wanted.folder, replace_folder)]
+    target = out.below(f"{EXPORTS}/{wanted.folder}")
+    written = _write(wanted, frames, target, within_dataset=True)
+    if target.local is None:
+        target.each(target.remove, [name for name in target.names() if f"{target}/{name}" not in written])
+    return written
+
+
+def _write(wanted: Export, frames: Sequence[Frame], target: Folder, within_dataset: bool) -> list[str | Path]:
+    """Write an export beside a local folder, or for a store into a temporary one, and move it when it is
+    complete; return its files, as paths or URLs.
+
+    Args:
+        wanted: the export.
+        frames: of the dataset.
+        target: of the files.
+        within_dataset: whether a local folder is replaced, and files of frames in a store are named as seen
+            from there; else other local files stay.
+    """
+    if target.local is not None:
+        place = Path(os.path.abspath(target.local))
+        with folder_beside(place) as part:  # relative paths out of it stay true
+            paths = wanted.write_into(frames, part)
+            (replace_folder if within_dataset else _merge)(part, place)
+        return [target.local / path.relative_to(part) for path in paths]
+
+    def put(path: Path) -> str:
+        target.put(name := path.relative_to(part).as_posix(), path)
+        return f"{target}/{name}"
+
     with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
         part = Path(root) / EXPORTS / wanted.folder
         part.mkdir(parents=True)
-        written = wanted.write_into(with_stand_in(frames, Path(root)), part)
-        target = out.below(f"{EXPORTS}/{wanted.folder}")
-        found = _put(target, part, written)
-    target.each(target.remove, [name for name in target.names() if f"{target}/{name}" not in found])
-    return found
+        paths = wanted.write_into(with_stand_in(frames, Path(root)) if within_dataset else frames, part)
+        others = sorted({path for path in part.rglob("*") if path.is_file()} - set(paths))
+        return [*target.each(put, others), *map(put, paths)]
 
 
 def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
@@ -297,32 +319,6 @@ def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
         else frame
         for frame in frames
     ]
-
-
-def _put(target: Folder, part: Path, paths: Sequence[Path]) -> list[str | Path]:
-    """Put all files below a local folder into a folder of a store; ``paths`` are the last, in their order.
-
-    Returns:
-        Their URLs.
-    """
-
-    def put(path: Path) -> str:
-        target.put(name := path.relative_to(part).as_posix(), path)
-        return f"{target}/{name}"
-
-    others = sorted({path for path in part.rglob("*") if path.is_file()} - set(paths))
-    return [*target.each(put, others), *map(put, paths)]
-
-
-def _written(
-    wanted: Export, frames: Sequence[Frame], folder: Path, move: Callable[[Path, Path], None]
-) -> list[Path]:
-    """Write an export beside a folder, move it there when it is complete, and return its files."""
-    target = Path(os.path.abspath(folder))
-    with folder_beside(target) as part:  # relative paths out of it stay true
-        written = wanted.write_into(frames, part)
-        move(part, target)
-    return [folder / path.relative_to(part) for path in written]
 
 
 def _merge(part: Path, target: Path) -> None:

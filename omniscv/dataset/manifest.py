@@ -269,10 +269,13 @@ def check_new(folder: Folder, resume: bool = False) -> None:
     Raises:
         ArgumentError: it does.
     """
+    content = ""
     if not resume and _has_dataset(folder):
-        raise _taken(folder, "a dataset; --resume completes it, --overwrite replaces it, or")
-    if folder.exists(OBJECTS):
-        raise _taken(folder, "images of 'render';")
+        content = "a dataset; --resume completes it, --overwrite replaces it, or"
+    elif folder.exists(OBJECTS):
+        content = "images of 'render';"
+    if content:
+        raise ArgumentError(f"{folder}: expected a new folder, got {content} write elsewhere")
 
 
 def make_room(folder: Folder, overwrite: bool = False) -> None:
@@ -360,10 +363,6 @@ def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any], start: str 
 def _has_dataset(folder: Folder) -> bool:
     """Return whether a folder holds a dataset, complete or not."""
     return any(folder.exists(name) for name in (DATASET, FRAMES))
-
-
-def _taken(folder: Folder, content: str) -> ArgumentError:
-    return ArgumentError(f"{folder}: expected a new folder, got {content} write elsewhere")
 
 
 def _differs(folder: Folder, difference: str) -> ArgumentError:

@@ -142,7 +142,7 @@ _sigma = partial(number, above=0, most=1)
 
 @record
 class MapOptions:
-    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_maps.exact_maps`."""
+    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_labels.exact_maps`."""
 
     edge_sigma: float | None = checked(
         _sigma, default=None, help="width of edges, a share of a full turn; default 0.0054"

@@ -10,8 +10,9 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from threading import Lock
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
+from omniscv.arguments import within
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.writer import Writer
@@ -27,7 +28,7 @@ from omniscv.make.render import transfer_warning, warnings_of
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.truth import registry as truths
-from omniscv.truth.registry import Observation, Record, derive, file_contents
+from omniscv.truth.registry import Observation, Record, file_contents
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -44,7 +45,11 @@ class Composed(NamedTuple):
 
 
 class FrameMaker:
-    """Composes and writes frames: one is composed while truths of the one before are derived and written."""
+    """Composes and writes frames: one is composed while truths of the one before are derived and written.
+
+    Attributes:
+        failed: keys of the frames that failed, and were left out.
+    """
 
     def __init__(
         self,
@@ -57,27 +62,23 @@ class FrameMaker:
         keep_going: bool = False,
     ) -> None:
         self.failed: list[str] = []
-        """Keys of the frames that failed, and were left out."""
-        self._keep_going, self._skipped = keep_going, set[tuple[str, str]]()
-        self._truth_cameras = contents.truth_cameras
-        self._job, self._writer, self._workers, self._warn = job, writer, workers, warn
+        self._job, self._contents, self._writer = job, contents, writer
+        self._workers, self._keep_going, self._warn = workers, keep_going, warn or (lambda line: None)
+        self._skipped = set[tuple[str, str]]()
         # Shapes take a game one request per object: read them for truths and recordings only.
         self._shapes = bool(contents.truth) or job.record is not None
         self._geometry = source.geometry() if self._shapes else SceneGeometry()
         self._renderer = Renderer(source)
-        if warn:
-            for line in transfer_warning(job, source):
-                warn(line)
+        for line in transfer_warning(job, source):
+            self._warn(line)
         # Truths that capture may hide objects, so no image is captured meanwhile.
-        capturing = {
+        self._capturing = {
             name
             for name, options in contents.truth.items()
             if truths.get(name).may_capture(self._geometry, options)
         }
-        self._capturing_truths = {name: each for name, each in contents.truth.items() if name in capturing}
-        self._other_truths = {name: each for name, each in contents.truth.items() if name not in capturing}
         # Images of a world that moves take turns, too: the source shows one instant at a time.
-        self._capture_lock = Lock() if capturing or job.moves else nullcontext()
+        self._capture_lock = Lock() if self._capturing or job.moves else nullcontext()
 
     def run(self, moments: Sequence[Moment], missing: Collection[str], progress: Report | None) -> None:
         """Make the frames with some keys.
@@ -104,7 +105,7 @@ class FrameMaker:
             geometry = source.geometry() if self._job.moves and self._shapes else self._geometry
             world.append((geometry, source.object_poses()))
 
-        with self._capture_lock, self._kept_going([moment.frames[i].key for i in only]):
+        with self._capture_lock, self._leaving_out([moment.frames[i].key for i in only]):
             report = meter.part()
             images = images_of(self._renderer, moment, self._job, only=only, progress=report, look=look)
             return [
@@ -114,7 +115,7 @@ class FrameMaker:
         return []
 
     @contextmanager
-    def _kept_going(self, keys: Sequence[str]) -> Iterator[None]:
+    def _leaving_out(self, keys: Sequence[str]) -> Iterator[None]:
         """Report an error of frames and leave them out, if the job keeps going."""
         try:
             yield
@@ -122,51 +123,41 @@ class FrameMaker:
             if not self._keep_going:
                 raise
             self.failed += keys
-            if self._warn:
-                self._warn(f"{', '.join(keys)}: {cause.message}; left out")
+            self._warn(f"{', '.join(keys)}: {cause.message}; left out")
 
     def _save(self, composed: Composed) -> None:
-        with self._kept_going([composed.frame.key]):
-            self._derive_and_write(composed)
-
-    def _derive_and_write(self, composed: Composed) -> None:
-        frame, image = self._writer.with_ids(composed.frame, composed.image)
-        if self._warn:
+        """Derive the truths of a frame, and write it."""
+        with self._leaving_out([composed.frame.key]):
+            frame, image = self._writer.with_ids(composed.frame, composed.image)
             for line in warnings_of(frame.key, image):
                 self._warn(line)
-        observation = Observation(
-            frame=frame,
-            image=image,
-            labels=image.labels,
-            geometry=composed.geometry,
-            object_poses=composed.object_poses,
-        )
-        records: dict[str, Record] = {}
-        if self._capturing_truths:
-            with self._capture_lock, renderer_at(self._renderer, composed.instant) as renderer:
-                records = self._derived(replace(observation, renderer=renderer), self._capturing_truths)
-        records |= self._derived(observation, self._other_truths)
-        self._writer.write(frame, image, file_contents(records))
+            geometry, poses = composed.geometry, composed.object_poses
+            observation = Observation(frame, image, image.labels, geometry, object_poses=poses)
+            records: dict[str, Record] = {}
+            if self._capturing:
+                with self._capture_lock, renderer_at(self._renderer, composed.instant) as renderer:
+                    records = self._records(replace(observation, renderer=renderer), self._capturing)
+            records |= self._records(observation, self._contents.truth.keys() - self._capturing)
+            self._writer.write(frame, image, file_contents(records))
 
-    def _derived(
-        self, observation: Observation, wanted: Mapping[str, Mapping[str, Any]]
-    ) -> dict[str, Record]:
-        """Return the records of truths that an image can have.
+    def _records(self, observation: Observation, names: Collection[str]) -> dict[str, Record]:
+        """Return the records of truths that an image can have, in the job's order.
 
         A truth that fails is left out, once with a line for each camera, unless the job names its cameras.
         """
         records: dict[str, Record] = {}
         camera = observation.frame.camera_name
-        for name, options in wanted.items():
-            named = self._truth_cameras.get(name)
-            if named is not None and camera not in named:
+        for name, options in self._contents.truth.items():
+            cameras = self._contents.truth_cameras.get(name)
+            if name not in names or (cameras is not None and camera not in cameras):
                 continue
             try:
-                records |= derive(observation, {name: options})
+                with within(f"{observation.frame.key}: truth.{name}"):
+                    records[name] = truths.get(name).apply(observation, options)
             except ArgumentError as cause:
-                if named is not None:
+                if cameras is not None:
                     raise
-                if self._warn and (name, camera) not in self._skipped:
+                if (name, camera) not in self._skipped:
                     advice = f"left out; to make it an error, name cameras in truth.{name}.cameras"
                     self._warn(f"{cause.message}; {advice}")
                 self._skipped.add((name, camera))

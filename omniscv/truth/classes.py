@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from fnmatch import translate
 from functools import cached_property
 from importlib.resources import files
@@ -78,27 +78,54 @@ class ClassTable:
         return class_of
 
 
-@dataclass(frozen=True)
-class Rule:
-    """The class of objects whose whole name matches a pattern, case-sensitive.
+def _regex(name: str, value: object) -> str:
+    try:
+        re.compile(text(name, value))
+    except (re.error, OverflowError, RecursionError) as cause:
+        raise ArgumentError(f"{name}: expected a regular expression, got {shown(value)}: {cause}") from cause
+    return str(value)
 
-    Attributes:
-        pattern: ``*``, ``?`` and ``[...]`` as in file names, or a regular expression.
-        class_name: of :class:`ClassRules`.
-        regex: whether the pattern is a regular expression.
+
+def _label_or_empty(name: str, value: object) -> object:
+    return value if value == "" else label(name, value)
+
+
+@record
+class Rule:
+    """A class, and a pattern of the whole names of its objects, case-sensitive.
+
+    The pattern is ``match``, with ``*``, ``?`` and ``[...]`` as in file names, or ``regex``. The other keys
+    describe the class, and may be left out.
+
+    Raises:
+        ArgumentError: not exactly one pattern.
     """
 
-    pattern: str
-    class_name: str
-    regex: bool = False
+    class_name: str = checked(label, key="class")
+    match: str = checked(text, default="")
+    regex: str = checked(_regex, default="")
+    id: int | None = checked(whole_number, least=1, most=_MOST, default=None)
+    supercategory: str | None = checked(_label_or_empty, default=None)
+    stuff: bool | None = checked(flag, default=None)
+
+    def __post_init__(self) -> None:
+        if bool(self.match) == bool(self.regex):
+            got = {"class": self.class_name, "match": self.match, "regex": self.regex}
+            raise ArgumentError(f"expected one of 'match' and 'regex', got {shown(got)}")
 
     @cached_property
     def _compiled(self) -> re.Pattern[str]:
-        return re.compile(self.pattern if self.regex else translate(self.pattern))
+        return re.compile(self.regex or translate(self.match))
 
     def matches(self, name: str) -> bool:
         """Return whether an object is of the class."""
         return self._compiled.fullmatch(name) is not None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its keys as plain values."""
+        pattern = {"regex": self.regex} if self.regex else {"match": self.match}
+        about = {"id": self.id, "supercategory": self.supercategory, "stuff": self.stuff}
+        return {**pattern, "class": self.class_name, **about}
 
 
 @dataclass(frozen=True)
@@ -107,7 +134,7 @@ class ClassRules:
 
     Attributes:
         classes: by name, in the order of their ids.
-        rules: in their order.
+        rules: in their order, each with all that is known of its class.
         unmatched: objects that no rule matches are an error, of the class ``other``, or of no class.
         taxonomy: the name of a table that is shipped, or ``custom``.
     """
@@ -140,25 +167,20 @@ class ClassRules:
         if content.unmatched == "other":
             name = _OTHER.get(content.taxonomy, "other")
             described.setdefault(name, {"id": known[name]} if known else {})
+        classes = _numbered(described)
+        about = ("id", "supercategory", "stuff")
         rules = tuple(
-            Rule(entry.regex or entry.match, entry.class_name, bool(entry.regex)) for entry in content.rules
+            replace(rule, **{key: getattr(classes[rule.class_name], key) for key in about})
+            for rule in content.rules
         )
-        return cls(_numbered(described), rules, content.unmatched, content.taxonomy)
+        return cls(classes, rules, content.unmatched, content.taxonomy)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_dict` reads."""
         return {
             "taxonomy": self.taxonomy,
             "background": BACKGROUND,
-            "rules": [
-                {"regex" if rule.regex else "match": rule.pattern, "class": rule.class_name}
-                | {
-                    key: value
-                    for key, value in asdict(self.classes[rule.class_name]).items()
-                    if key != "name"
-                }
-                for rule in self.rules
-            ],
+            "rules": [rule.to_dict() for rule in self.rules],
             "unmatched": self.unmatched,
         }
 
@@ -210,17 +232,17 @@ def _taxonomy(name: str) -> dict[str, int]:
     return {line.partition(",")[2]: int(line.partition(",")[0]) for line in text.splitlines()[1:]}
 
 
-def _describe(rules: Sequence[_RuleEntry], known: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+def _describe(rules: Sequence[Rule], known: Mapping[str, int]) -> dict[str, dict[str, Any]]:
     """By class name, the fields that rules give; ArgumentError for contradictions."""
     described: dict[str, dict[str, Any]] = {}
-    for i, entry in enumerate(rules):
+    for i, rule in enumerate(rules):
         with within(f"rules[{i}]"):
-            name = entry.class_name
+            name = rule.class_name
             if known:
                 one_of("class", name, known)
             values = described.setdefault(name, {"id": known[name]} if known else {})
             for key in ("id", "supercategory", "stuff"):
-                value = getattr(entry, key)
+                value = getattr(rule, key)
                 if value is not None and value != values.setdefault(key, value):
                     expected = f"expected {shown(values[key])} for class {name!r}"
                     raise ArgumentError(f"{key}: {expected}, got {shown(value)}")
@@ -244,26 +266,11 @@ def _numbered(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClas
     return {row.name: row for row in sorted(classes, key=lambda row: row.id)}
 
 
-# -- classes.yaml ---------------------------------------------------------------------------------------
-
-
-def _regex(name: str, value: object) -> str:
-    try:
-        re.compile(text(name, value))
-    except (re.error, OverflowError, RecursionError) as cause:
-        raise ArgumentError(f"{name}: expected a regular expression, got {shown(value)}: {cause}") from cause
-    return str(value)
-
-
-def _rules(name: str, value: object) -> tuple[_RuleEntry, ...]:
+def _rules(name: str, value: object) -> tuple[Rule, ...]:
     if not isinstance(value, list | tuple) or not value:
         raise ArgumentError(f"{name}: expected a list of {{match: PATTERN, class: NAME}}, got {shown(value)}")
-    entries: tuple[_RuleEntry, ...] = listed(nested(_RuleEntry))(name, value)
-    return entries
-
-
-def _text_or_empty(name: str, value: object) -> object:
-    return value if value == "" else label(name, value)
+    rules: tuple[Rule, ...] = listed(nested(Rule))(name, value)
+    return rules
 
 
 def _known_taxonomy(name: str, value: object) -> Any:
@@ -271,25 +278,8 @@ def _known_taxonomy(name: str, value: object) -> Any:
 
 
 @record
-class _RuleEntry:
-    """A rule, and what it says of its class."""
-
-    class_name: str = checked(label, key="class")
-    match: str = checked(text, default="")
-    regex: str = checked(_regex, default="")
-    id: int | None = checked(whole_number, least=1, most=_MOST, default=None)
-    supercategory: str | None = checked(_text_or_empty, default=None)
-    stuff: bool | None = checked(flag, default=None)
-
-    def __post_init__(self) -> None:
-        if bool(self.match) == bool(self.regex):
-            got = {"class": self.class_name, "match": self.match, "regex": self.regex}
-            raise ArgumentError(f"expected one of 'match' and 'regex', got {shown(got)}")
-
-
-@record
 class _File:
-    rules: tuple[_RuleEntry, ...] = checked(_rules)
+    rules: tuple[Rule, ...] = checked(_rules)
     taxonomy: str = checked(_known_taxonomy, default="custom")
     background: int = checked(whole_number, least=BACKGROUND, most=BACKGROUND, default=BACKGROUND)
     unmatched: Unmatched = checked(one_of, words=get_args(Unmatched), default="error")

@@ -33,10 +33,9 @@ from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.job.recipe import LayoutKey, LayoutSource, Tolerance, layout_source
 from omniscv.records import checked, nested, record
-from omniscv.truth.layout_curves import Samples, resolved, sample_edges
 from omniscv.truth.registry import Observation, Truth, register
+from omniscv.truth.room_in_image import Flags, Samples, resolved, sample_edges, seen_in_depth, seen_in_room
 from omniscv.truth.room_layout import Picture, RoomLayout, is_room, layout
-from omniscv.truth.room_surfaces import Flags, seen_in_depth, seen_in_room
 
 VERSION = 1
 

@@ -18,8 +18,8 @@ from omniscv.cameras import create
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.geometry.pose import R_LEVEL, Array
 from omniscv.geometry.scene_geometry import Room
-from omniscv.truth.cor_id import room_seen
-from omniscv.truth.room_surfaces import first_hits
+from omniscv.truth.layout_labels import room_seen
+from omniscv.truth.room_in_image import first_hits
 
 _CLOSE = 1.25  # ratio of depths that count as equal
 _TRUE_FROM, _PREDICTED_ABOVE = 0.01, 0.1  # CFL's thresholds, which differ on purpose
@@ -58,8 +58,8 @@ def layout_scores(found: ArrayLike, truth: ArrayLike, width: int = 1024, height:
     """Return the measures of predicted corners against the true ones.
 
     Args:
-        found, truth: (2N, 2) px as :mod:`omniscv.truth.cor_id` orders them; the depth of a column is that of
-            the nearest wall, the ceiling is level.
+        found, truth: (2N, 2) px as :mod:`omniscv.truth.layout_labels` orders them; the depth of a column is
+            that of the nearest wall, the ceiling is level.
         width, height: of the panorama, px.
 
     Raises:

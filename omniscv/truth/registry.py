@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import plugins
-from omniscv.arguments import one_of, within
+from omniscv.arguments import one_of
 from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
@@ -147,23 +147,6 @@ class Truth:
         return (
             self.captures(geometry, self.read_options(options)) if callable(self.captures) else self.captures
         )
-
-
-def derive(observation: Observation, truths: Mapping[str, Mapping[str, Any]]) -> dict[str, Record]:
-    """Return the records of an image by the names of their truths.
-
-    Args:
-        observation: the image.
-        truths: options by name.
-
-    Raises:
-        OmniscvError: as a truth raises, with the key and its name before it.
-    """
-    records = {}
-    for name, options in truths.items():
-        with within(f"{observation.frame.key}: truth.{name}"):
-            records[name] = get(name).apply(observation, options)
-    return records
 
 
 def file_contents(records: Mapping[str, Record]) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from omniscv.evaluate.layout.evaluation import PAPER, figures, scores
 from omniscv.evaluate.layout.predictions import Prediction, draw_maps
 from omniscv.evaluate.registry import Settings, run
 from omniscv.truth import project_layout
-from omniscv.truth.cor_id import cor_id
-from omniscv.truth.layout_maps import exact_maps, original_maps
+from omniscv.truth.layout_labels import cor_id, exact_maps, original_maps
 from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 512, 256)

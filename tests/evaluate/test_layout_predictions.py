@@ -12,7 +12,7 @@ from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.layout import panoramas
 from omniscv.evaluate.layout.predictions import draw_maps, read
-from omniscv.truth.cor_id import cor_id
+from omniscv.truth.layout_labels import cor_id
 
 WIDTH = 256
 PANORAMA = cameras.create("equirectangular", WIDTH, WIDTH // 2)

@@ -7,7 +7,7 @@ from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan
 
 from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
-from omniscv.truth.cor_id import CAMERA_HEIGHT_M, cor_id, room_seen
+from omniscv.truth.layout_labels import CAMERA_HEIGHT_M, cor_id, room_seen
 from omniscv.truth.metrics import layout_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)

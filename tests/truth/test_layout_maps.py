@@ -9,7 +9,7 @@ from support.rooms import L_SHAPE, PLAIN, room_of_plan
 from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
 from omniscv.truth import project_layout
-from omniscv.truth.layout_maps import exact_maps, original_maps
+from omniscv.truth.layout_labels import exact_maps, original_maps
 from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)

@@ -1,6 +1,6 @@
 """CFL's folder: ``RGB/STEM.jpg``, ``EM_gt/STEM_EM.jpg`` of edges, ``CM_gt/STEM_CM.jpg`` of corners.
 
-CFL pairs the files by their order. See :mod:`omniscv.truth.layout_maps`.
+CFL pairs the files by their order. See :mod:`omniscv.truth.layout_labels`.
 Source: cfernandezlab/CFL, test_CFL.py.
 """
 
@@ -18,7 +18,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.job.recipe import LayoutKey, MapOptions
 from omniscv.records import checked, nested, record
-from omniscv.truth.layout_maps import exact_maps, original_maps
+from omniscv.truth.layout_labels import exact_maps, original_maps
 
 
 @record

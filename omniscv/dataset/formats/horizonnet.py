@@ -1,6 +1,6 @@
 """HorizonNet's folder, which related programs read too: ``img/STEM.png`` and ``label_cor/STEM.txt``.
 
-Upright equirectangular panoramas in a room of upright walls; see :mod:`omniscv.truth.cor_id`.
+Upright equirectangular panoramas in a room of upright walls; see :mod:`omniscv.truth.layout_labels`.
 Source: sunset1995/HorizonNet, README_PREPARE_DATASET.md.
 """
 
@@ -16,7 +16,7 @@ from omniscv.dataset.pictures import write_color
 from omniscv.frame import Frame
 from omniscv.records import checked, record
 from omniscv.storage.local import write_text
-from omniscv.truth import cor_id
+from omniscv.truth import layout_labels
 
 
 @record
@@ -34,7 +34,7 @@ class HorizonNet(Format):
     options = HorizonNetOptions
 
     def refuses(self, camera: Camera) -> str | None:
-        return cor_id.refuses(camera)
+        return layout_labels.refuses(camera)
 
     def write(self, frames: Sequence[Frame], out: Path, options: HorizonNetOptions) -> list[Path]:
         """Write frames; ArgumentError for a camera that is not upright or not in the room, or a room that is
@@ -42,7 +42,7 @@ class HorizonNet(Format):
         texts = {}
         for frame in frames:
             with within(frame.key):
-                texts[frame.key] = cor_id.corner_lines(frame.layout, frame.camera, frame.pose)
+                texts[frame.key] = layout_labels.corner_lines(frame.layout, frame.camera, frame.pose)
         written = []
         for frame in frames:
             written.append(write_color(out / "img" / f"{frame.key}.{options.image_format}", frame))

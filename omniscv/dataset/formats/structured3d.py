@@ -33,7 +33,7 @@ from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
 from omniscv.records import NoOptions
 from omniscv.storage.local import write_text
-from omniscv.truth import cor_id
+from omniscv.truth import layout_labels
 from omniscv.truth.layout_record import room_of
 
 _SAME_HEADING = 1e-6  # rad
@@ -51,7 +51,7 @@ class Structured3d(Format):
     needs = ("layout",)
 
     def refuses(self, camera: Camera) -> str | None:
-        return cor_id.refuses(camera)
+        return layout_labels.refuses(camera)
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
         """Write frames as one scene.
@@ -63,7 +63,7 @@ class Structured3d(Format):
         lines = {}
         for frame in frames:
             with within(frame.key):
-                lines[frame.key] = cor_id.corner_lines(frame.layout, frame.camera, frame.pose)
+                lines[frame.key] = layout_labels.corner_lines(frame.layout, frame.camera, frame.pose)
         rooms = [room_of(frame.layout) for frame in frames]
         distinct, order = _distinct(rooms)
         scene = out / "scene_00000"

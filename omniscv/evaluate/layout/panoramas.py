@@ -18,9 +18,8 @@ from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.sources import Source
 from omniscv.truth import layout, project_layout
-from omniscv.truth.cor_id import cor_id
-from omniscv.truth.layout_maps import Map, original_maps
-from omniscv.truth.room_surfaces import inside
+from omniscv.truth.layout_labels import Map, cor_id, original_maps
+from omniscv.truth.room_in_image import inside
 
 SCENES = "mock://four-wall", "mock://six-wall"
 
@@ -41,7 +40,7 @@ class Panorama:
         name: start of its file names.
         group: such as ``4-wall``.
         lit: (H, W, 3) RGB.
-        corners: (2N, 2) px; see :mod:`omniscv.truth.cor_id`.
+        corners: (2N, 2) px; see :mod:`omniscv.truth.layout_labels`.
         maps: (H, W) uint8 of edges and of corners, by the paper's recipe.
     """
 

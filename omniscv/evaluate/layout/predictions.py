@@ -23,8 +23,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.storage.bounded import read_bytes
-from omniscv.truth.cor_id import room_seen
-from omniscv.truth.layout_maps import Map, exact_maps
+from omniscv.truth.layout_labels import Map, exact_maps, room_seen
 from omniscv.truth.layout_record import project_layout
 
 _SUFFIXES = {
@@ -40,7 +39,7 @@ class Prediction(NamedTuple):
     """The predicted layout of one panorama.
 
     Attributes:
-        corners: (2N, 2) px; see :mod:`omniscv.truth.cor_id`.
+        corners: (2N, 2) px; see :mod:`omniscv.truth.layout_labels`.
         maps: (H, W) float64, 0 to 1, of edges and of corners.
     """
 
@@ -70,7 +69,7 @@ def draw_maps(corners: Array, width: int) -> tuple[Map, Map]:
     """Return the maps of edges and of corners of a room in an upright panorama, drawn as the exact truth is.
 
     Args:
-        corners: (2N, 2) px; see :mod:`omniscv.truth.cor_id`.
+        corners: (2N, 2) px; see :mod:`omniscv.truth.layout_labels`.
         width: of the panorama, px.
 
     Raises:
