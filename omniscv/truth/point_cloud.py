@@ -13,10 +13,11 @@ from omniscv.arguments import number
 from omniscv.cameras import Rays
 from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Array, Pose
 from omniscv.parallel import row_blocks
-from omniscv.truth.registry import Pictured
 
+_VALUES = ("normals", "lit", "labels", "classes")
 _CELL_BITS = 21  # of a cube's index along an axis: three fit into 63 bits
 
 
@@ -84,43 +85,41 @@ def points(
 
 
 def points_of(
-    image: Pictured, rays: Rays, max_error_m: float | None = None, max_relative: float | None = None
+    frame: Frame, rays: Rays, max_error_m: float | None = None, max_relative: float | None = None
 ) -> Points:
-    """Return the points of an image with depth, with its normals, colours, labels and classes.
+    """Return the points of a frame with depth, with its normals, colours, labels and classes.
 
     Args:
-        image: such as a frame of a dataset.
+        frame: of a dataset.
         rays: of its camera's pixel centres.
         max_error_m: points whose ``depth_error`` is larger are left out, metres.
         max_relative: points are left out as :func:`inexact` says.
 
     Raises:
-        ArgumentError: the image has no depth, or no ``depth_error`` where it is needed.
+        ArgumentError: the frame has no depth, or no ``depth_error`` where it is needed.
     """
-    names = [name for name in ("normals", "lit", "labels", "classes") if name in image.files]
-    layers = {name: image.layer(name) for name in names}
+    layers = {name: frame.layer(name) for name in _VALUES if name in frame.files}
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])
-    unsure = image.layer("unsure") if "unsure" in image.files else None
-    left_out = [] if unsure is None else [unsure]
+    left_out = [frame.layer("unsure")] if "unsure" in frame.files else []
     if max_error_m is not None:
-        left_out.append(image.layer("depth_error") > max_error_m)
+        left_out.append(frame.layer("depth_error") > max_error_m)
     if max_relative is not None:
-        left_out.append(inexact(image, max_relative))
+        left_out.append(inexact(frame, max_relative))
     unsure = np.any(left_out, axis=0) if left_out else None
-    return points(image.layer("depth"), rays, image.pose, layers, unsure)
+    return points(frame.layer("depth"), rays, frame.pose, layers, unsure)
 
 
-def inexact(image: Pictured, max_relative: float) -> NDArray[np.bool_]:
+def inexact(frame: Frame, max_relative: float) -> NDArray[np.bool_]:
     """Return (H, W) whether the bound on the error of depth is a larger part of it than ``max_relative``.
 
-    Nowhere, where the image has no bounds.
+    Nowhere, where the frame has no bounds.
     """
-    depth = image.layer("depth")
-    if "depth_error" not in image.files:
+    depth = frame.layer("depth")
+    if "depth_error" not in frame.files:
         return np.zeros(depth.shape, np.bool_)
     with np.errstate(invalid="ignore"):
-        return np.asarray(image.layer("depth_error") > max_relative * depth)
+        return np.asarray(frame.layer("depth_error") > max_relative * depth)
 
 
 def merged(clouds: Iterable[Points], voxel_m: float) -> Points:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import plugins
 from omniscv.arguments import one_of
-from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
@@ -25,27 +24,6 @@ from omniscv.truth.classes import ClassTable
 
 SHARED_FILE = "truth.json"
 """Suffix of the file that holds the records of several truths, each under its name."""
-
-
-class Pictured(Protocol):
-    """An image with layers, in memory or on disk, such as a frame of a dataset.
-
-    Attributes:
-        camera, pose: of the image.
-        files: by name of each layer that the image has.
-        instances: object name to the id that the layer ``labels`` holds.
-    """
-
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def pose(self) -> Pose: ...
-    @property
-    def files(self) -> Mapping[str, Any]: ...
-    @property
-    def instances(self) -> Mapping[str, int]: ...
-
-    def layer(self, name: str) -> NDArray[Any]: ...
 
 
 @dataclass(frozen=True, eq=False)

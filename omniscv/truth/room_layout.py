@@ -17,11 +17,11 @@ from omniscv.arguments import number, numbers, shown
 from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.truth.classes import ClassTable
-from omniscv.truth.registry import Pictured
 
 LARGEST_RESIDUAL_M = 0.02
 """Largest rms distance of points to the fitted room."""
@@ -68,7 +68,7 @@ class RoomLayout:
 
 
 def layout(
-    scene_or_frames: SceneGeometry | Sequence[Pictured | OmniImage], classes: ClassTable | None = None
+    scene_or_frames: SceneGeometry | Sequence[Frame | Picture | OmniImage], classes: ClassTable | None = None
 ) -> RoomLayout:
     """Return the layout of a room, as a scene has it or fitted to images.
 
@@ -93,7 +93,13 @@ def layout(
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image in memory; see :class:`Pictured`."""
+    """An image in memory, with the names of a :class:`Frame`.
+
+    Attributes:
+        camera, pose: of the image.
+        files: its layers by name.
+        instances: object name to the id that ``labels`` holds.
+    """
 
     camera: Camera
     pose: Pose
@@ -135,7 +141,7 @@ class _Wall(NamedTuple):
         return np.asarray((self.end - self.start) / np.linalg.norm(self.end - self.start))
 
 
-def _fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None) -> RoomLayout:
+def _fit_room(images: Sequence[Frame | Picture | OmniImage], classes: ClassTable | None) -> RoomLayout:
     """The room that images show together.
 
     Floor and ceiling are at the median height of points with vertical normals. Walls are lines through points
@@ -164,7 +170,7 @@ def _fit_room(images: Sequence[Pictured | OmniImage], classes: ClassTable | None
     return RoomLayout(room, "fitted", residual_m)
 
 
-def _surfaces(image: Pictured, classes: ClassTable | None) -> _Surfaces:
+def _surfaces(image: Frame | Picture, classes: ClassTable | None) -> _Surfaces:
     """The points of an image on objects that are surfaces of the room."""
     depth, labels, normals = (image.layer(name) for name in ("depth", "labels", "normals"))
     name_of = {label: name for name, label in image.instances.items() if is_room(name, classes)}

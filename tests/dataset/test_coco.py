@@ -15,7 +15,6 @@ from support.observed import framed, observed
 
 import omniscv
 from omniscv import cameras, dataset
-from omniscv.errors import ArgumentError
 from omniscv.truth.classes import ClassTable, SemanticClass
 
 pytestmark = pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # theirs
@@ -184,14 +183,3 @@ def test_panoptic_pictures_hold_the_ids_of_their_segments(frames, tmp_path):
         assert np.array_equal(ids, np.where(labels == ceiling, 0, labels))
         counted = {each["id"]: each["area"] for each in entry["segments_info"]}
         assert counted == {i: int((ids == i).sum()) for i in np.unique(ids).tolist() if i}
-
-
-def test_wrong_options_are_refused(frames, tmp_path):
-    for options, says in (
-        ({"seam": "cut"}, "seam: expected one of whole, split"),
-        ({"size": 3}, "unknown key 'size'"),
-    ):
-        with pytest.raises(ArgumentError, match=says):
-            dataset.get("coco").export(frames, tmp_path, options)
-        with pytest.raises(ArgumentError, match=says):
-            dataset.get("coco").read_options(options)

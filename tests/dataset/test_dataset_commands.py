@@ -1,8 +1,6 @@
 """``omniscv dataset``: what its commands print, and one clear line where something is wrong."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 from support.datasets import job_file, tree
@@ -110,9 +108,3 @@ def test_wrong_usage_is_one_line_and_code_2(arguments, says, whole, capsys):
     assert line.startswith("omniscv: ")
     assert says in line
     assert len(line) <= 310
-
-
-def test_importing_omniscv_loads_no_dataset():
-    program = "import omniscv, sys; print('omniscv.dataset' in sys.modules, omniscv.dataset.names()[:1])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("False (")

@@ -7,10 +7,9 @@ import pycolmap
 import pytest
 from evo.tools import file_interface
 from plyfile import PlyData
-from support.datasets import job_file, made
+from support.datasets import made
 
-from omniscv import dataset, jobs
-from omniscv.errors import ArgumentError
+from omniscv import dataset
 
 EXPORTS = """
 truth: {poses: true, flow: {backward: true}, tolerance: {abs_m: 0.03}}
@@ -70,20 +69,3 @@ def test_flow_takes_the_tolerance_of_the_truths(exports):
         "lens": "ray",
         "pano": "ray",
     }
-
-
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        ("export: [kalibr]", "kalibr: cannot carry camera 'pano': .*; name others by --camera"),
-        ("export: [{format: depth_png, scale: kitti}]", "scale: expected a preset of depth along the ray"),
-        ("export: [{format: flow, gap: 0}]", "gap: expected a whole number"),
-        ("truth: {flow: {wrap: around}}", "wrap: expected one of shortest, classic"),
-    ],
-)
-def test_what_cannot_be_exported_is_refused_before_a_capture(more, says, tmp_path):
-    """The source is one that nothing can be captured of: it is never opened."""
-    job = jobs.load(job_file(tmp_path, source="unreal://localhost:1", more=more))
-    with pytest.raises(ArgumentError, match=says):
-        jobs.make(job)
-    assert not job.out.exists()

@@ -87,11 +87,3 @@ def test_cameras_that_move_apart_get_a_file_each(frames, tmp_path):
     ]
     written = get("kalibr").export(moved, tmp_path, {})
     assert [path.name for path in written] == ["camchain-left.yaml", "camchain-rear.yaml"]
-
-
-def test_what_kalibr_cannot_carry_is_refused():
-    format = get("kalibr")
-    for name in ("equirectangular", "cylindrical", "noncentral-conical-mirror"):
-        assert name in format.refuses(cameras.model(name).example(32))
-    for camera in CAMERAS.values():
-        assert format.refuses(camera) is None

@@ -86,45 +86,6 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
     )
 
 
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        ("export: [cocoa]", "export: format: expected one of"),
-        ("export: [webdataset, webdataset]", "got 'webdataset' twice"),
-        ("export: [{format: webdataset, max_count: 0}]", "max_count: expected a whole number >= 1"),
-        ("export: [{format: hf, out: ../x}]", "out: expected the name of a folder"),
-        ("export: {webdataset: true}", "export: expected a list"),
-        (
-            "export: [{format: hf, cameras: [left]}]",
-            "--camera, or 'cameras' in a job: expected one of pano, lens; got 'left'",
-        ),
-        ("export: [colmap, horizonnet]", "cannot carry camera 'lens'"),
-        ("export: [{format: horizonnet, cameras: [pano]}]", "horizonnet: expected frames with layout"),
-        ("truth: {boxen: true}", "truth: unknown key 'boxen'; known keys: poses, layout"),
-        ("truth: {amodal: shapes}", "truth.amodal: kind: expected one of boxes, masks; got 'shapes'"),
-        ("truth: {layout: {source: guess}}", "source: expected one of scene, fitted"),
-        ("truth: {bfov: {grid: 1}}", "truth.bfov: unknown key 'grid'; known keys: none"),
-        ("truth: {tolerance: {abs_m: -1}}", "truth.tolerance.abs_m: expected a finite number >= 0"),
-        ("seam: torn", "seam: expected one of whole, split; got 'torn'"),
-        ("media: {exif: true}", "media: unknown key 'exif'; known keys: xmp, north"),
-        ("shards: {format: zip}", "export: format: expected one of"),
-        ("shard: {format: webdataset}", "unknown key 'shard'; known keys: source, poses"),
-    ],
-)
-def test_what_cannot_be_made_is_refused_before_the_source_is_opened(more, says, tmp_path):
-    """Opening this one would be another error."""
-    with pytest.raises(ArgumentError) as failed:
-        jobs.make(jobs.load(job_file(tmp_path, source="scene://nowhere", more=more + "\n")))
-    assert says in str(failed.value)
-    assert len(str(failed.value)) <= 1000
-
-
-def test_classes_and_truths_need_their_modes(tmp_path):
-    job = jobs.load(job_file(tmp_path, source="scene://nowhere"))
-    with pytest.raises(ArgumentError, match="classes: expected modes with object_mask, got lit; add them"):
-        jobs.make(replace(job, modes=("lit",)))
-
-
 def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
     path = copied.with_name("dataset.yaml")
     job = jobs.load(path)

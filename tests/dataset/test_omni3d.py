@@ -131,5 +131,3 @@ def test_frames_without_boxes_are_refused(frames, tmp_path):
     (tmp_path / "t.json").write_text("{}")
     with pytest.raises(ArgumentError, match="pinhole: expected the truth boxes3d, got none"):
         dataset.get("omni3d").export([bare], tmp_path, {})
-    with pytest.raises(ArgumentError, match="unknown key 'seam'"):
-        dataset.get("omni3d").export([bare], tmp_path, {"seam": "split"})

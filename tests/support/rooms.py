@@ -17,6 +17,22 @@ T_SHAPE = [[-1, -3], [1, -3], [1, 0], [4, 0], [4, 2], [-4, 2], [-4, 0], [-1, 0]]
 U_SHAPE = [[-3, -2], [3, -2], [3, 3], [1, 3], [1, 0], [-1, 0], [-1, 3], [-3, 3]]
 PLAIN = [[-2, -3], [2, -3], [2, 3], [-2, 3]]
 
+FAMILIES = (
+    "equirectangular",
+    "cube-map",
+    "pinhole",
+    "kannala-brandt",
+    "fisheye-equisolid",
+    "catadioptric-hyperbolic",
+    "orthographic",
+    "rolling-shutter",
+    "push-broom",
+    "noncentral-panorama",
+    "noncentral-conical-mirror",
+    "noncentral-spherical-mirror",
+)
+"""A camera model of each kind: panoramas, lenses, mirrors, lines, of one optical centre or many."""
+
 
 def room_of_plan(plan, height=2.8):
     """A room as the mock server names its parts."""

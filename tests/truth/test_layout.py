@@ -5,7 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.cases import cases
-from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan, room_of_scene, scene_of_plan
+from support.rooms import (
+    FAMILIES,
+    L_SHAPE,
+    PLAIN,
+    T_SHAPE,
+    U_SHAPE,
+    room_of_plan,
+    room_of_scene,
+    scene_of_plan,
+)
 
 import mock_server
 from omniscv import Pose, cameras
@@ -53,17 +62,23 @@ def traced_depth(scene, camera, pose):
     return np.where(rays.valid, hits.distance, 0).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", cameras.names())
-def test_curves_are_those_of_the_edges_with_the_flags_of_tracing(name):
-    camera, scene = example(name), scene_of_plan(L_SHAPE)
-    record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
-    assert pieces_of(record)
+def checked_pieces(record, scene, camera, pose):
+    """The pieces, whose pixels see their edges, lie close, and have the flags of tracing."""
     for edge, pixels, piece in pieces_of(record):
-        origins, points, away = on_edge(record, edge, camera, POSE, pixels)
+        origins, points, away = on_edge(record, edge, camera, pose, pixels)
         assert away.max() <= RAY_M
         assert (np.linalg.norm(np.diff(pixels, axis=0), axis=1) <= SPACING_PX).all()
         assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
-        assert piece["visible"] is None
+    return [piece for _, _, piece in pieces_of(record)]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_curves_are_those_of_the_edges_with_the_flags_of_tracing(name):
+    camera = example(name)
+    record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
+    pieces = checked_pieces(record, scene_of_plan(L_SHAPE), camera, POSE)
+    assert pieces
+    assert {piece["visible"] for piece in pieces} == {None}
     for edge in record["edges"]:  # the curves hold all that the camera sees of the edges
         a, b = (np.array(record["corners"][k]["camera"]) for k in edge["corners"])
         pixels, valid = camera.project(a + np.linspace(0, 1, 400)[:, None] * (b - a))
@@ -132,19 +147,14 @@ def same_within_a_pixel(scene, camera, pose, record, edge, pixels, expected):
 def test_rooms_hide_parts_of_themselves(plan, position):
     pose, camera, scene = Pose.from_angles(position), example("equirectangular", 256), scene_of_plan(plan)
     record = project_layout(room_of_plan(plan), camera, pose, traced_depth(scene, camera, pose))
-    flags = set()
-    for edge, pixels, piece in pieces_of(record):
-        origins, points, away = on_edge(record, edge, camera, pose, pixels)
-        assert away.max() <= RAY_M
-        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
-        flags.add(piece["visible_room"])
-    assert flags == {True, False}
+    pieces = checked_pieces(record, scene, camera, pose)
+    assert {piece["visible_room"] for piece in pieces} == {True, False}
     for corner in record["corners"]:
         origin, point = pose.position[None], np.array([corner["world"]])
         assert traced_visible(scene, origin, point)[0] == corner["visible_room"]
 
 
-def test_a_corner_on_the_seam_is_in_the_image_and_its_edges_break_there():
+def test_edges_break_at_the_seam_and_come_up_to_it_on_both_sides():
     camera, pose = example("equirectangular", 256), Pose.from_angles((2 / 3, 1.0, 1.5), yaw_deg=0)
     room = room_of_plan([[-2, 1], [2, -3], [2, 3]])
     record = project_layout(room, camera, pose)
@@ -154,12 +164,7 @@ def test_a_corner_on_the_seam_is_in_the_image_and_its_edges_break_there():
     ends = [np.array(piece["pixels"])[[0, -1], 0] for _, _, piece in pieces_of(record)]
     at_seam = [u for u in np.concatenate(ends) if min(u, camera.width - u) < 1e-4]
     assert len(at_seam) >= 4  # both of the floor's and both of the ceiling's edges end there
-
-
-def test_an_edge_that_crosses_the_seam_comes_up_to_it_on_both_sides():
-    camera = example("equirectangular", 256)
-    record = project_layout(room_of_plan(PLAIN), camera, Pose.from_angles((0, 0, 1.5)))
-    back = record["edges"][3]
+    back = project_layout(room_of_plan(PLAIN), camera, Pose.from_angles((0, 0, 1.5)))["edges"][3]
     assert len(back["pieces"]) == 2
     ends = sorted(u for piece in back["pieces"] for u in (piece["pixels"][0][0], piece["pixels"][-1][0]))
     assert ends[0] < 1e-4
@@ -185,34 +190,24 @@ def test_a_record_is_plain_and_holds_its_room():
 
 
 def test_a_camera_outside_the_room_sees_only_what_its_walls_leave():
-    scene, camera = scene_of_plan(PLAIN), example("equirectangular")
-    pose = Pose.from_angles((4.0, 0.5, 4.0))
-    record = project_layout(room_of_plan(PLAIN), camera, pose)
-    for edge, pixels, piece in pieces_of(record):
-        origins, points, _ = on_edge(record, edge, camera, pose, pixels)
-        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
+    camera, pose = example("equirectangular"), Pose.from_angles((4.0, 0.5, 4.0))
+    checked_pieces(project_layout(room_of_plan(PLAIN), camera, pose), scene_of_plan(PLAIN), camera, pose)
 
 
-@pytest.mark.parametrize(
-    ("corners", "words"),
-    [
+def test_wrong_arguments_are_one_line():
+    room, camera = room_of_plan(PLAIN), example("pinhole")
+    flat = Room(room.corners_w, 3.0, 2.0, room.walls, "f", "c")
+    for plan, words in (
         (PLAIN[::-1], "counterclockwise"),
         (PLAIN[:2], "at least 3 corners"),
         ([PLAIN[0], *PLAIN], "different corners"),
-    ],
-)
-def test_what_is_no_room_is_refused(corners, words):
-    with pytest.raises(ArgumentError, match=words):
-        project_layout(room_of_plan(corners), example("pinhole"), POSE)
-
-
-def test_other_wrong_arguments_are_refused_in_one_line():
-    room = room_of_plan(PLAIN)
-    camera = example("pinhole")
+    ):
+        with pytest.raises(ArgumentError, match=words):
+            project_layout(room_of_plan(plan), camera, POSE)
+    with pytest.raises(ArgumentError, match=r"room\.ceiling_z: expected a finite number > 3"):
+        project_layout(flat, camera, POSE)
     with pytest.raises(ArgumentError, match=r"depth: expected the image.s shape \(128, 128\)"):
         project_layout(room, camera, POSE, np.ones((3, 4)))
-    with pytest.raises(ArgumentError, match=r"room\.ceiling_z: expected a finite number > 3"):
-        project_layout(Room(room.corners_w, 3.0, 2.0, room.walls, "f", "c"), camera, POSE)
     with pytest.raises(ArgumentError, match="a scene whose room is known"):
         layout(SceneGeometry())
     record = project_layout(room, camera, POSE)
@@ -233,9 +228,4 @@ def test_samples_lie_on_their_edges_wherever_the_camera_is(name, place, angles):
     # A ray along a wall is decided by rounding: a push-broom that flies along an axis has whole rows of them.
     off_the_walls, off_the_axes = np.array([0.0123, 0.0171, 0.0137]), np.array([0.37, 0.41, 0.53])
     camera, pose = example(name, 64), Pose.from_angles(place + off_the_walls, *(angles + off_the_axes))
-    record, scene = project_layout(room_of_plan(L_SHAPE), camera, pose), scene_of_plan(L_SHAPE)
-    for edge, pixels, piece in pieces_of(record):
-        origins, points, away = on_edge(record, edge, camera, pose, pixels)
-        assert away.max() <= RAY_M
-        assert (np.linalg.norm(np.diff(pixels, axis=0), axis=1) <= SPACING_PX).all()
-        assert (traced_visible(scene, origins, points) == piece["visible_room"]).all()
+    checked_pieces(project_layout(room_of_plan(L_SHAPE), camera, pose), scene_of_plan(L_SHAPE), camera, pose)

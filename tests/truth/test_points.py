@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from cameras.examples import example_cameras
 from support.exact import distance_to_surfaces
+from support.rooms import FAMILIES
 from support.traced_frames import traced
 
 import mock_server
-from omniscv import Pose, cameras, truth
+from omniscv import Pose, truth
 from omniscv.errors import ArgumentError
 from omniscv.truth import Points
 
@@ -16,7 +17,7 @@ SCENE = mock_server.load_scene("six-wall")
 POSE = Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3)
 
 
-@pytest.mark.parametrize("name", cameras.names())
+@pytest.mark.parametrize("name", FAMILIES)
 def test_points_lie_on_the_surfaces(name):
     camera = CAMERAS[f"{name}-example"]
     layers = traced(SCENE, camera, POSE)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.rooms import FAMILIES
 
 import mock_server
 import omniscv
@@ -20,12 +21,10 @@ def lattice(count=100_000):
 
 LATTICE = lattice()
 
-AREAS = [((60, 40), 0.6874190053), ((60, 60), 1.0107210206), ((90, 90), 4 * np.pi / 6)]
 
-
-@pytest.mark.parametrize(("fov", "steradians"), AREAS)
-def test_known_areas(fov, steradians):
-    assert SphericalBox(20, -35, *fov, 12).area == pytest.approx(steradians, abs=1e-9)
+def test_known_areas():
+    for fov, steradians in (((60, 40), 0.6874190053), ((60, 60), 1.0107210206), ((90, 90), 4 * np.pi / 6)):
+        assert SphericalBox(20, -35, *fov, 12).area == pytest.approx(steradians, abs=1e-9)
 
 
 OVERLAPS = [
@@ -139,7 +138,7 @@ def test_a_ball_has_its_angle_whatever_the_camera_looks_at(lens, turn):
     assert SphericalBox.of(rotated).area <= SphericalBox.of(record).area
 
 
-@pytest.mark.parametrize("name", cameras.names())
+@pytest.mark.parametrize("name", FAMILIES)
 def test_every_camera_has_boxes_around_its_pixels(name):
     """A ball that a pixel a third across sees; of mirrors too, whose rays start all over."""
     camera = cameras.model(name).example(96)
