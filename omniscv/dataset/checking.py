@@ -48,13 +48,13 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
     for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
-    wanted = [Export.from_dict(each) for each in whole.settings["exports"]]
+    exports = [Export.from_dict(export) for export in whole.settings["exports"]]
     if format is not None:
         name = exporting.get(format).name
-        wanted = [each for each in wanted if each.format == name] or [Export(name)]
+        exports = [export for export in exports if export.format == name] or [Export(name)]
     if not faults:  # of damaged frames, every export would have faults
-        for each in wanted:
-            faults += _export_faults(folder, frames, each, deep or format is not None)
+        for export in exports:
+            faults += _export_faults(folder, frames, export, deep or format is not None)
     return faults
 
 
@@ -159,8 +159,8 @@ def _classes(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
     if frame.classes is None or "labels" not in layers:
         yield "expected no such layer without labels, and classes in the manifest"
         return
-    wanted = frame.classes.ids(frame.instances)[layers["labels"]]
-    yield from _count(layers["classes"] != wanted, "the class of the object in labels")
+    expected = frame.classes.ids(frame.instances)[layers["labels"]]
+    yield from _count(layers["classes"] != expected, "the class of the object in labels")
 
 
 def _normals(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
@@ -168,9 +168,9 @@ def _normals(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
     yield from _count(~((np.abs(length - 1) <= _UNIT) | (length <= _UNIT)), "unit vectors, or 0")
 
 
-def _count(wrong: NDArray[np.bool_], wanted: str) -> Iterator[str]:
+def _count(wrong: NDArray[np.bool_], expected: str) -> Iterator[str]:
     if count := int(np.count_nonzero(wrong)):
-        yield f"expected {wanted}, got {count} other pixels"
+        yield f"expected {expected}, got {count} other pixels"
 
 
 _CHECKS = {"depth": _depth, "labels": _labels, "classes": _classes, "normals": _normals}
@@ -179,27 +179,27 @@ _CHECKS = {"depth": _depth, "labels": _labels, "classes": _classes, "normals": _
 # -- exports ----------------------------------------------------------------------------------------------
 
 
-def _export_faults(folder: Folder, frames: list[Frame], wanted: Export, deep: bool) -> list[str]:
+def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bool) -> list[str]:
     """Return faults of an export: those that its format finds, else how it differs from a new one."""
-    start = f"{EXPORTS}/{wanted.folder}/"
+    start = f"{EXPORTS}/{export.folder}/"
     names = folder.names(start)
     if not names:
-        return [f"{EXPORTS}/{wanted.folder}: expected an export to {wanted.format}, it is missing"]
+        return [f"{EXPORTS}/{export.folder}: expected an export to {export.format}, it is missing"]
     if not deep:
         return []
     with _local(folder, dict.fromkeys(names)) as root:
-        return [f"{EXPORTS}/{wanted.folder}: {fault}" for fault in _faults_there(root, frames, wanted)]
+        return [f"{EXPORTS}/{export.folder}: {fault}" for fault in _faults_there(root, frames, export)]
 
 
-def _faults_there(root: Path, frames: list[Frame], wanted: Export) -> list[str]:
+def _faults_there(root: Path, frames: list[Frame], export: Export) -> list[str]:
     """Return faults of a local export, below a folder that stands for the dataset's."""
-    place = root / EXPORTS / wanted.folder
-    format = exporting.get(wanted.format)
-    shown = [frame for frame in frames if wanted.shows(frame.camera_name)]
-    if (faults := format.check(shown, place)) is not None:
+    place = root / EXPORTS / export.folder
+    format = exporting.get(export.format)
+    exported = [frame for frame in frames if export.shows(frame.camera_name)]
+    if (faults := format.check(exported, place)) is not None:
         return faults
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-        wanted.write_into(with_stand_in(frames, root), Path(again))
+        export.write_into(with_stand_in(frames, root), Path(again))
         return list(_differences(Path(again), place))
 
 
@@ -226,15 +226,15 @@ def _local(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
         yield Path(place)
 
 
-def _differences(wanted: Path, got: Path) -> Iterator[str]:
-    """Yield how the files below a folder differ from those below another."""
-    files = {path.relative_to(wanted) for path in wanted.rglob("*") if path.is_file()}
+def _differences(expected: Path, got: Path) -> Iterator[str]:
+    """Yield how files below a folder differ from the expected ones."""
+    files = {path.relative_to(expected) for path in expected.rglob("*") if path.is_file()}
     for name in sorted(files | {path.relative_to(got) for path in got.rglob("*") if path.is_file()}):
         if name not in files:
             yield f"{name}: expected no such file"
         elif not (got / name).is_file():
             yield f"{name}: expected a file, it is missing"
-        elif not filecmp.cmp(got / name, wanted / name, shallow=False):
+        elif not filecmp.cmp(got / name, expected / name, shallow=False):
             yield f"{name}: expected what the frames give, got other bytes"
 
 
@@ -270,7 +270,7 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
         "objects": len(whole.names),
         "taxonomy": None if classes is None else classes.taxonomy,
         "classes": {} if classes is None else {name: objects[name] for name in classes.classes},
-        "exports": [each["out"] for each in whole.settings["exports"]],
+        "exports": [export["out"] for export in whole.settings["exports"]],
         "bytes": dict(sorted(sizes.items())),
         "missing": {kind: count for kind, count in sorted(missing.items()) if count},
         "versions": dict(whole.versions),

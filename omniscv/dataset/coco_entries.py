@@ -66,7 +66,7 @@ def category_entries(frames: Sequence[Frame], stuff: bool) -> list[dict[str, Any
     for frame in frames:
         if frame.classes is not None:
             classes = frame.classes.classes.values()
-            categories |= {each.id: each for each in classes if stuff or not each.stuff}
+            categories |= {category.id: category for category in classes if stuff or not category.stuff}
         else:
             categories |= {number: SemanticClass(number, name) for name, number in frame.instances.items()}
     return [

@@ -180,8 +180,12 @@ class Export:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        said = {"format": self.format, "out": self.folder, "options": dict(self.options)}
-        return {**said, "cameras": list(self.cameras)}
+        return {
+            "format": self.format,
+            "out": self.folder,
+            "options": dict(self.options),
+            "cameras": list(self.cameras),
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Export:

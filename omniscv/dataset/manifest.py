@@ -111,7 +111,7 @@ class Manifest:
         table = self.classes
         classes = None
         if self.rules is not None and table is not None:
-            listed = [asdict(each) for each in table.classes.values()]
+            listed = [asdict(row) for row in table.classes.values()]
             of_object = {name: table.of_object[name] for name in self.names if name in table.of_object}
             classes = {**self.rules.to_dict(), "classes": listed, "of_object": of_object}
         return {
@@ -134,19 +134,23 @@ class Manifest:
             got = data.get("format") if isinstance(data, dict) else data
             raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
         try:
-            cameras = {stem("camera", name): from_dict(each) for name, each in data["cameras"].items()}
-            names = {name: whole_number("names", each, most=MOST_IDS) for name, each in data["names"].items()}
-            said = data["classes"]
+            cameras = {stem("camera", name): from_dict(camera) for name, camera in data["cameras"].items()}
+            names = {
+                name: whole_number("names", number, most=MOST_IDS) for name, number in data["names"].items()
+            }
+            classes = data["classes"]
             rules, table = None, None
-            if said is not None:
-                stored = {key: value for key, value in said.items() if key not in ("classes", "of_object")}
+            if classes is not None:
+                stored = {key: value for key, value in classes.items() if key not in ("classes", "of_object")}
                 rules = ClassRules.from_dict(stored)
-                of_object = {name: said["of_object"][name] for name in names if name in said["of_object"]}
+                of_object = {
+                    name: classes["of_object"][name] for name in names if name in classes["of_object"]
+                }
                 for name, class_name in of_object.items():
                     one_of(f"classes.of_object.{shown(name)}", class_name, rules.classes)
                 table = ClassTable(rules.classes, of_object, rules.taxonomy)
             keys = ("format", "out", "options", "cameras")
-            exports = [{key: each[key] for key in keys} for each in data["exports"]]
+            exports = [{key: export[key] for key in keys} for export in data["exports"]]
             settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
             versions = {"omniscv": data["omniscv"], **data["versions"]}
             manifest = cls(cameras, names, rules, settings, versions)

@@ -231,15 +231,15 @@ class Writer:
         """
         while True:
             with self._lock:
-                running = [each for each in self._putting if not each.done()]
+                running = [future for future in self._putting if not future.done()]
                 if len(running) <= ahead:
-                    finished = [each for each in self._putting if each not in running]
+                    finished = [future for future in self._putting if future not in running]
                     self._putting = running
                     break
             wait(running, return_when=FIRST_COMPLETED)
         try:
-            for each in finished:
-                each.result()
+            for future in finished:
+                future.result()
         except BaseException:
             wait(running)
             raise

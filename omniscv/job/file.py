@@ -194,8 +194,8 @@ class _Keys:
     layout: Any = checked(recipe.plain, cls=recipe.LayoutKey, default=None, help="source and maps of layouts")
 
 
-_RENDER = {each.name: each for each in fields(RenderOptions)}
-_FIELDS = {key_of(each): each for each in fields(_Keys)} | _RENDER
+_RENDER = {field.name: field for field in fields(RenderOptions)}
+_FIELDS = {key_of(field): field for field in fields(_Keys)} | _RENDER
 _BELOW: dict[str, type[Any]] = {
     "poses": PoseFile,
     **{f"poses.{kind}": cls for kind, cls in KINDS.items()},
@@ -243,7 +243,7 @@ def keys() -> Iterator[Key]:
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
                 yield from (
-                    Key(f"{path}.{key_of(each)}", each.default, help_of(each)) for each in fields(cls)
+                    Key(f"{path}.{key_of(field)}", field.default, help_of(field)) for field in fields(cls)
                 )
 
 
@@ -389,7 +389,7 @@ def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:
     return (
         _address(source, folder)
         if isinstance(source, str)
-        else tuple(_address(each, folder) for each in source)
+        else tuple(_address(text, folder) for text in source)
     )
 
 

@@ -134,10 +134,10 @@ def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camer
         ArgumentError: no camera, or a name twice. A camera that is the rig's own, as in a copy of a job, is
             none.
     """
-    mounted = {} if rig is None else {name: each.camera for name, each in rig.cameras.items()}
-    others = {name: camera for name, camera in cameras.items() if mounted.get(name) is not camera}
-    if twice := sorted(mounted.keys() & others.keys()):
+    of_rig = {} if rig is None else {name: mounted.camera for name, mounted in rig.cameras.items()}
+    others = {name: camera for name, camera in cameras.items() if of_rig.get(name) is not camera}
+    if twice := sorted(of_rig.keys() & others.keys()):
         raise ArgumentError(f"cameras: expected names that the rig has not, got {', '.join(twice)}")
-    if not mounted and not others:
+    if not of_rig and not others:
         raise ArgumentError("cameras: expected cameras or a rig, got none")
-    return {**mounted, **others}
+    return {**of_rig, **others}

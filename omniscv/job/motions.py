@@ -134,9 +134,10 @@ def _read_waypoints(name: str, value: object) -> Trajectory | str:
     with within(name):
         return Trajectory(
             tuple(
-                object_pose(each.position, each.yaw_deg, each.pitch_deg, each.roll_deg) for each in waypoints
+                object_pose(point.position, point.yaw_deg, point.pitch_deg, point.roll_deg)
+                for point in waypoints
             ),
-            tuple(each.time or 0.0 for each in waypoints),
+            tuple(point.time or 0.0 for point in waypoints),
         )
 
 

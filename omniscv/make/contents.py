@@ -104,7 +104,7 @@ def check_face_size(job: Job, source: Source) -> None:
         {round(2 * view.focal_px) for view in views if every or view.width == view.height}
         for every in (False, True)
     )
-    if sizes.isdisjoint(round(n * wanted * each) for n in (1, scale) for each in (1, MEAN_OF_A_FACE)):
+    if sizes.isdisjoint(round(n * wanted * share) for n in (1, scale) for share in (1, MEAN_OF_A_FACE)):
         has = " or ".join(map(str, sorted(squares or sizes)))
         raise ArgumentError(f"face_size: expected {has} px, as the recording has, or auto; got {wanted}")
 
@@ -114,11 +114,13 @@ def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[Moment]) -> 
     for moment in planned:
         for take in moment.takes:
             with renderer_at(renderer, take.instant) as still:
-                held = frozenset(still.source.recorded_views() or ())
+                recorded = frozenset(still.source.recorded_views() or ())
                 tasks = [still.task(camera, pose, job.options) for camera, pose in take.views]
                 plans = planning.share_captures(tasks, job.options.sampled(take.modes))
-                lacking = (each for plan in plans for each in plan.requests if each.view not in held)
-                list(still.source.capture(islice(lacking, 1)))
+                missing = (
+                    request for plan in plans for request in plan.requests if request.view not in recorded
+                )
+                list(still.source.capture(islice(missing, 1)))
 
 
 def _missing_modes(name: str, missing: list[str], job: Job) -> ArgumentError:
@@ -192,7 +194,7 @@ class Contents:
         if job.sensor is not None:
             options["sensor"] = job.sensor.to_dict()
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}
-        options["truth"] = {name: {**each, **named.get(name, {})} for name, each in self.truth.items()}
+        options["truth"] = {name: {**truth, **named.get(name, {})} for name, truth in self.truth.items()}
         options["media"] = dict(job.recipe.media)
         return {
             "splits": None if job.recipe.split is None else job.recipe.split.to_dict(),

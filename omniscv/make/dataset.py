@@ -154,7 +154,7 @@ def make(
         if all(frame.key in keys for frame in frames):
             _remove_markers(folder, [part.marker])
             return Made(0, made.kept)
-    missing = sum(len(each.poses(job.poses)) for each in _unfinished(folder, part.count)) * len(job.cameras)
+    missing = sum(len(other.poses(job.poses)) for other in _unfinished(folder, part.count)) * len(job.cameras)
     if not missing:
         finish(job, part.count, warn)
     return replace(made, missing=missing)
@@ -254,7 +254,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             wanted = f"expected markers of {count} finished parts, part {index} has none"
             raise DatasetError(f"{folder}: {wanted}; make it again with --shard {index}/{count}")
         frames = {frame.key: frame for frame in _listed(folder)}  # also frames that are not of this job
-        frames |= {frame.key: frame for frame in chain.from_iterable(each or () for each in marked)}
+        frames |= {frame.key: frame for frame in chain.from_iterable(of_part or () for of_part in marked)}
         manifest.write_frames(folder, frames.values())
         if warn:
             _warn_of_splits(job, list(frames.values()), warn)

@@ -92,7 +92,7 @@ def _frames(job: Job, path: Trajectory | None, i: int, late: float = 0.0) -> Ite
     if path is not None and time is not None and late:
         pose = path.at(time, steps_beyond=1)
     mounted = {} if job.rig is None else job.rig.poses(pose if path is None else path, time)
-    offsets = {} if job.rig is None else {name: each.time_offset for name, each in job.rig.cameras.items()}
+    offsets = {} if job.rig is None else {name: mount.time_offset for name, mount in job.rig.cameras.items()}
     for name, camera in job.cameras.items():
         key = f"{name}-{i:0{digits}d}" if len(job.poses) > 1 else name
         at = None if time is None else time + offsets.get(name, 0.0)
@@ -128,7 +128,7 @@ def _chosen(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -
         start = 0.0 if rolling else -seconds / 2
         moves = job.exposure.camera == "moves" and not rolling
         ends = [
-            {each.key: each.pose for each in _frames(job, path, i, late if moves else 0.0)}[frame.key]
+            {other.key: other.pose for other in _frames(job, path, i, late if moves else 0.0)}[frame.key]
             for late in (start, start + seconds)
         ]
         at = frame.time or 0.0
@@ -243,8 +243,8 @@ def _exposed(parts: Sequence[OmniImage]) -> OmniImage:
     lit, transfer = [np.asarray(image["lit"]) for image in parts], parts[0].transfer
     if light.known(transfer, lit[0]):
         total = np.zeros(lit[0].shape)
-        for each in lit:
-            total += light.decode(each, transfer)
+        for colors in lit:
+            total += light.decode(colors, transfer)
         shown = light.encode(np.asarray(total / len(lit), np.float32), transfer)
     else:
         mean = np.mean(lit, axis=0, dtype=np.float64)

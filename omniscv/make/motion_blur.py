@@ -49,7 +49,7 @@ def motion_px(
         before, after = (motion.at(time) for time in times)
         moved = float(np.linalg.norm(after.position - before.position))
         moved += _OBJECT_M * _angle(before.rotation, after.rotation)
-        away = min(float(np.linalg.norm(each.position - start.position)) for each in (before, after))
+        away = min(float(np.linalg.norm(pose.position - start.position)) for pose in (before, after))
         radians = max(radians, turned + moved / max(away - _OBJECT_M, _NEAREST_M))
     return radians * _px_per_radian(camera)
 

@@ -214,11 +214,11 @@ class _Capturing:
         """Capture a round; return the captures that the strategy keeps."""
         modes, known = self._modes, ChainMap(new, self._before)
         self._progress += Progress(
-            of_captures=len({each for each in round_.requests(modes) if each not in known})
+            of_captures=len({request for request in round_.requests(modes) if request not in known})
         )
         kept = Kept()
         for viewpoint, captures in planning.captured(round_, source, modes, skip=known):
-            requests = dict.fromkeys(each for each in viewpoint.requests(modes) if each not in known)
+            requests = dict.fromkeys(request for request in viewpoint.requests(modes) if request not in known)
             new.update(requests)
             if viewpoint.keep:
                 kept.append(captures)
@@ -256,7 +256,12 @@ def aims(job: Job) -> list[Cost]:
     for aim in _AIMS:
         options = replace(job.options, accuracy=aim)
         with _tasks(job, options, measure=False) as (planned, _):
-            pairs = [expected(replace(t, modes=modes)) for modes, of in planned for each in of for t in each]
+            pairs = [
+                expected(replace(task, modes=modes))
+                for modes, moments in planned
+                for tasks in moments
+                for task in tasks
+            ]
         requests, pixels = map(sum, zip(*pairs, strict=True))
         seconds = Price(*options.capture_ms).of(requests, pixels) / 1e3
         rows.append(Cost(f"{aim:.1%}", requests, requests, requests, pixels, 0.0, seconds, marked=aim))

@@ -291,7 +291,7 @@ def _ring(walls: list[_Wall]) -> list[_Wall]:
         wall = follower[wall]
     widest = max((gaps[i][follower[i]] for i in ring), default=largest)
     if len(ring) < len(walls) or len(ring) < 3 or widest > 2 * WIDEST_GAP_M:
-        names = ", ".join(sorted({each.name for each in walls})) or "none"
+        names = ", ".join(sorted({wall.name for wall in walls})) or "none"
         raise ArgumentError(
             "layout: expected images that show every wall of one room, nearly from corner to corner; "
             f"got walls that do not close: {names[:120]}"

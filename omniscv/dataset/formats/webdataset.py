@@ -138,7 +138,7 @@ def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]
             for shard in content["shards"]
         }
         cameras = {stem("camera", name): from_dict(camera) for name, camera in content["cameras"].items()}
-        names = {name: whole_number(name, each, most=MOST_IDS) for name, each in content["names"].items()}
+        names = {name: whole_number(name, number, most=MOST_IDS) for name, number in content["names"].items()}
         return Manifest(cameras, names, versions={}), shards
     except (ValueError, TypeError, KeyError, AttributeError) as cause:
         raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
