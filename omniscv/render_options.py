@@ -1,7 +1,7 @@
 """How an image is captured and composed: options that strategies and composition read."""
 
 from collections.abc import Sequence
-from typing import Any, Literal, TypedDict, get_args
+from typing import Any, Literal, NamedTuple, TypedDict, get_args
 
 from omniscv.arguments import (
     flag,
@@ -24,10 +24,26 @@ Seams = Literal["keep", "gains", "close"]
 Checks = Literal["none", "light"]
 FINEST_TRUTH = 8
 PRICE = (5.0, 25.0)
-"""ms that a source takes for a request and for a megapixel, unless they were measured."""
+"""Of :class:`Price`, unless it was measured."""
 LARGEST_FACE_PX = 8192
 MOST_VIEWPOINTS = 1_000_000
 """As an image has columns, at most."""
+
+
+class Price(NamedTuple):
+    """What captures cost a source, ms.
+
+    Attributes:
+        request: of every request.
+        megapixel: of every megapixel.
+    """
+
+    request: float
+    megapixel: float
+
+    def of(self, requests: Any, pixels: Any) -> Any:
+        """Return the ms of requests and of all their pixels."""
+        return self.request * requests + self.megapixel * 1e-6 * pixels
 
 
 def _face_size(name: str, value: object) -> Any:

@@ -167,8 +167,7 @@ class Composition:
             depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
         else:
             depth = sampler.sample_depth(self._filter, faces, precision, None)
-            directions = self._task.rays.directions.reshape(-1, 3)[viewpoint.pixels]
-            rays_w = viewpoint.center_w + offsets_w, directions @ self._task.pose.R_w_c.T
+            rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
             self._image.put_part("unsure", viewpoint.pixels, seen.unsure)
@@ -264,10 +263,9 @@ class Composition:
     def _offsets_w(self, viewpoint: Viewpoint) -> Array | None:
         """Return (N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they
         coincide."""
-        origins = self._task.rays.origins
-        if origins is None:
+        if self._task.rays.origins is None:
             return None
-        offsets_w = self._task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels]) - viewpoint.center_w
+        offsets_w = self._task.origins_w(viewpoint.pixels) - viewpoint.center_w
         return offsets_w if np.abs(offsets_w).max() > SAME_M else None
 
     def _derived(

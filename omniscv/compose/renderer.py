@@ -13,10 +13,9 @@ from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
-from omniscv.compose.cache import ByteCache
+from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures
 from omniscv.compose.composition import Composition
 from omniscv.compose.cube import Cube
-from omniscv.compose.held_captures import CapturesOfCenter, SharedCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, CpuSampler, Sampler

@@ -26,8 +26,8 @@ from omniscv.make.source import opened
 from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
 from omniscv.planning.accuracy import expected
 from omniscv.planning.cost import Cost, cost
-from omniscv.planning.prices import Price
 from omniscv.progress import Meter, Progress, Report, without_images
+from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
 from omniscv.sources.brackets import exposed
 from omniscv.sources.registry import known_capabilities

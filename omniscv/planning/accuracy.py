@@ -22,29 +22,24 @@ from omniscv.planning import strategy
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Patch, Precision, held, patches
-from omniscv.planning.prices import Price
 from omniscv.planning.ray_marching import KnownDepth
-from omniscv.planning.rays import RayGroup
 from omniscv.planning.reproject import INITIAL_VIEWPOINTS
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, drive
 from omniscv.planning.strategy import Task
-from omniscv.render_options import FINEST_TRUTH, LARGEST_FACE_PX, PRICE
+from omniscv.render_options import FINEST_TRUTH, LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import Request, View
 
 AIM = "aim"
 _ROOM = 0.029
 """Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
-_SIZES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-"""Sizes of the first faces of ground truth, as multiples of the smallest."""
-_RESOLVED = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-_LOCAL_MS = (0.0, 50.0, 110.0, 170.0, 250.0, 380.0, 650.0, 900.0, 1600.0)
-"""What patches in two modes take that resolve a part of the doubt of a room, by measurement."""
+_LARGEST = 8 * SMALLEST
+"""px of the first faces of ground truth, at most."""
+_LOCAL_MS = 180.0
+"""What patches in two modes take that leave 1 / e of the doubt of a room, by measurement; 1 / e^n takes n^1.5
+times as much."""
 _PATCH_PX = 200_000  # of a typical patch
-_PROBED = 3
-"""An image of so many views or more is measured in the first of them."""
-_MOST_PROBED = 3
-_UNCERTAIN = (0.6, 1.0, 1.5)
-"""By how much the doubt of an image may differ from what its first views promise."""
+_PROBED = 2
+"""Views in which an image of more views is measured first."""
 _CAPS, _STEEP = 0.2, 0.7
 """Density of edges in faces that look up or down, against others, and the sine from which they do."""
 _FINER = (2.0, 3.0, 4.5, 7.0, 11.0, 18.0, 30.0)
@@ -53,7 +48,7 @@ _BAND_PX = 4.0  # of a capture: the width of a band of doubt
 _LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
 _SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
 _AGAIN = 0.85  # chance that a pixel still in doubt leaves it, for each patch that it was in
-_FALLS, _PATIENCE = 0.05, 3  # part of the doubt that a round must resolve, and how many may not
+_FALLS, _PATIENCE = 0.02, 3  # part of the doubt that a round must resolve, and how many may not
 _MOST_ROUNDS = 12
 _STILL = 0.9  # of the doubt: what finer captures of everything must bring it below
 _FEW = "adaptive"
@@ -67,7 +62,7 @@ _SHRINKS = 1.09
 """Finer views leave less doubt, by measurement by this root of how much less."""
 _STUCK, _SPENT = "doubt no longer falls", "a budget is spent"
 
-_Probed = Generator[Round, Kept | None, tuple[int, int]]
+_Probed = Generator[Round, Kept | None, int]
 _Sent = Generator[Round, Kept | None, Kept | None]
 """Rounds that return what was sent for the last one."""
 
@@ -176,42 +171,37 @@ class _Planner:
             return
         if self._colors:
             yield Round((replace(base, modes=self._colors),))
-        edge, probed = self._best_edge(_ROOM, base), 0
         small = self._faces(SMALLEST) or base
-        face_of = _view_of(self._directions_w(base.pixels), small.views, FACE_BORDER_PX)
-        if len(small.views) >= _PROBED:
-            edge, probed = yield from self._probe(base, small, face_of)
+        face_of = _view_of(self._task.directions_w(base.pixels), small.views, FACE_BORDER_PX)
+        probed = _PROBED if len(small.views) > _PROBED else 0
+        if probed:
+            edge = yield from self._probe(base, small, face_of)
+        else:
+            edge = self._best_edge(_ROOM, base)
         self.expected_ms = self._local_ms(_ROOM, edge)
-        chosen, pixels = self._faces(edge) or base, base.pixels
+        faces, pixels = self._faces(edge) or base, base.pixels
         if edge == SMALLEST:
-            chosen, pixels = replace(small, views=small.views[probed:]), pixels[face_of >= probed]
-        self._focal_px[:] = chosen.views[0].focal_px
-        yield Round((replace(chosen, pixels=pixels, modes=self._truth),))
+            faces, pixels = replace(small, views=small.views[probed:]), pixels[face_of >= probed]
+        self._focal_px[:] = faces.views[0].focal_px
+        yield Round((replace(faces, pixels=pixels, modes=self._truth),))
 
     def _probe(self, base: Viewpoint, small: Viewpoint, face_of: Ints) -> _Probed:
-        """Yield the first small faces, until what they leave in doubt says how fine all should be.
+        """Yield the first small faces, and return the size of faces that promises to reach the aim for least.
 
         Args:
             base, small: the views of colours, and those of the smallest faces.
             face_of: (N,) the small view that shows each pixel.
-
-        Returns:
-            The size of faces that promises to reach the aim for least, and how many small ones are captured.
         """
-        dense = np.array([_CAPS if abs(view.pose.R_w_c[2, 2]) > _STEEP else 1.0 for view in small.views])
-        expected = dense * np.bincount(face_of, minlength=len(dense))
-        edge = SMALLEST
-        for number in range(_MOST_PROBED):
-            view, pixels = small.views[number], base.pixels[face_of == number]
-            kept = yield Round((replace(small, views=(view,), pixels=pixels, modes=self._truth),))
-            if kept is None or kept.doubt is None:
-                return self._best_edge(_ROOM, base), number + 1
-            doubtful = np.count_nonzero(kept.doubt())
-            share = doubtful / max(1.0, expected[: number + 1].sum()) * expected.sum() / len(face_of)
-            low, edge, high = (self._best_edge(share * each, base) for each in _UNCERTAIN)
-            if low > SMALLEST or high == SMALLEST:
-                break
-        return edge, number + 1
+        probed = face_of < _PROBED
+        first = replace(small, views=small.views[:_PROBED], pixels=base.pixels[probed], modes=self._truth)
+        kept = yield Round((first,))
+        if kept is None or kept.doubt is None:
+            return self._best_edge(_ROOM, base)
+        dense = np.array([_CAPS if abs(view.pose.R_w_c[2, 2]) > _STEEP else 1.0 for view in small.views])[
+            face_of
+        ]
+        share = np.count_nonzero(kept.doubt()) / max(1.0, dense[probed].sum()) * dense.mean()
+        return self._best_edge(share, base)
 
     def _sizes_free(self) -> bool:
         """Return whether ground truth may be captured in another size than colours."""
@@ -243,18 +233,16 @@ class _Planner:
         def ms(edge: int) -> float:
             return float(self.price.of(modes * count, pixels(edge))) + self._local_ms(share, edge)
 
-        edges = [int(SMALLEST * size) for size in _SIZES if SMALLEST * size <= LARGEST_FACE_PX]
+        edges = range(SMALLEST, _LARGEST + 1, SMALLEST // 4)
         within = [edge for edge in edges if not self._full(pixels(edge), modes * count)]
         return min(within or edges[:1], key=ms)
 
     def _local_ms(self, share: float, edge: int) -> float:
         """Return what patches are expected to take after faces of a size; arguments as :meth:`_best_edge`."""
         aim, left = self._aim / max(1, self._task.rays.valid_count), share * SMALLEST / edge
-        resolved = max(0.0, 1 - aim / left) if left > 0 else 0.0
+        steps = math.log(max(1.0, left / aim))
         dearer = (self.price.request / PRICE[0] + self.price.megapixel / PRICE[1]) / 2
-        return (
-            dearer * len(self._truth) / 2 * share / _ROOM * float(np.interp(resolved, _RESOLVED, _LOCAL_MS))
-        )
+        return float(dearer * len(self._truth) / 2 * share / _ROOM * _LOCAL_MS * steps**1.5)
 
     # -- Several centres
 
@@ -402,7 +390,7 @@ class _Planner:
         task = self._task
         if not task.capabilities.can_set_size:
             return "the source captures one size"
-        directions_w = self._directions_w(doubt)
+        directions_w = self._task.directions_w(doubt)
         coarse = float(np.median(self._focal_px[doubt]))
         best: _Choice | None = None
         self._limited = False
@@ -464,10 +452,6 @@ class _Planner:
         requests, megapixels = self._requests + max(1, requests), (self._pixels + pixels) / 1e6
         too_many = options.most_captures is not None and requests > options.most_captures
         return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
-
-    def _directions_w(self, pixels: Ints) -> Array:
-        """Return (N, 3) unit rays of pixels, world frame."""
-        return RayGroup(np.zeros(3), pixels, self._task.rays).directions @ self._task.pose.R_w_c.T
 
 
 def _view_of(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:

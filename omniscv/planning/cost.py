@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from omniscv import modalities
-from omniscv.geometry import Array
-from omniscv.geometry.arrays import Mask
+from omniscv.planning.recorded_views import sees
 from omniscv.planning.sharing import Plan, share_captures
 from omniscv.planning.strategy import Task, get
-from omniscv.sources.base import Request, View
+from omniscv.sources.base import Request
 
 _AWAY_M = 2.0
 _MARKED = 0.03
@@ -120,27 +119,17 @@ def _shared(plan: Plan) -> tuple[float, float]:
     Viewpoints of marched rays count as exact. Labels are marked where no view shows the point that a ray
     meets, taken to be 2 m away; else by measurement of rooms.
     """
-    task, origins = plan.task, plan.task.rays.origins
-    if origins is None:
+    task = plan.task
+    if task.rays.origins is None:
         return 0.0, _MARKED
     farthest_m, marked = 0.0, _MARKED * task.rays.valid_count
     for viewpoint in (each for round_ in plan.planned or () for each in round_.viewpoints):
         if viewpoint.toward_w is not None or not len(viewpoint.pixels):
             continue
-        own_w = task.pose.to_world(origins.reshape(-1, 3)[viewpoint.pixels]) - viewpoint.center_w
-        directions_w = task.rays.directions.reshape(-1, 3)[viewpoint.pixels] @ task.pose.R_w_c.T
+        own_w = task.origins_w(viewpoint.pixels) - viewpoint.center_w
         away = np.linalg.norm(own_w, axis=1)
-        lookup = _shown(own_w + _AWAY_M * directions_w, viewpoint.views)
+        points = own_w + _AWAY_M * task.directions_w(viewpoint.pixels)  # from the centre
+        shown = np.any([sees(view, points) for view in viewpoint.views], axis=0)
         farthest_m = max(farthest_m, float(away.max()))
-        marked += float(np.where(lookup, np.minimum(_MARKED_PER_M * away, 1 - _MARKED), 1 - _MARKED).sum())
+        marked += float(np.where(shown, np.minimum(_MARKED_PER_M * away, 1 - _MARKED), 1 - _MARKED).sum())
     return farthest_m, marked / max(1, task.rays.valid_count)
-
-
-def _shown(directions_w: Array, views: Sequence[View]) -> Mask:
-    """Return (N,) whether a view shows each direction."""
-    seen = np.zeros(len(directions_w), np.bool_)
-    for view in views:
-        x, y, z = (directions_w @ view.pose.R_w_c).T
-        half = np.array([view.width, view.height]) / 2 / view.focal_px
-        seen |= (z > 0) & (np.abs(x) <= half[0] * z) & (np.abs(y) <= half[1] * z)
-    return seen

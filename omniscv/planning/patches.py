@@ -17,9 +17,8 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning.prices import Price
 from omniscv.planning.strips import LEAST_HALF, holding_size, looking
-from omniscv.render_options import LARGEST_FACE_PX
+from omniscv.render_options import LARGEST_FACE_PX, Price
 from omniscv.sources.base import Capabilities, View
 
 _POINTS = 2000  # rays among which views are chosen

@@ -21,11 +21,15 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell
-from omniscv.planning.occlusion import Occlusion, capture_around
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
-from omniscv.planning.strategies import cheapest_viewpoints, face_viewpoints
+from omniscv.planning.strategies import (
+    capture_around,
+    cheapest_viewpoints,
+    face_viewpoints,
+    occlusion,
+)
 from omniscv.planning.strategy import Strategy, Task
 from omniscv.sources.base import Capture
 
@@ -123,12 +127,10 @@ class Search:
     """
 
     def __init__(self, task: Task, groups: Groups) -> None:
-        rays, origins = task.rays, task.rays.origins
-        assert origins is not None
+        rays = task.rays
         self._task = task
         self._pixels = np.flatnonzero(rays.valid)
-        self.origins_w = task.pose.to_world(origins.reshape(-1, 3)[self._pixels])
-        self.directions_w = rays.directions.reshape(-1, 3)[self._pixels] @ task.pose.R_w_c.T
+        self.origins_w, self.directions_w = task.origins_w(self._pixels), task.directions_w(self._pixels)
         own = rays.own_viewpoints
         self.center_of, self._centers_c = own.index.ravel()[self._pixels].astype(np.int64), own.centers
         steps = rays.steps.ravel()[self._pixels]
@@ -189,7 +191,7 @@ class Search:
 
     def viewpoints(self, around: DepthShell | None) -> Iterator[Viewpoint]:
         """Yield the centres that serve rays, with the faces that see the points which these meet."""
-        occluded = None if around is None else Occlusion.of(around, self.origins_w).occluded
+        occluded = None if around is None else occlusion(around, self.origins_w)[1]
         for number, shell in enumerate(self._shells):
             rows = np.flatnonzero(self._shell_of == number)
             if not len(rows):

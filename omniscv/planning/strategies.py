@@ -1,10 +1,15 @@
 """Strategies that capture every pixel from its own optical centre: whole cubes, faces, strips, a single
-view."""
+view.
+
+A non-central camera's centres lie up to metres from its position: in a small room some are beyond a wall or
+inside a cupboard. Engines render from there, too. So small depth pictures are captured at the camera's
+position first, and the pixels of centres behind their surfaces are flagged.
+"""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -13,13 +18,13 @@ import numpy as np
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry.arrays import Mask
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_shell import DepthShell
-from omniscv.planning.occlusion import Occlusion, capture_around
+from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import sees
-from omniscv.planning.rounds import Round, Rounds, Viewpoint
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint
 from omniscv.planning.strategy import Strategy, Task, get
 from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
@@ -35,6 +40,8 @@ MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
 _STRIP_BORDER_PX = 2
 """The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
 _NARROWEST = 1e-12  # tangent: a view of a single ray
+_OCCLUDED_PX = 64
+"""px of a face that shows where optical centres are occluded."""
 
 
 class Exact(Strategy):
@@ -109,6 +116,45 @@ class Auto(Exact):
 
     def further_views(self, task: Task) -> tuple[int, int]:
         return get("adaptive").further_views(task) if task.scattered else (0, 0)
+
+
+def capture_around(
+    task: Task, groups: Groups, shared: bool = False
+) -> Generator[Round, Kept | None, DepthShell | None]:
+    """Yield a round of depth pictures at the camera's position, and return the captured depth.
+
+    They are small where each pixel is captured from its own optical centre. Where pixels share centres, they
+    also show what rays meet, and are as fine as the image needs; a recording may only have those of another
+    size. None where every ray starts at one centre, where a recording has no such pictures, and where nothing
+    is captured.
+    """
+    if len(groups) < 2 and (task.rays.origins is None or len(task.rays.own_viewpoints.centers) < 2):
+        return None
+    center_w = task.pose.t_w_c
+    fine, small = max(task.edge, _OCCLUDED_PX), _OCCLUDED_PX
+    edges = [small] if task.options.viewpoints is None else [fine, small] if shared else [small, fine]
+    sizes = [CubeFaces(task, edge, 0).views(center_w, ALL_FACES) for edge in edges]
+    available = [views for views in sizes if task.available(views)]
+    if not available:
+        return None
+    views = available[0]
+    kept = yield Round((Viewpoint(center_w, views, np.zeros(0, np.int64), modes=("depth",), keep=True),))
+    return None if kept is None else depth_shell(center_w, kept[0]["depth"])
+
+
+def occlusion(around: DepthShell, points_w: Array) -> tuple[Mask, Mask]:
+    """Return (N,) which points are visible from the camera's position, and which are occluded.
+
+    Points near an edge may be neither.
+
+    Args:
+        around: depth captured at the camera's position.
+        points_w: (N, 3) metres, world frame.
+    """
+    toward = points_w - around.center_w
+    away = np.linalg.norm(toward, axis=-1)
+    least, most = distances(around, toward)
+    return (away == 0) | (away < least), (away > 0) & (away > most)
 
 
 def face_viewpoints(
@@ -204,12 +250,9 @@ def _viewpoints(
 
 def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:
     """Return what depth around the camera says of rays that share a centre, by fields of Viewpoint."""
-    origins = task.rays.origins
-    if origins is None:
+    if task.rays.origins is None:
         return {}
-    origins_w, center_w = (
-        task.pose.to_world(each) for each in (origins.reshape(-1, 3)[group.pixels], group.center_c)
-    )
+    origins_w, center_w = task.origins_w(group.pixels), task.pose.to_world(group.center_c)
     shared_m = float(np.abs(origins_w - center_w).max())
     nearest_m = 1.0
     if around is not None:
@@ -218,13 +261,11 @@ def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str,
     if shared_m > max(_SHARED * nearest_m, SAME_M):
         claims["check"] = Hits.unknown(len(origins_w))
         if around is not None:
-            claims["check"] = march(around, origins_w, group.directions @ task.pose.R_w_c.T)
+            claims["check"] = march(around, origins_w, task.directions_w(group.pixels))
     if around is not None:
-        own = Occlusion.of(around, origins_w)
-        claims["occluded"] = own.occluded
+        visible, claims["occluded"] = occlusion(around, origins_w)
         if shared_m > SAME_M and "check" not in claims:
-            center = Occlusion.of(around, center_w[None])
-            claims["unsure"] = ~(own.visible & center.visible)
+            claims["unsure"] = ~(visible & occlusion(around, center_w[None])[0])
     return claims
 
 

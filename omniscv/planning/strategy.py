@@ -8,9 +8,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, TypeVar
 
+import numpy as np
+
 from omniscv import plugins
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.arrays import Ints
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.recorded_views import RecordedViews
 from omniscv.planning.rounds import Rounds, Viewpoint, change_viewpoints
@@ -82,6 +85,15 @@ class Task:
         """Return the valid pixels by optical centre, as many centres as the options have, else as given."""
         count = self.options.viewpoints
         return self.rays.groups(viewpoints if count is None else count)
+
+    def origins_w(self, pixels: Ints) -> Array:
+        """Return (N, 3) the optical centres of a non-central camera's pixels, world frame, metres."""
+        assert self.rays.origins is not None
+        return self.pose.to_world(self.rays.origins.reshape(-1, 3)[pixels])
+
+    def directions_w(self, pixels: Ints) -> Array:
+        """Return (N, 3) the unit rays of pixels, world frame."""
+        return RayGroup(np.zeros(3), pixels, self.rays).directions @ self.pose.R_w_c.T
 
 
 class Strategy(ABC):
