@@ -72,7 +72,7 @@ def record(
 ) -> None:
     """Capture cube maps at positions, or all that a job needs, into a recording; rerun to resume."""
     from omniscv.make import capture
-    from omniscv.sources.recording.publishing import target_of
+    from omniscv.sources.recording.files import target_of
 
     wanted = _described(job, launch or []).load()
     path = wanted.record or Path("capture.sqlite")

@@ -29,7 +29,7 @@ from omniscv.planning.cost import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
-from omniscv.sources.brackets import exposed
+from omniscv.sources.exposures import exposed
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 

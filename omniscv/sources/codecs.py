@@ -1,18 +1,27 @@
 """Decode and encode captures, the same for live, recorded and imported ones.
 
-Encodings of every source
-    ``png``   modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
-    ``npy``   pixels as they are: any modality, any dtype of numbers
-    ``npy 0.005 px``  the same, of depth taken within 0.005 px of the pixels' middles
+=================== ==================================================================================
+``png``             modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
+``npy``             pixels as they are: any modality, any dtype of numbers
+``npy 0.005 px``    the same, of depth taken within 0.005 px of the pixels' middles
+``png float32``     depth of TartanAir: a little-endian float32 in the bytes B G R A of a pixel, planar
+                    metres; 10,000 m and more are no surface
+``png carla``       depth of CARLA: 24 bits of 1000 m, R lowest, planar
+``png uint16 N``    depth, planar metres times N (centimetres, KITTI, millimetres, Matterport, TUM,
+                    Replica); 0 is no surface
+``pfm planar``      depth of AirSim: float32 metres, the first row of the file at the top
+``pfm ray``         the same, along the ray
+``png ids``         masks: ids of objects or classes, grey, 8 or 16 bits
+=================== ==================================================================================
 
-Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`, those of other
-tools' files in :mod:`omniscv.sources.picture_codecs`.
+Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`.
 """
 
 import io
 import math
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -41,6 +50,8 @@ _NPY_HEADER = re.compile(
     rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
 )
 """The header as NumPy writes it. NumPy's own reader evaluates Python literals, and crashes on some."""
+_PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
+_TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
 
 
 class _Codec(NamedTuple):
@@ -67,7 +78,7 @@ def register(
 
 def encodings() -> tuple[str, ...]:
     """Return the names of all encodings."""
-    return tuple({**_codecs, **_MODULES})
+    return tuple(dict.fromkeys((*_codecs, *_UNREAL)))
 
 
 def precision(encoding: str | None) -> Precision:
@@ -87,8 +98,8 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
     Raises:
         BadReplyError: the bytes are not what the encoding, the mode and the view say.
     """
-    if encoding in _MODULES and encoding not in _codecs:
-        import_module(_MODULES[encoding])  # registers its encodings
+    if encoding in _UNREAL and encoding not in _codecs:
+        import_module("omniscv.sources.unreal.replies")
     codec = _codecs.get(encoding)
     if codec is None or not (codec.modes is None or mode in codec.modes):
         known = ", ".join(encodings())
@@ -225,18 +236,64 @@ def _first_bytes(payload: bytes) -> str:
     return f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
 
 
+def _png(payload: bytes, view: View, bits: int, channels: tuple[int, ...]) -> NDArray[Any]:
+    """Return (H, W, C) of a PNG of the view's size with so many bits and channels."""
+    from omniscv.storage import png
+
+    check_png(payload, view)
+    pixels = png.decode(payload, bits)
+    if pixels.shape[2] not in channels:
+        raise BadReplyError(f"expected a PNG with {channels} channels, got {pixels.shape[2]}")
+    return pixels
+
+
+def _float32(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    blue_first = _png(payload, view, 8, (4,))[..., [2, 1, 0, 3]]
+    depth = np.ascontiguousarray(blue_first).view("<f4")[..., 0]
+    check_depth(depth)
+    return np.where(depth >= _TARTANAIR_FAR_M, np.inf, depth).astype(np.float32)
+
+
+def _carla(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    colors = _png(payload, view, 8, (3, 4))[..., :3]
+    return np.asarray(colors @ np.array([1.0, 256.0, 65536.0]) * _CARLA_STEP_M, np.float32)
+
+
+def _uint16(scale: float, payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    stored = _png(payload, view, 16, (1,))[..., 0]
+    return np.where(stored == 0, np.inf, stored / scale).astype(np.float32)
+
+
+def _ids(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    pixels = _png(payload, view, 16 if payload[24:25] == b"\x10" else 8, (1, 3))
+    if (pixels != pixels[..., :1]).any():
+        raise BadReplyError("expected a grey PNG of ids, got colours")
+    return np.asarray(pixels[..., 0], np.uint16)
+
+
+def _pfm(ray: bool, payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    header = _PFM.match(payload)
+    if header is None or (int(header[1]), int(header[2])) != (view.width, view.height):
+        raise BadReplyError(f"expected a PFM of {view.width} x {view.height}, got {payload[:30]!r}")
+    if len(payload) - header.end() != 4 * view.width * view.height:
+        raise BadReplyError(f"expected {4 * view.width * view.height} bytes of pixels in a PFM")
+    order = "<f4" if header[3].startswith(b"-") else ">f4"
+    depth = np.frombuffer(payload, order, offset=header.end()).reshape(view.height, view.width)
+    check_depth(depth)
+    return np.asarray(depth / (view.ray_lengths() if ray else 1), np.float32)
+
+
 _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 register(NEAR_MIDDLE, _npy_pixels, ("depth",), Precision(middle_px=0.005))
-PICTURES = (
-    "png float32", "png carla", "png ids", "pfm planar", "pfm ray",
-    *(f"png uint16 {scale}" for scale in (100, 256, 1000, 4000, 5000, 6553.5)),
-)  # fmt: skip
-"""Of :mod:`omniscv.sources.picture_codecs`. N: centimetres, KITTI, millimetres, Matterport, TUM, Replica."""
+register("png float32", _float32, ("depth",))
+register("png carla", _carla, ("depth",))
+register("png ids", _ids, ("object_mask",))
+register("pfm planar", partial(_pfm, False), ("depth",))
+register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))
+for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
+    register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",))
+
 _UNREAL = ("png normal", "npy normal", "npy planar cm", "npy ray m")
-_MODULES = {
-    **dict.fromkeys(_UNREAL, "omniscv.sources.unreal.replies"),
-    **dict.fromkeys(PICTURES, "omniscv.sources.picture_codecs"),
-}
-"""Modules that register encodings, by encoding; imported when one is decoded first."""
+"""Registered by ``omniscv.sources.unreal.replies``, which is imported when one is decoded first."""

@@ -163,7 +163,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     fails leaves the recording unchanged.
     """
     from omniscv.sources.recording import RecordedSource, Recording
-    from omniscv.sources.recording.publishing import publish, target_of, written_for
+    from omniscv.sources.recording.files import publish, target_of, written_for
 
     path = recorded_dir / _file(request)
     mode = request.config.getoption("--record-mode", None) or "none"

@@ -10,9 +10,9 @@ from support.recordings import CountingSource, contents
 
 import mock_server
 import omniscv
+from omniscv.sources.recording.files import written_for
 from omniscv.sources.recording.folders import export
 from omniscv.sources.recording.inspection import verify
-from omniscv.sources.recording.publishing import written_for
 from omniscv.sources.recording.store import Store
 
 KILLS, SOAK_KILLS = 3, 25

@@ -21,7 +21,7 @@ from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
 from omniscv.sources.recording import folders
-from omniscv.sources.recording.publishing import publish, target_of, written_for
+from omniscv.sources.recording.files import publish, target_of, written_for
 from omniscv.sources.recording.store import Store
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))

@@ -17,9 +17,9 @@ from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Request, View
+from omniscv.sources.pictures import Pixels, read_picture, to_faces
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, Seams, choose, cut, named
-from omniscv.sources.recording.pictures import Pixels, read_picture, to_faces
 from omniscv.sources.recording.sequences import SEQUENCES, find_sequence
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}

@@ -15,7 +15,7 @@ from omniscv.errors import ArgumentError, RecordingError, RecordingNotWritableEr
 from omniscv.geometry.clusters import cluster_starts
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import ObjectTable
-from omniscv.sources.recording.publishing import kind_of, publish_new, target_of, written_for
+from omniscv.sources.recording.files import kind_of, publish_new, target_of, written_for
 from omniscv.sources.recording.rows import (
     Row,
     object_from_json,

@@ -16,7 +16,7 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import TRANSFERS
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
-from omniscv.sources.brackets import Response, exposed, merged, response_of
+from omniscv.sources.exposures import Response, exposed, merged, response_of
 from omniscv.sources.recording.rows import WorldState, object_from_json, sizes_of
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state

@@ -22,7 +22,7 @@ from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, ObjectTable, Request, View
-from omniscv.sources.recording.pictures import read_picture, to_faces
+from omniscv.sources.pictures import read_picture, to_faces
 
 _N = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 _M = np.diag([1.0, -1, -1])

@@ -20,12 +20,12 @@ from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingN
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import schema
-from omniscv.sources.recording.logs import settle
-from omniscv.sources.recording.publishing import (
+from omniscv.sources.recording.files import (
     followed,
     kind_of,
     publish_new,
     remove_leftovers,
+    settle,
     target_of,
     written_for,
 )
@@ -124,7 +124,7 @@ class Store:
                 with schema.errors_of(self.path, write=True):
                     database.execute("BEGIN IMMEDIATE")
                     self._head = head = self.head().changed()
-                    self._write_head(database, head)  # first: see omniscv.sources.recording.logs
+                    self._write_head(database, head)  # first: see omniscv.sources.recording.files
                 before = database.total_changes
                 yield database
                 with schema.errors_of(self.path, write=True):
