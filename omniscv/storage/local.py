@@ -44,16 +44,13 @@ class LocalFolder(Folder):
 
     @property
     def local(self) -> Path:
-        """The path."""
         return self.path
 
     def exists(self, name: str) -> bool:
-        """Return whether a file of that name exists."""
         with in_one_line(self.path / checked_name(name)):
             return (self.path / name).is_file()
 
     def names(self, prefix: str = "") -> list[str]:
-        """Return the names of all files that start with a prefix, sorted."""
         inner = prefix.rpartition("/")[0]
         start = self.path / checked_name(inner) if inner else self.path
         names = []
@@ -64,7 +61,6 @@ class LocalFolder(Folder):
         return sorted(name for name in names if name.startswith(prefix))
 
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
-        """Return the bytes of a file."""
         path = self.path / checked_name(name)
         try:
             with in_one_line(path), open_regular(path, most=most) as file:
@@ -88,7 +84,6 @@ class LocalFolder(Folder):
         return True
 
     def remove(self, name: str) -> None:
-        """Remove a file if it exists."""
         with in_one_line(path := self.path / checked_name(name)):
             path.unlink(missing_ok=True)
 
@@ -100,12 +95,10 @@ class LocalFolder(Folder):
         return path
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
-        """Write the bytes of a file to a local path."""
         with in_one_line(source := self.path / checked_name(name)):
             shutil.copyfile(source, path)
 
     def below(self, name: str) -> LocalFolder:
-        """Return an inner folder."""
         return LocalFolder(self.path / checked_name(name))
 
 

@@ -8,10 +8,11 @@ import re
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, OmniscvError, StorageError
 from omniscv.storage import cache
@@ -19,8 +20,6 @@ from omniscv.storage.base import MOST_BYTES, Folder, checked_name, is_name
 from omniscv.storage.local import NO_SPACE
 
 T = TypeVar("T")
-Limits = Mapping[str, float]
-"""``timeout`` of a request, seconds; empty for stores that are reached without fsspec's event loop."""
 
 SCHEMES = ("file", "s3", "gs", "memory")
 """Tested stores; fsspec opens others too."""
@@ -73,21 +72,16 @@ class RemoteFolder(Folder):
 
     @property
     def local(self) -> None:
-        """None: the folder is not on this machine."""
         return
 
     def exists(self, name: str) -> bool:
-        """Return whether a file of that name exists."""
         return self._info(name) is not None
 
     def names(self, prefix: str = "") -> list[str]:
         """Return the names of all files that start with a prefix, sorted, but any that lead elsewhere."""
         inner = prefix.rpartition("/")[0]
-        _, root = self._opened("")
-        start = self._opened(inner)[1] if inner else root
 
-        def find(limits: Limits) -> list[str]:
-            fs, _ = self._opened("")
+        def find(fs: Any, start: str, **limits: float) -> list[str]:
             fs.invalidate_cache()
             return [str(path) for path in fs.find(start, **limits)]
 
@@ -95,13 +89,13 @@ class RemoteFolder(Folder):
             paths = self._retry(inner, find, _LISTING_S)
         except MissingFileError:  # some stores have folders
             return []
-        names = (path[len(root.rstrip("/")) :].lstrip("/") for path in paths)
+        root = self._opened("")[1].rstrip("/")
+        names = (path[len(root) :].lstrip("/") for path in paths)
         return sorted(
             name for name in names if name.startswith(prefix) and "/." not in f"/{name}" and is_name(name)
         )
 
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
-        """Return the bytes of a file."""
         with TemporaryDirectory(prefix="omniscv-") as folder:
             path = Path(folder) / "file"
             try:
@@ -109,9 +103,8 @@ class RemoteFolder(Folder):
             except DamagedFileError:
                 size = _size_in(self._info(name) or {})
                 if size is None or size > most:
-                    raise DamagedFileError(
-                        f"{self}/{name}: expected at most {most} bytes, got {size}"
-                    ) from None
+                    expected = f"expected at most {most} bytes, got {size}"
+                    raise DamagedFileError(f"{self}/{name}: {expected}") from None
                 self._copy(name, path, size)
             return path.read_bytes()
 
@@ -123,16 +116,16 @@ class RemoteFolder(Folder):
         size = len(content) if isinstance(content, bytes) else content.stat().st_size
         attempts = 0
 
-        def write(limits: Limits) -> None:
+        def write(fs: Any, path: str, **limits: float) -> None:
             nonlocal attempts
             attempts += 1
             if isinstance(content, bytes):
-                self._call(name, "pipe_file", content, **options, **limits)
+                fs.pipe_file(path, content, **options, **limits)
             else:
-                self._call(name, "put_file", str(content), **options, **limits)
+                fs.put_file(str(content), path, **options, **limits)
 
         try:
-            self._retry(name, write, _ANSWER_S + size / _SLOWEST)
+            self._retry(checked_name(name), write, _ANSWER_S + size / _SLOWEST)
         except MissingFileError as cause:
             raise StorageError(f"{self}: expected a bucket or folder to write to, it is missing") from cause
         except FileExistsError:
@@ -141,12 +134,9 @@ class RemoteFolder(Folder):
         return not first or bool(options) or self._holds(name, content)
 
     def remove(self, name: str) -> None:
-        """Remove a file if it exists."""
         if self.exists(name):
-            try:
-                self._retry(name, lambda limits: self._call(name, "rm_file", **limits))
-            except MissingFileError:
-                return
+            with suppress(MissingFileError):
+                self._retry(name, lambda fs, path, **limits: fs.rm_file(path, **limits))
 
     def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
         """Return a copy in the local cache, compared with its checksum at every call."""
@@ -157,11 +147,12 @@ class RemoteFolder(Folder):
         if info is None:
             raise MissingFileError(f"{where}: expected a file, it is missing")
         version = repr(sorted((str(key), str(value)) for key, value in info.items()))
-        said = _size_in(info)
-        return cache.by_version(where, version, said, lambda path: self._copy(name, path, said))
+        size_in_store = _size_in(info)
+        return cache.by_version(
+            where, version, size_in_store, lambda path: self._copy(name, path, size_in_store)
+        )
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
-        """Write the bytes of a file to a local path."""
         if most is None:
             self._copy(name, path, _size_in(self._info(name) or {}))
         else:
@@ -177,14 +168,12 @@ class RemoteFolder(Folder):
         """Write the bytes of a file, ``most`` at most, to a local path."""
         seconds = _ANSWER_S + min(most, MOST_BYTES) / _SLOWEST
 
-        def get(limits: Limits) -> None:
-            bound = _bound(f"{self}/{name}", most)
-            self._call(name, "get_file", str(path), callback=bound, **limits)
+        def download(fs: Any, stored: str, **limits: float) -> None:
+            fs.get_file(stored, str(path), callback=_bound(f"{self}/{name}", most), **limits)
 
-        self._retry(name, get, seconds)
+        self._retry(checked_name(name), download, seconds)
 
     def below(self, name: str) -> RemoteFolder:
-        """Return an inner folder."""
         return RemoteFolder(f"{self.url.rstrip('/')}/{checked_name(name)}")
 
     def _opened(self, name: str) -> tuple[Any, str]:
@@ -214,24 +203,18 @@ class RemoteFolder(Folder):
             ) from cause
         return fs, str(root)
 
-    def _call(self, name: str, operation: str, *values: Any, **options: Any) -> Any:
-        fs, path = self._opened(checked_name(name))
-        order = (values[0], path) if operation == "put_file" else (path, *values)
-        return getattr(fs, operation)(*order, **options)
-
     def _info(self, name: str) -> dict[str, Any] | None:
         """Return what the store says about a file, None if it does not exist.
 
         The ``exists`` of fsspec returns False for any error.
         """
 
-        def look(limits: Limits) -> dict[str, Any]:
-            fs, path = self._opened(checked_name(name))
+        def read(fs: Any, path: str, **limits: float) -> dict[str, Any]:
             fs.invalidate_cache()
             return dict(fs.info(path, **limits))
 
         try:
-            info = self._retry(name, look)
+            info = self._retry(checked_name(name), read)
         except MissingFileError:
             return None
         return info if info.get("type") == "file" else None
@@ -248,22 +231,23 @@ class RemoteFolder(Folder):
         protocol = self._opened("")[0].protocol
         return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
-    def _retry(self, name: str, action: Callable[[Limits], T], seconds: float = _ANSWER_S) -> T:
+    def _retry(self, name: str, action: Callable[..., T], seconds: float = _ANSWER_S) -> T:
         """Return the result of an action; retry with exponential backoff where that may help.
 
         FileExistsError passes unchanged.
 
         Args:
             name: of the file or folder, for messages.
-            action: called with the options of a request that bound its time.
+            action: called with the file system, the path in it, and the options that bound a request's time.
             seconds: that one attempt may take.
         """
         where = f"{self}/{name}" if name else str(self)
-        limits = {"timeout": seconds} if getattr(self._opened("")[0], "async_impl", False) else {}
+        fs, path = self._opened(name)
+        limits = {"timeout": seconds} if getattr(fs, "async_impl", False) else {}
         patient_until = time.monotonic() + _PATIENCE_S
         for attempt in range(_ATTEMPTS):
             try:
-                return action(limits)
+                return action(fs, path, **limits)
             except (OmniscvError, FileExistsError):
                 raise
             except FileNotFoundError as cause:
@@ -310,7 +294,7 @@ def _failure(where: str, cause: Exception, seconds: float) -> StorageError:
     return StorageError(f"{where}: expected to read or write it, got: {without_secrets(got)}{advice}")
 
 
-def is_url(text: object) -> bool:
+def is_url(text: object) -> TypeGuard[str]:
     """Return whether a value is the text of a URL, ``scheme://...``; False for a Path."""
     return isinstance(text, str) and _URL.match(text) is not None
 
