@@ -120,6 +120,10 @@ class RecordingNotWritableError(RecordingError):
     """The recording cannot be written: disk full, read-only, or locked."""
 
 
+class OtherSceneError(RecordingNotWritableError):
+    """Captures of another scene, or with other mask colours, are not added to a recording."""
+
+
 class MissingCaptureError(RecordingError):
     """The recording does not hold the capture; the message describes it and the nearest one."""
 

@@ -147,10 +147,8 @@ class RemoteFolder(Folder):
         if info is None:
             raise MissingFileError(f"{where}: expected a file, it is missing")
         version = repr(sorted((str(key), str(value)) for key, value in info.items()))
-        size_in_store = _size_in(info)
-        return cache.by_version(
-            where, version, size_in_store, lambda path: self._copy(name, path, size_in_store)
-        )
+        nbytes = _size_in(info)
+        return cache.by_version(where, version, nbytes, lambda path: self._copy(name, path, nbytes))
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
         if most is None:

@@ -137,7 +137,7 @@ def _other_objects(path):
         store.set_objects(type(table)(colors, table.tolerance))
         capture = next(scene.capture([each for each in REQUESTS if each.mode == "object_mask"][:1]))
         store.add(capture)
-    return "expected the mask colours of those before, but "
+    return "expected the mask colours of its object masks, but "
 
 
 def _damaged(path):

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from omniscv import modalities, storage
-from omniscv.arguments import number, numbers, optional_number, shown, whole_number, within
+from omniscv.arguments import number, optional_number, shown, text, whole_number, within
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -20,12 +20,11 @@ from omniscv.errors import (
     RecordingNotWritableError,
 )
 from omniscv.geometry import Pose
-from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import checked, listed, mapping, named, optional, read, record
-from omniscv.sources.base import Capture, Lens, ObjectTable, Request, SceneIdentity, View
+from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
-from omniscv.sources.recording.operations import opened_whole
+from omniscv.sources.recording.operations import add_objects, opened_whole
 from omniscv.sources.recording.rows import (
     DEFAULT_TOLERANCE,
     MOST_OBJECTS,
@@ -36,6 +35,7 @@ from omniscv.sources.recording.rows import (
     object_from_json,
     scene_from_json,
     scene_of,
+    view_from_dict,
 )
 from omniscv.sources.recording.store import Store
 from omniscv.storage.bounded import read_bytes
@@ -45,7 +45,7 @@ INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "s
 GEOMETRY, STATES = "geometry.json", "states.json"
 
 _MOST_BYTES = 1 << 30  # of a file in a folder
-_LONGEST_WORD = 100  # characters
+_ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 
 
 def export(path: Path | str, folder: Path | str) -> int:
@@ -130,14 +130,8 @@ def add_captures(
     count = 0
     with opened_whole(path) as store:
         store.set_scene(scene or SceneIdentity(*scenes))
-        have_masks = not modes.isdisjoint(labelled_modes())
-        have_names, known = bool(objects and objects.colors), bool(store.objects().colors)
-        if (have_masks and known and not have_names) or (store.has_masks() and have_names and not known):
-            expected = "expected object masks with an object table both in the import and in it"
-            reason = f"{expected}, got one without; import into another file"
-            raise RecordingNotWritableError(reason, path)
-        if objects and have_names:
-            store.set_objects(objects)
+        has_masks = not modes.isdisjoint(labelled_modes())
+        add_objects(store, objects or ObjectTable({}, DEFAULT_TOLERANCE), has_masks)
         if geometry:
             store.set_geometry(geometry)
         for name, state in states.items():
@@ -178,48 +172,16 @@ def _write_folder(store: Store, folder: Path) -> int:
     return len(entries)
 
 
-def _lens(name: str, value: object) -> Lens:
-    if not isinstance(value, dict) or value.keys() != set(Lens._fields):
-        raise ArgumentError(f"{name}: expected {', '.join(Lens._fields)}, got {shown(value)}")
-    return Lens(*(number(f"{name}.{field}", value[field]) for field in Lens._fields))
-
-
-@record(eq=False)
-class _ViewEntry:
-    """A view with a rotation matrix, or with yaw, pitch and roll."""
-
-    position: Array = checked(numbers, shape=(3,))
-    fov_deg: float = checked(number)
-    width: int = checked(whole_number, unit="px", most=1 << 16)
-    height: int = checked(whole_number, unit="px", most=1 << 16)
-    rotation: Array | None = checked(optional(partial(numbers, shape=(3, 3))), default=None)
-    yaw_deg: float | None = checked(optional_number, default=None)
-    pitch_deg: float | None = checked(optional_number, default=None)
-    roll_deg: float | None = checked(optional_number, default=None)
-    lens: Lens | None = checked(optional(_lens), default=None)
-
-    def view(self) -> View:
-        """Return the view; ArgumentError for both a rotation and angles."""
-        angles = self.yaw_deg, self.pitch_deg, self.roll_deg
-        if self.rotation is None:
-            pose = Pose.from_angles(self.position, *(angle or 0.0 for angle in angles))
-        elif angles != (None, None, None):
-            raise ArgumentError("expected a rotation or angles, got both")
-        else:
-            pose = Pose(self.position, self.rotation)
-        return View(pose, self.fov_deg, self.width, self.height, self.lens)
-
-
 def _view(name: str, value: object) -> View:
-    entry = read(_ViewEntry, value, name)
+    """Return a view with a rotation matrix, or with yaw, pitch and roll."""
+    data = mapping(name, value, ("position", "fov_deg", "width", "height", "rotation", *_ANGLES, "lens"))
+    angles = [number(f"{name}.{key}", data.pop(key, None) or 0.0) for key in _ANGLES]
     with within(name):
-        return entry.view()
-
-
-def _word(name: str, value: object) -> str:
-    if not isinstance(value, str) or len(value) > _LONGEST_WORD:
-        raise ArgumentError(f"{name}: expected a word, got {shown(value)}")
-    return value
+        if data.get("rotation") is None:
+            data["rotation"] = Pose.from_angles((0, 0, 0), *angles).rotation
+        elif any(angles):
+            raise ArgumentError("expected a rotation or angles, got both")
+        return view_from_dict(data)
 
 
 def _file_name(name: str, value: object) -> str:
@@ -240,12 +202,12 @@ class _Entry:
     """An entry of the index: an image, and what it shows."""
 
     file: str = checked(_file_name)
-    mode: str = checked(_word)
+    mode: str = checked(text)
     view: View = checked(_view)
     asked: View | None = checked(optional(_view), default=None)
-    encoding: str = checked(_word, default="")
+    encoding: str = checked(text, default="")
     provenance: Mapping[str, Any] = checked(mapping, default_factory=lambda: {"server": "imported"})
-    state: str = checked(_word, default="")
+    state: str = checked(text, default="")
     stops: float | None = checked(optional_number, default=None)
 
     @property
@@ -285,7 +247,7 @@ def _capture(folder: Path, located: tuple[str, _Entry]) -> Capture:
     with within(where):
         request, encoding = entry.request, entry.encoding or entry.default_encoding()
     try:
-        payload = _read_regular(folder / entry.file)
+        payload = read_bytes(folder / entry.file, _MOST_BYTES)
     except ArgumentError as cause:
         expected = f"expected an image that can be read, got {shown(entry.file)}"
         raise ArgumentError(f"{where}: {expected}: {cause}") from cause
@@ -331,13 +293,6 @@ def _objects(folder: Path) -> ObjectTable:
     return ObjectTable(colors, masks.tolerance, dict(masks.ids))
 
 
-def _read_regular(path: Path) -> bytes:
-    """Return the bytes of a file; ArgumentError for a device or a pipe, which may have no end."""
-    if os.path.lexists(path) and not os.path.isfile(path):
-        raise ArgumentError("expected a file, got a folder, a device or a link that leads nowhere")
-    return read_bytes(path, _MOST_BYTES)
-
-
 def _read_optional(path: Path) -> Any:
     """Return the JSON object of a file; an empty one where there is no file."""
     return _read_json(path, dict) if path.exists() else {}
@@ -345,7 +300,7 @@ def _read_optional(path: Path) -> Any:
 
 def _read_json(path: Path, expected: type) -> Any:
     try:
-        data = json.loads(_read_regular(path))
+        data = json.loads(read_bytes(path, _MOST_BYTES))
     except (ValueError, RecursionError) as cause:  # an ArgumentError is a ValueError
         raise ArgumentError(f"{path}: expected a JSON file of captures, got: {cause}") from cause
     if not isinstance(data, expected):

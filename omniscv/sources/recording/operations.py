@@ -11,7 +11,7 @@ import numpy as np
 
 from omniscv import storage
 from omniscv.arguments import number, shown, whole_number
-from omniscv.errors import ArgumentError, RecordingError, RecordingNotWritableError
+from omniscv.errors import ArgumentError, OtherSceneError, RecordingError, RecordingNotWritableError
 from omniscv.geometry.clusters import cluster_starts
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import ObjectTable
@@ -19,9 +19,7 @@ from omniscv.sources.recording.files import kind_of, publish_new, target_of, wri
 from omniscv.sources.recording.rows import (
     Row,
     object_from_json,
-    scene_in_words,
     table_conflict,
-    table_union,
     view_from_json,
 )
 from omniscv.sources.recording.store import Store
@@ -50,8 +48,9 @@ def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | Non
     Raises:
         ArgumentError: no recordings, or ``out`` among them.
         DamagedRecordingError: a capture is not as it was recorded.
-        RecordingError: recordings of different scenes, dialects or mask colours, or with different captures
-            of one request; or one cannot be read or written.
+        OtherSceneError: recordings of different scenes or mask colours.
+        RecordingError: recordings of different dialects, or with different captures of one request; or one
+            cannot be read or written.
     """
     if not files:
         raise ArgumentError("files: expected recordings to merge, got none")
@@ -63,7 +62,10 @@ def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | Non
         for done, file in enumerate(files, start=1):
             with _errors_of(file), closing(Store(storage.fetch_file(file))) as store:
                 more = _dialects(store.listing())
-                _check_origin(target, store, dialects, more)
+                if dialects and more and dialects.isdisjoint(more):
+                    known, got = (", ".join(sorted(some)) for some in (dialects, more))
+                    expected = f"expected captures of dialect {known}, as in those before"
+                    raise RecordingError(f"{expected}, got {got}")
                 added += _add_all(target, store)
             dialects |= more
             if progress:
@@ -175,8 +177,7 @@ def _opened_remote(place: storage.StoredFile) -> Iterator[Store]:
 def _add_all(target: Store, store: Store) -> int:
     """Add a recording to another one; return the number of captures that were new."""
     target.set_scene(store.scene_identity)
-    if (objects := _merged_objects(target, store)) != target.objects():
-        target.set_objects(objects)
+    add_objects(target, store.objects(), store.has_masks())
     if geometry := store.geometry():
         known = target.geometry()
         boxes = {**geometry.boxes, **known.boxes}
@@ -203,41 +204,29 @@ def _add_new(target: Store, row: Row) -> bool:
     return False
 
 
-def _check_origin(target: Store, store: Store, before: set[str], after: set[str]) -> None:
-    """Raise RecordingError for captures of another scene, or of a server of another dialect."""
-    known, other = target.scene_identity, store.scene_identity
-    if known.differs(other):
-        expected = f"expected captures of the scene {scene_in_words(known)}, as in those before"
-        raise RecordingError(f"{expected}, got {scene_in_words(other)}")
-    if before and after and before.isdisjoint(after):
-        expected = f"expected captures of dialect {', '.join(sorted(before))}, as in those before"
-        raise RecordingError(f"{expected}, got {', '.join(sorted(after))}")
-    names, more = target.objects().colors, store.objects().colors
-    if names and more and not names.keys() & more.keys():
-        expected = f"expected objects of the scene of those before, such as {shown(min(names))}"
-        raise RecordingError(f"{expected}, got only others, such as {shown(min(more))}")
-
-
 def _dialects(rows: Sequence[Row]) -> set[str]:
     dialects = (object_from_json(row.provenance).get("dialect") for row in rows)
     return {shown(dialect) for dialect in dialects if dialect}
 
 
-def _merged_objects(target: Store, store: Store) -> ObjectTable:
-    """Return the objects of both; RecordingError where masks of one would get names of the other."""
-    before, added = target.objects(), store.objects()
-    if not before.colors or not added.colors:
-        named, without_names = (before, store) if before.colors else (added, target)
-        if named.colors and without_names.has_masks():
-            expected = "expected object masks with an object table in all recordings"
-            raise RecordingError(f"{expected}, got one without")
-        return named
-    conflict = table_conflict(before, added)
-    if not conflict:
-        return table_union(before, added)
-    if target.has_masks() and store.has_masks():
-        raise RecordingError(f"expected the mask colours of those before, but {conflict}")
-    return before if target.has_masks() else added
+def add_objects(target: Store, table: ObjectTable, has_masks: bool) -> None:
+    """Add the objects of other captures to a recording.
+
+    Args:
+        target: the recording.
+        table: how masks show the objects.
+        has_masks: whether there are masks among the captures.
+
+    Raises:
+        OtherSceneError: masks would get the names of other objects, or get none.
+    """
+    before = target.objects()
+    if bool(before.colors) != bool(table.colors) and (has_masks if before.colors else target.has_masks()):
+        expected = "expected object masks with an object table both in it and in what is added"
+        raise OtherSceneError(f"{expected}, got one without; add to another file", target.path)
+    is_needed = has_masks or not target.has_masks() or not table_conflict(before, table)
+    if is_needed and (table.colors or not before.colors):
+        target.set_objects(table)
 
 
 @contextmanager
@@ -245,9 +234,9 @@ def _errors_of(file: Path | str) -> Iterator[None]:
     """Name a recording in errors; those of the file that is written pass."""
     try:
         yield
-    except RecordingNotWritableError:
-        raise
     except RecordingError as cause:
+        if isinstance(cause, RecordingNotWritableError) and not isinstance(cause, OtherSceneError):
+            raise
         raise cause.at(storage.without_secrets(file), cause.advice) from cause
 
 

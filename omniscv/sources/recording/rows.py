@@ -354,15 +354,24 @@ def view_to_json(view: View) -> str:
 
 def view_from_json(text: Any) -> View:
     """Return a view as it is stored; DamagedRecordingError for anything else."""
-    data = object_from_json(text)
+    try:
+        return view_from_dict(object_from_json(text))
+    except ArgumentError as cause:
+        raise DamagedRecordingError(f"expected a view, got {shown(text)}: {cause}") from cause
+
+
+def view_from_dict(data: dict[str, Any]) -> View:
+    """Return the view that :func:`view_to_json` describes; ArgumentError for anything else."""
     try:
         size = data["width"], data["height"]
         if not all(type(edge) is int for edge in size):
             raise ArgumentError(f"size: expected whole numbers, got {shown(size)}")
-        lens = Lens(**data["lens"]) if "lens" in data else None
-        return View(Pose.from_dict(data), data["fov_deg"], *size, lens)
-    except (KeyError, TypeError, ValueError) as cause:
-        raise DamagedRecordingError(f"expected a view, got {shown(text)}: {cause}") from cause
+        lens = data.get("lens")
+        return View(Pose.from_dict(data), data["fov_deg"], *size, None if lens is None else Lens(**lens))
+    except KeyError as cause:
+        raise ArgumentError(f"missing key {cause}") from cause
+    except TypeError as cause:
+        raise ArgumentError(f"expected numbers of a view, got {shown(data)}: {cause}") from cause
 
 
 def scene_to_json(identity: SceneIdentity) -> str:

@@ -16,7 +16,12 @@ from typing import Any, NoReturn
 from weakref import WeakSet
 
 from omniscv.arguments import shown
-from omniscv.errors import DamagedRecordingError, NotARecordingError, RecordingNotWritableError
+from omniscv.errors import (
+    DamagedRecordingError,
+    NotARecordingError,
+    OtherSceneError,
+    RecordingNotWritableError,
+)
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import schema
@@ -235,17 +240,17 @@ class Store:
             return object_table(table_rows, head.tolerance)
 
     def set_objects(self, table: ObjectTable) -> None:
-        """Add objects to the table; write it anew where no recorded mask needs it.
+        """Add objects to the table; replace it where the tables contradict each other and no mask needs it.
 
         Raises:
-            RecordingNotWritableError: recorded masks would get other names, or the objects are of another
-                scene: none of them is known.
+            OtherSceneError: recorded masks would get other names, or none of the objects is known.
         """
         with self._changing() as database:
             head, before = self.head(), self.objects()
-            after = table_union(before, table) if self.has_masks() else table
-            if after is not table and (conflict := table_conflict(before, table)):
+            conflict = table_conflict(before, table)
+            if conflict and self.has_masks():
                 self._refuse(f"the mask colours of its object masks, but {conflict}")
+            after = table if conflict else table_union(before, table)
             strange = before.colors and table.colors and not before.colors.keys() & table.colors.keys()
             if head.captures and strange:
                 known, new = (shown(min(colors)) for colors in (before.colors, table.colors))
@@ -305,7 +310,7 @@ class Store:
             return scene_from_json(self.head().scene)
 
     def set_scene(self, identity: SceneIdentity) -> None:
-        """Note what is known of the scene; RecordingNotWritableError if it is another one."""
+        """Add what is known of the scene; OtherSceneError if it is another one."""
         known = self.scene_identity
         if known.differs(identity):
             words = scene_in_words(known), scene_in_words(identity)
@@ -330,7 +335,7 @@ class Store:
         return [*map(Row._make, rows)]
 
     def _refuse(self, expected: str) -> NoReturn:
-        raise RecordingNotWritableError(f"expected {expected}; record into another file", self.path)
+        raise OtherSceneError(f"expected {expected}; record into another file", self.path)
 
     def _recording_id(self) -> str:
         self._id = self._id or self.head().id
