@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from omniscv import modalities, storage
-from omniscv.arguments import number, optional_number, shown, text, whole_number, within
+from omniscv.arguments import label, number, optional_number, shown, text, whole_number, within
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -202,7 +202,7 @@ class _Entry:
     """An entry of the index: an image, and what it shows."""
 
     file: str = checked(_file_name)
-    mode: str = checked(text)
+    mode: str = checked(label)
     view: View = checked(_view)
     asked: View | None = checked(optional(_view), default=None)
     encoding: str = checked(text, default="")

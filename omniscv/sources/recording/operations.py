@@ -155,6 +155,8 @@ def opened_whole(address: Path | str) -> Iterator[Store]:
             with closing(Store(file, write=True)) as store, store.transaction():
                 yield store
         except RecordingNotWritableError as cause:
+            if cause.path != file:
+                raise
             raise cause.at(address) from cause
         if not publish_new(file, target):
             raise RecordingNotWritableError(_JUST_CREATED, address)

@@ -363,11 +363,11 @@ def view_from_json(text: Any) -> View:
 def view_from_dict(data: dict[str, Any]) -> View:
     """Return the view that :func:`view_to_json` describes; ArgumentError for anything else."""
     try:
-        size = data["width"], data["height"]
+        fov_deg, *size = data["fov_deg"], data["width"], data["height"]
         if not all(type(edge) is int for edge in size):
             raise ArgumentError(f"size: expected whole numbers, got {shown(size)}")
         lens = data.get("lens")
-        return View(Pose.from_dict(data), data["fov_deg"], *size, None if lens is None else Lens(**lens))
+        return View(Pose.from_dict(data), fov_deg, *size, None if lens is None else Lens(**lens))
     except KeyError as cause:
         raise ArgumentError(f"missing key {cause}") from cause
     except TypeError as cause:

@@ -1,0 +1,243 @@
+"""Damaged and hostile recordings: found by a check, refused in one sentence, and never shown."""
+
+import contextlib
+import io
+import pickle
+import sqlite3
+import struct
+
+import numpy as np
+import pytest
+from support.faces import face_requests
+from support.recorder import SMALL, STATES, requests
+from support.recordings import reseal
+
+import omniscv
+from omniscv.errors import DamagedRecordingError, NewerRecordingError, NotARecordingError, RecordingError
+from omniscv.sources.recording.inspection import info, verify
+from omniscv.sources.recording.store import Store
+
+LATER, EMPTIER = STATES[1:]
+LONGEST = 300
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    """The bytes of a recording of three states, with shapes."""
+    path = tmp_path_factory.mktemp("moving") / "room.sqlite"
+    with omniscv.open_source("scene://workshop") as scene, omniscv.record(scene, path) as recording:
+        recording.objects()
+        for instant in STATES:
+            with recording.at(instant) as source:
+                list(source.capture(requests(SMALL, source.state)[:2]))
+    return path.read_bytes()
+
+
+def alter(path, statement, *values):
+    """Change a recording as its author could: SQLite sees no damage."""
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA ignore_check_constraints = 1")
+        if values:
+            return database.execute(statement, values).rowcount
+        return database.executescript(statement).rowcount
+
+
+def replay(path):
+    """Read all that images of the room are made of."""
+    with omniscv.open_source(path) as source:
+        source.objects()
+        for capture in source.capture(face_requests()):
+            source.cover(capture.view)
+            assert capture.pixels.shape[:2] == (32, 32)
+
+
+def replay_states(path):
+    with omniscv.open_source(path) as source:
+        source.objects()
+        return [source.at(instant).geometry() for instant in STATES]
+
+
+def is_found(path):
+    try:
+        return not verify(path).ok
+    except RecordingError:
+        return True
+
+
+COLUMNS = {
+    "capture": ("mode", "asked", "captured", "encoding", "provenance", "payload_checksum", "payload", "key"),
+    "object": ("name", "red", "instance"),
+    "recording": ("id", "scene", "tolerance", "captures", "capture_sum", "object_checksum"),
+}
+
+
+@pytest.mark.parametrize(("table", "column"), [(t, column) for t in COLUMNS for column in COLUMNS[t]])
+def test_a_flipped_bit_of_any_value_is_found_and_refused(table, column, copy):
+    """Among them a field of view of 100 in place of 102 degrees, a mask's colour, an encoding."""
+    with contextlib.closing(sqlite3.connect(copy)) as database:
+        number, value = database.execute(f"SELECT rowid, {column} FROM {table} ORDER BY rowid").fetchone()
+    alter(copy, f"UPDATE {table} SET {column} = ? WHERE rowid = ?", flipped(value), number)
+    assert is_found(copy)
+    with pytest.raises(RecordingError):
+        replay(copy)
+
+
+def flipped(value):
+    if isinstance(value, str):
+        return value[:-1] + chr(ord(value[-1]) ^ 1)
+    if isinstance(value, bytes):
+        return value[:-20] + bytes([value[-20] ^ 1]) + value[-19:]
+    return 1 if value is None else value ^ 1
+
+
+@pytest.mark.parametrize(
+    ("statement", "says"),
+    [
+        ("DELETE FROM capture WHERE number = 2", "expected 6 captures as recorded, got 5, or others"),
+        ("UPDATE object SET name = CAST(x'41ff' AS TEXT) WHERE rowid = 1", "expected rows as recorded"),
+        ("UPDATE geometry SET content = replace(content, '2.', '3.')", "of geometry, got another"),
+        ("DELETE FROM geometry", "expected one row in geometry, got 0"),
+        ("UPDATE capture SET state = '' WHERE number = 4", "expected checksum .* of the row"),
+        (f"UPDATE capture SET state = '{EMPTIER.state}' WHERE state = '{LATER.state}'", "of the row"),
+        (f"DELETE FROM state WHERE name = '{LATER.state}'", f"expected a row of state '{LATER.state}'"),
+        (
+            "UPDATE state SET content = replace(content, '0.7', '0.8')",
+            f"'{LATER.state}', got another",
+        ),
+    ],
+)
+def test_lost_and_changed_rows_are_found_and_refused(statement, says, moving, tmp_path):
+    path = tmp_path / "room.sqlite"
+    path.write_bytes(moving)
+    replay_states(path)
+    alter(path, statement)
+    assert not verify(path).ok
+    with pytest.raises(DamagedRecordingError, match=says) as error:
+        replay_states(path)
+    assert len(str(error.value)) - len(str(path)) <= LONGEST
+
+
+class Bomb:
+    """Runs when it is unpickled."""
+
+    def __reduce__(self):
+        return (open, ("owned", "w"))
+
+
+def pickled():
+    stream = io.BytesIO()
+    np.save(stream, np.array([Bomb()], dtype=object), allow_pickle=True)
+    return stream.getvalue()
+
+
+HUGE = (
+    '{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fov_deg": 90, "width": 1e9, "height": 1e9}'
+)
+ESCAPES = "\x1b[31m\n" * 10_000
+TEXTS = [ESCAPES, "", "{", "[]", None]
+VALUES = {
+    "payload": [b"", pickle.dumps(Bomb()), pickled(), b"\x89PNG\r\n\x1a\n" + b"\0" * 40, "text", None, 3],
+    "encoding": [ESCAPES, "pickle", "../../etc/passwd", None, 7],
+    "captured": [*TEXTS, HUGE, '{"position": "__import__(\'os\')"}'],
+    "asked": [*TEXTS, '{"position": [1e400, 0, 0]}'],
+    "provenance": [*TEXTS, "!!python/object/apply:os.system [true]", "[" * 2000, '{"time": 1e300}'],
+    "mode": [ESCAPES, "lit; DROP TABLE capture", None],
+    "key": [ESCAPES, "x", None],
+}
+
+
+@pytest.mark.block_network
+@pytest.mark.parametrize("column", VALUES)
+def test_any_value_in_any_column(column, recorded, tmp_path, monkeypatch):
+    """Checksums are computed anew: the author of the file is the attacker."""
+    monkeypatch.chdir(tmp_path)
+    for number, value in enumerate(VALUES[column]):
+        path = tmp_path / f"{number}.sqlite"
+        path.write_bytes(recorded.read_bytes())
+        with contextlib.suppress(sqlite3.DatabaseError, TypeError, AttributeError):  # the schema refuses it
+            alter(path, f"UPDATE capture SET {column} = ? WHERE rowid <= 3", value)
+            reseal(path)
+        lines = []
+        for read in (info, verify, replay):
+            try:
+                report = read(path)
+                lines += report.faults if read is verify else []
+            except omniscv.OmniscvError as error:  # any other error fails
+                lines.append(str(error))
+        for line in (line.replace(str(tmp_path), "") for line in lines):
+            assert line.isprintable()
+            assert len(line) <= LONGEST
+    assert not (tmp_path / "owned").exists()
+
+
+@pytest.mark.parametrize(
+    "change", ["object SET red = 256", "object SET blue = -1", "object SET instance = 65536",
+               "recording SET tolerance = 256"],
+)  # fmt: skip
+def test_values_of_the_object_table_have_bounds(change, copy):
+    alter(copy, f"UPDATE {change}")
+    reseal(copy)
+    with pytest.raises(RecordingError, match="colours, ids and a tolerance"):
+        replay(copy)
+
+
+ENDLESS = """
+CREATE VIEW capture AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)
+    SELECT i AS number, '' AS key FROM n
+"""
+SCHEMAS = {
+    f"DROP TABLE capture; {ENDLESS}": "the view 'capture'",
+    "CREATE VIEW more AS SELECT 1": "the view 'more'",
+    "CREATE TRIGGER quiet BEFORE INSERT ON capture BEGIN SELECT raise(ignore); END": "the trigger 'quiet'",
+    "CREATE TABLE more (x)": "the table 'more'",
+    'CREATE TABLE "\x1b[31mred" (x)': r"the table '\\x1b\[31mred'",
+    "CREATE INDEX more ON capture (mode)": "the index 'more'",
+    "CREATE VIRTUAL TABLE more USING fts4(x)": "more",
+    "DROP TABLE object": "some of them only",
+    "ALTER TABLE object ADD COLUMN more BLOB AS (zeroblob(900000000))": "object",
+    "DROP TABLE capture; CREATE TABLE capture (key TEXT)": "capture",
+}
+
+
+@pytest.mark.parametrize("statement", SCHEMAS, ids=range(len(SCHEMAS)))
+def test_a_schema_with_anything_else_is_refused(statement, copy):
+    """Neither read, which may take for ever, nor written, which may do nothing."""
+    alter(copy, statement)
+    before = copy.read_bytes()
+    for use in (info, verify, replay, lambda path: Store(path, write=True)):
+        with pytest.raises(NotARecordingError, match=f"only, got .*{SCHEMAS[statement]}"):
+            use(copy)
+    assert copy.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("version", "error", "says"),
+    [
+        (7, NewerRecordingError, "expected schema version 4, got version 7; update omniscv"),
+        (3, NotARecordingError, "expected schema version 4, got version 3; record it again"),
+    ],
+)
+def test_a_recording_of_another_version_is_refused(version, error, says, copy):
+    alter(copy, f"PRAGMA user_version = {version}")
+    for write in (False, True):
+        with pytest.raises(error, match=says):
+            Store(copy, write=write)
+
+
+def test_a_tree_of_pages_that_never_ends_is_refused(copy):
+    """All entries of a page of the tree point to that page's first child: rows without end."""
+    data = bytearray(copy.read_bytes())
+    size = int.from_bytes(data[16:18], "big")
+    with contextlib.closing(sqlite3.connect(copy)) as database:
+        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'capture'")
+    start = (root - 1) * size
+    cells = [start + size - 6 * (i + 1) for i in range(300)]
+    data[start : start + 12] = struct.pack(">BHHHBI", 5, 0, 300, size - 1800, 0, root)
+    for i, cell in enumerate(cells):
+        data[start + 12 + 2 * i : start + 14 + 2 * i] = (cell - start).to_bytes(2, "big")
+        data[cell : cell + 5] = root.to_bytes(4, "big") + bytes([min(i, 127)])
+    copy.write_bytes(data)
+    for use in (info, replay):
+        with pytest.raises(RecordingError):
+            use(copy)
+    assert is_found(copy)
