@@ -183,15 +183,15 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
     """Over TCP, into one recording: the same as from one server alone."""
     requests = [
         request
-        for step in range(18)
+        for step in range(6)
         for request in face_requests(32, ("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
     ]
     alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
-    with mock_server.serve("four-wall") as first, mock_server.serve("four-wall", latency_ms=30) as second:
+    with mock_server.serve("four-wall") as first, mock_server.serve("four-wall", latency_ms=5) as second:
         with omniscv.open_source(first.uri) as live, omniscv.record(live, alone) as source:
             source.objects()
             list(source.capture(requests))
-        games = open_sources([first.uri, second.uri], timeout_s=5, retries=1)
+        games = open_sources([first.uri, second.uri], timeout_s=5, retries=1, patience_s=0.5)
         death = threading.Thread(target=stop_amidst_pictures, args=(second,))
         with omniscv.record(games, together) as source:
             source.objects()
@@ -232,7 +232,7 @@ def test_several_sources_of_one_command(way, tmp_path):
 
 def stop_amidst_pictures(server):
     """After some were requested, long before the last."""
-    while sum(n for text, n in server.statistics.counts.items() if text.endswith("png")) < 30:
+    while sum(n for text, n in server.statistics.counts.items() if text.endswith("png")) < 10:
         time.sleep(0.001)
     server.stop()
 

@@ -1,15 +1,18 @@
 """Addresses: the schemes of this package and of others, and one clear sentence for what is none."""
 
-import subprocess
-import sys
-
-import numpy as np
 import pytest
 
 import omniscv
-from omniscv.errors import ArgumentError, NotARecordingError
+from omniscv.errors import ArgumentError, NotARecordingError, SourceError
 from omniscv.sources import registry
 from omniscv.sources.registry import known_capabilities, split_address
+
+
+@pytest.fixture(autouse=True)
+def openers(monkeypatch):
+    """What a test registers is gone after it."""
+    monkeypatch.setattr(registry, "_openers", dict(registry._openers))
+
 
 WRONG = {
     "localhost:9000": r"expected an address or a recording, got 'localhost:9000'; write unreal://localhost:9000",
@@ -23,6 +26,12 @@ WRONG = {
     "mock://four-wall?speed=3": "expected options among .*latency_ms.* got 'speed'",
     "mock://workshop?time_step_s=-1": "time_step_s: expected a number from 0 to 3600, got -1.0",
     "mock://four-wall?latency_ms=fast": "expected a value of latency_ms, got 'fast'",
+    "scene://moon": "scene://moon.*expected one of .*four-wall",
+    "scene://": "expected one of .*four-wall",
+    "scene://four-wall?lit=double": "lit: expected one of uint8, float32; got 'double'",
+    "scene://four-wall?masks=red": "masks: expected one of colors, ids; got 'red'",
+    "scene://four-wall?size=3": "expected options among lit, masks, time .*got 'size'",
+    **dict.fromkeys((None, 9000, b"room.sqlite", ("mock://four-wall",)), "expected an address or the path"),
 }
 
 
@@ -31,12 +40,6 @@ def test_what_is_no_address_is_one_clear_sentence(address):
     with pytest.raises(ArgumentError, match=WRONG[address]) as error:
         omniscv.open_source(address)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("value", [None, 9000, b"room.sqlite", ["mock://four-wall"], np.zeros(2)])
-def test_what_is_no_text_is_one_clear_sentence(value):
-    with pytest.raises(ArgumentError, match="source: expected an address or the path of a recording, got"):
-        omniscv.open_source(value)
 
 
 def test_what_is_no_recording_is_one_clear_sentence(tmp_path):
@@ -65,23 +68,17 @@ def test_options_that_an_opener_does_not_take_are_named(recorded):
 
 def test_options_go_to_the_opener():
     opened = []
-    registry.register("mitsuba", lambda address, *, samples=64: opened.append((address, samples)))
+    registry.register("mits", lambda address, *, samples=64: opened.append((address, samples)))
     for options in ({}, {"samples": 4}):
-        with pytest.raises(ArgumentError, match="expected it to return a Source"):
-            omniscv.open_source("mitsuba://kitchen.xml", **options)
-    assert opened == [("mitsuba://kitchen.xml", 64), ("mitsuba://kitchen.xml", 4)]
+        with pytest.raises(ArgumentError, match=r"expected it to return a Source for 'mits://a', got None"):
+            omniscv.open_source("mits://a", **options)
+    assert opened == [("mits://a", 64), ("mits://a", 4)]
 
 
 def test_a_type_error_inside_an_opener_is_not_taken_for_a_wrong_option():
-    def open_broken(address):
-        return None + 1
-
-    registry.register("broken", open_broken)
+    registry.register("broken", lambda address: None + 1)
     with pytest.raises(TypeError, match="unsupported operand"):
         omniscv.open_source("broken://here")
-    registry.register("empty", lambda address: None)
-    with pytest.raises(ArgumentError, match=r"expected it to return a Source for 'empty://', got None"):
-        omniscv.open_source("empty://")
 
 
 @pytest.mark.parametrize(
@@ -108,27 +105,15 @@ def test_options_of_an_address():
     assert found == ("a/b", {"n": 3, "tag": ["x", "y"]})
 
 
-USER = """
-import omniscv
-from omniscv.sources import schemes
-assert {"gone", "mock", "unreal"} <= set(schemes())
-for address in ("gone://x", "mits://x"):
-    try:
-        omniscv.open_source(address)
-    except omniscv.OmniscvError as error:
-        print(error)
-"""
-
-
-def test_an_entry_point_that_is_gone_is_one_clear_sentence(tmp_path):
+def test_an_entry_point_that_is_gone_is_one_clear_sentence(tmp_path, monkeypatch):
     """Of an installed distribution; tests/extension opens a source of one that is there."""
     installed = tmp_path / "omniscv_mitsuba-1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: omniscv-mitsuba\nVersion: 1.0\n")
     (installed / "entry_points.txt").write_text("[omniscv.sources]\ngone = json:removed\n")
-    user = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n" + USER
-    done = subprocess.run([sys.executable, "-c", user], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    gone, unknown = done.stdout.splitlines()
-    assert gone.startswith("gone://x: expected the entry point 'json:removed' to be importable, got: ")
-    assert "expected blender://, gone://, launch:, mock://" in unknown
+    monkeypatch.syspath_prepend(tmp_path)
+    assert {"gone", "mock", "unreal"} <= set(omniscv.sources.schemes())
+    with pytest.raises(SourceError, match=r"gone://x: expected the entry point 'json:removed'"):
+        omniscv.open_source("gone://x")
+    with pytest.raises(ArgumentError, match="expected blender://, gone://, launch:, mock://"):
+        omniscv.open_source("mits://x")

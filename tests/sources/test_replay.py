@@ -9,7 +9,7 @@ import pytest
 from support.faces import face_requests
 
 import omniscv
-from omniscv.errors import MissingCaptureError, NotARecordingError
+from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
 
@@ -76,14 +76,6 @@ def test_views_turned_about_the_axis_cover_a_view(tmp_path):
         list(source.capture([Request(up, "depth")]))
     with omniscv.open_source(path) as replay:
         assert replay.cover(up) == (up,)
-
-
-@pytest.mark.parametrize(
-    ("name", "says"), [("", "a folder"), ("none.sqlite", "nothing there; record one first")]
-)
-def test_what_is_no_file_is_named(name, says, tmp_path):
-    with pytest.raises(NotARecordingError, match=f"expected a recording, got {says}"):
-        omniscv.open_source(tmp_path / name)
 
 
 def test_a_resumed_recording_replays_before_it_reads_on(recorded):

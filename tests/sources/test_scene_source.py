@@ -82,21 +82,6 @@ def test_addresses(tmp_path):
         assert next(source.capture(face_requests(8))).provenance["scene"] == "ball"
 
 
-@pytest.mark.parametrize(
-    ("address", "says"),
-    [
-        ("scene://moon", "scene://moon.*expected one of .*four-wall"),
-        ("scene://", "expected one of .*four-wall"),
-        ("scene://four-wall?lit=double", "lit: expected one of uint8, float32; got 'double'"),
-        ("scene://four-wall?masks=red", "masks: expected one of colors, ids; got 'red'"),
-        ("scene://four-wall?size=3", "expected options among lit, masks, time .*got 'size'"),
-    ],
-)
-def test_wrong_addresses_are_refused(address, says):
-    with pytest.raises(ArgumentError, match=says):
-        omniscv.open_source(address)
-
-
 # Instants
 
 
@@ -139,7 +124,7 @@ def test_an_instant_of_another_scene_is_refused():
         SceneSource(MOVING).at(Instant(time=2e9))
 
 
-@pytest.mark.parametrize("dialect", ["M", "N1", "N2", "N3"])
+@pytest.mark.parametrize("dialect", ["M", "N3"])
 def test_a_server_whose_clock_stands_still_shows_the_same(dialect):
     requests = face_requests(16, ["depth"])
     with omniscv.open_source(f"mock://workshop?time_step_s=0&depth=float32&dialect={dialect}") as live:

@@ -28,10 +28,6 @@ MASKS = face_requests(16, ["object_mask"])
 CM = 0.01
 
 
-def as_told(geometry):
-    return geometry.to_dict()
-
-
 @pytest.mark.parametrize("room", ["four-wall", "six-wall"])
 def test_boxes_of_a_scene_touch_its_objects_all_round(room):
     scene = mock_server.load_scene(room)
@@ -77,7 +73,7 @@ def test_the_room_is_where_its_walls_are_met(room):
         assert distances == pytest.approx(np.linalg.norm(up) / 2)
 
 
-@pytest.mark.parametrize("dialect", ["N1", "N2", "M"])
+@pytest.mark.parametrize("dialect", ["N1", "M"])
 def test_boxes_come_over_the_wire_from_vertices(dialect):
     with omniscv.open_source(f"mock://four-wall?dialect={dialect}") as source:
         geometry = source.geometry()
@@ -131,18 +127,20 @@ def test_plugin_0_3_10_knows_no_boxes():
         assert source.geometry().room.floor == "Layout_Floor"
 
 
-@pytest.mark.parametrize("reply", ["1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"])
-def test_vertices_that_are_none_are_a_fault(reply):
-    def spoils(command, forward):
-        return reply if "vertex_location" in command else forward(command)
+def test_vertices_that_are_none_are_a_fault():
+    replies = ["1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"]
 
-    with (
-        mock_server.serve("four-wall") as server,
-        relayed(server, spoils) as address,
-        omniscv.open_source(address, retries=1, patience_s=0.5) as source,
-        pytest.raises(SourceError, match=r"expected (three numbers|text)"),
-    ):
-        source.geometry()
+    def spoils(command, forward):
+        return replies[0] if "vertex_location" in command else forward(command)
+
+    with mock_server.serve("four-wall") as server, relayed(server, spoils) as address:
+        while replies:
+            with (
+                omniscv.open_source(address, retries=1, patience_s=0.1) as source,
+                pytest.raises(SourceError, match=r"expected (three numbers|text)"),
+            ):
+                source.geometry()
+            replies.pop(0)
 
 
 def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
@@ -170,7 +168,6 @@ def test_vertices_are_fetched_up_to_a_bound():
 SOURCES = {
     "scene": ["scene://four-wall"],
     "mock": ["mock://four-wall"],
-    "N2": ["mock://four-wall?dialect=N2"],
     "0.3.10": [SMALL],
     "pool": ["scene://four-wall", "scene://four-wall"],
 }
@@ -201,7 +198,7 @@ def test_views_without_objects_are_those_of_a_scene_without_them():
     rng = np.random.default_rng(5)
     modes = ("lit", "object_mask", "depth", "normals")
     with omniscv.open_source("scene://four-wall?masks=ids") as source:
-        for _ in range(12):
+        for _ in range(6):
             hide = [name for name in SCENE.objects if rng.random() < 0.8]
             angles = dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), rng.uniform(-180, 180, 3), strict=True))
             pose = omniscv.Pose.from_angles(rng.uniform([-2.9, -2.4, 0.1], [2.9, 2.4, 2.7]), **angles)
@@ -239,14 +236,6 @@ def test_a_game_that_refuses_to_hide_is_left_as_it_was():
         assert not any(each.hidden for each in server.world.objects.values())
 
 
-def test_recordings_cannot_hide(tmp_path):
-    with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "a.sqlite") as source:
-        source.objects()
-    wanted = "expected one that can hide objects, got RecordedSource"
-    with omniscv.open_source(tmp_path / "a.sqlite") as replay, pytest.raises(ArgumentError, match=wanted):
-        replay.without(["Sofa"])
-
-
 def test_shapes_are_recorded_with_the_objects(tmp_path):
     path = tmp_path / "room.sqlite"
     with omniscv.record(omniscv.open_source("mock://four-wall"), path) as source:
@@ -254,15 +243,17 @@ def test_shapes_are_recorded_with_the_objects(tmp_path):
         with omniscv.open_source(path) as replay:
             assert not replay.geometry()  # nothing is asked of the source that is not needed
         list(source.capture(MASKS[:1]))
-        wanted = as_told(source.geometry())
+        expected = source.geometry().to_dict()
     assert verify(path).ok
     with omniscv.open_source(path) as replay:
-        assert as_told(replay.geometry()) == wanted
+        assert replay.geometry().to_dict() == expected
         assert len(list(replay.capture(MASKS[:1]))) == 1
+        with pytest.raises(ArgumentError, match="expected one that can hide objects, got RecordedSource"):
+            replay.without(["Sofa"])
     assert export(path, tmp_path / "folder") == 2
     import_folder(tmp_path / "folder", tmp_path / "again.sqlite")
     with omniscv.open_source(tmp_path / "again.sqlite") as replay:
-        assert as_told(replay.geometry()) == wanted
+        assert replay.geometry().to_dict() == expected
 
 
 def test_a_recording_without_shapes_gets_them_when_masks_are_recorded(tmp_path):
