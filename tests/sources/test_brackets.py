@@ -50,9 +50,8 @@ class Exposing(SourceWrapper):
         for each in super().capture(requests):
             self.made.append(each.request)
             if each.mode == "lit":
-                shown = self.curve(
-                    self.scale * each.pixels * 2.0 ** (self.doubles * (each.request.stops or 0))
-                )
+                exposure = 2.0 ** (self.doubles * (each.request.stops or 0))
+                shown = self.curve(self.scale * each.pixels * exposure)
                 each = replace(each, pixels=np.clip(np.rint(shown), 0, 255).astype(np.uint8))
             yield each
 
@@ -136,25 +135,23 @@ def test_sources_without_exposure_are_refused():
         bracketed(source, STOPS)
 
 
-def test_a_recording_that_does_not_say_its_response_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("live", "error", "says"),
+    [
+        (Exposing(), ArgumentError, "transfer: expected one of srgb, linear, film; got None"),
+        (
+            SceneSource(load_scene("four-wall"), lit="float32"),
+            BadReplyError,
+            "of one size in 8 bits, got .*float32",
+        ),
+    ],
+    ids=["response unknown", "floats"],
+)
+def test_exposures_that_cannot_be_merged_are_refused(live, error, says, tmp_path):
     path, view = tmp_path / "room.sqlite", View(POSE, 90, 8, 8)
-    with omniscv.record(Exposing(), path) as source:  # without bracketed
+    with omniscv.record(live, path) as source:  # without bracketed
         list(source.capture(Request(view, "lit", stops=stops) for stops in STOPS))
-    with (
-        omniscv.open_source(path) as source,
-        pytest.raises(ArgumentError, match="transfer: expected one of srgb, linear, film; got None"),
-    ):
-        list(source.capture([Request(view, "lit")]))
-
-
-def test_exposures_in_floats_are_refused(tmp_path):
-    path, view = tmp_path / "room.sqlite", View(POSE, 90, 8, 8)
-    with omniscv.record(SceneSource(load_scene("four-wall"), lit="float32"), path) as source:
-        list(source.capture(Request(view, "lit", stops=stops) for stops in STOPS))
-    with (
-        omniscv.open_source(path) as source,
-        pytest.raises(BadReplyError, match=r"expected exposures of one size in 8 bits, got .*float32"),
-    ):
+    with omniscv.open_source(path) as source, pytest.raises(error, match=says):
         list(source.capture([Request(view, "lit")]))
 
 
@@ -166,17 +163,7 @@ def exposing(monkeypatch):
 
 def test_a_command_records_them_and_a_job_composes_light(exposing, tmp_path, capsys):
     path = tmp_path / "room.sqlite"
-    words = [
-        "record",
-        "--source",
-        exposing,
-        "--position",
-        "0,0,1.5",
-        "--modes",
-        "lit,depth",
-        "--out",
-        str(path),
-    ]
+    words = f"record --source {exposing} --position 0,0,1.5 --modes lit,depth --out {path}".split()
     words += ["--brackets", "-2,0,2", "--set", "face_size=32", "--set", "cameras.cube.width=32"]
     for new in ("24 captures", "24 captures, none new"):
         assert run([*words, "--set", "cameras.cube.height=16"]) == 0

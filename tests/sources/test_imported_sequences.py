@@ -4,6 +4,7 @@ The writers go from the camera's axes in the world to each convention, and share
 """
 
 import json
+from contextlib import closing
 
 import cv2
 import numpy as np
@@ -20,8 +21,9 @@ from omniscv.geometry import Pose
 from omniscv.sources import View, codecs
 from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.store import Store
+from omniscv.storage import png
 
-EDGE = 96
+EDGE = 64
 RIGS = [
     Pose.from_angles((0.3, -0.2, 1.45), yaw_deg=30, pitch_deg=10, roll_deg=5),
     Pose.from_angles((-0.4, 0.5, 1.2), yaw_deg=-100),
@@ -129,21 +131,14 @@ def test_frames_with_poses_compose_to_what_is_there(write, tmp_path, capsys):
 
 def test_a_named_layout_of_frames_is_taken_at_its_word(tmp_path):
     tartanair(tmp_path / "P000")
-    found = import_pictures(tmp_path / "P000", tmp_path / "a.sqlite", "tartanground")
-    assert found.lines[0].startswith("layout tartanground: 2 places")
+    report = import_pictures(tmp_path / "P000", tmp_path / "a.sqlite", "tartanground")
+    assert report.lines[0].startswith("layout tartanground: 2 places")
+    with closing(Store(tmp_path / "a.sqlite")) as store:  # pictures stay as received
+        rows = [*store.rows()]
+    assert {row.encoding for row in rows} == {"png", "png float32", "png ids"}
+    assert {row.payload for row in rows} == {file.read_bytes() for file in tmp_path.rglob("*.png")}
     with pytest.raises(ArgumentError, match="expected pictures of layout ob3d, got none"):
         import_pictures(tmp_path / "P000", tmp_path / "b.sqlite", "ob3d")
-
-
-def test_depth_and_masks_stay_as_received(tmp_path):
-    tartanair(tmp_path / "P000")
-    import_pictures(tmp_path / "P000", tmp_path / "a.sqlite")
-    payloads = {file.read_bytes() for file in (tmp_path / "P000").rglob("*.png")}
-    store = Store(tmp_path / "a.sqlite")
-    rows = [*store.rows()]
-    assert {row.encoding for row in rows} == {"png", "png float32", "png ids"}
-    assert {row.payload for row in rows} == payloads
-    store.close()
 
 
 def test_poses_that_contradict_each_other_are_named(tmp_path):
@@ -171,60 +166,33 @@ def test_poses_that_contradict_each_other_are_named(tmp_path):
 )
 def test_what_is_wrong_is_said_in_one_line(write, file, text, says, tmp_path, capsys):
     write(tmp_path / "P000")
-    if text is None:
-        (tmp_path / "P000" / file).unlink()
-    else:
-        (tmp_path / "P000" / file).write_text(text)
+    (tmp_path / "P000" / file).write_text(text)
     assert cli.run(["recording", "import", str(tmp_path / "P000"), str(tmp_path / "a.sqlite")]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "a.sqlite").exists()
 
 
 VIEW = View(RIGS[0], 90, 2, 2)
-
-
-def as_png(array):
-    return cv2.imencode(".png", np.ascontiguousarray(array[..., ::-1] if array.ndim == 3 else array))[
-        1
-    ].tobytes()
+PFM = b"Pf\n2 2\n-1.0\n" + np.array([[1, 1], [4, 4]], "<f4").tobytes()
+CORNER = 1 / np.sqrt(1.5)  # the rays of 2 x 2 pixels of 90 degrees are sqrt(1.5) long
 
 
 @pytest.mark.parametrize(
-    ("encoding", "array", "metres"),
+    ("encoding", "payload", "metres"),
     [
         ("png carla", np.full((2, 2, 3), (92, 143, 2), np.uint8), 9.999991),
         ("png uint16 4000", np.array([[0, 4000], [8000, 2]], np.uint16), [[np.inf, 1], [2, 0.0005]]),
         ("png uint16 6553.5", np.full((2, 2), 13107, np.uint16), 2),
+        ("png float32", np.full((2, 2, 4), (128, 0, 0, 63), np.uint8), 1.0),
+        ("png float32", np.full((2, 2, 4), (72, 0, 0, 65), np.uint8), 12.5),
+        ("png float32", np.full((2, 2, 4), (35, 194, 143, 68), np.uint8), 655.04),
+        ("pfm planar", PFM, [[1, 1], [4, 4]]),  # the first row is the top one, as AirSim writes it
+        ("pfm ray", PFM, [[CORNER, CORNER], [4 * CORNER, 4 * CORNER]]),
     ],
 )
-def test_encodings_have_their_known_answers(encoding, array, metres):
-    np.testing.assert_allclose(
-        codecs.decode(as_png(array), encoding, "depth", VIEW), np.full((2, 2), metres), rtol=1e-7
-    )
-    with pytest.raises(BadReplyError, match="expected a PNG"):
-        codecs.decode(
-            as_png(array.astype(np.float32)[..., 0] if array.ndim == 3 else array)[:20],
-            encoding,
-            "depth",
-            VIEW,
-        )
-
-
-@pytest.mark.parametrize(
-    ("rgba", "metres"), [((128, 0, 0, 63), 1.0), ((72, 0, 0, 65), 12.5), ((35, 194, 143, 68), 655.04)]
-)
-def test_floats_in_four_bytes(rgba, metres):
-    payload = cv2.imencode(".png", np.full((2, 2, 4), np.array(rgba)[[2, 1, 0, 3]], np.uint8))[1].tobytes()
-    depth = codecs.decode(payload, "png float32", "depth", VIEW)
-    # The known answer is of four bytes: half a step of the last is 3e-5 at 655.
-    np.testing.assert_allclose(depth, np.full((2, 2), metres), rtol=1e-6)
-
-
-@pytest.mark.parametrize(("encoding", "corner"), [("pfm planar", 1.0), ("pfm ray", 1 / np.sqrt(1.5))])
-def test_the_first_row_of_a_pfm_is_the_top_one(encoding, corner):
-    """As AirSim writes it. The rays of 2 x 2 pixels of 90 degrees are sqrt(1.5) long."""
-    payload = b"Pf\n2 2\n-1.0\n" + np.array([[1, 1], [4, 4]], "<f4").tobytes()
+def test_encodings_have_their_known_answers(encoding, payload, metres):
+    payload = payload if isinstance(payload, bytes) else png.encode(payload)
     depth = codecs.decode(payload, encoding, "depth", VIEW)
-    np.testing.assert_allclose(depth, [[corner, corner], [4 * corner, 4 * corner]], rtol=1e-6)
-    with pytest.raises(BadReplyError, match="expected 16 bytes of pixels in a PFM"):
+    np.testing.assert_allclose(depth, np.full((2, 2), metres), rtol=1e-6)
+    with pytest.raises(BadReplyError, match=r"expected 16 bytes of pixels in a PFM|expected a PNG"):
         codecs.decode(payload[:-1], encoding, "depth", VIEW)

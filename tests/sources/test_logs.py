@@ -65,24 +65,35 @@ def test_its_own_log_is_taken_in_by_a_recorder(left):
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def restored(path, other):
+def restored(path, other, recorded):
     path.write_bytes(other.read_bytes())
+    return contents(other)
 
 
-def imported(path, other):
+def imported(path, other, recorded):
     path.unlink()
     export(other, path.parent / "faces")
     import_folder(path.parent / "faces", path)
     shutil.rmtree(path.parent / "faces")
+    return contents(other)
 
 
-@pytest.mark.parametrize("replace", [restored, imported])
-def test_a_file_of_its_name_does_not_take_it_in(replace, left, other, caplog):
+def older(path, other, recorded):
+    """An older backup has the recording's id, but the journal undoes a change that it never saw."""
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        list(source.capture(face_requests(center=(0.6, 0.0, 1.5), modes=("depth",))))
+    leave_journal(path, path.parent)
+    shutil.rmtree(path.parent / "writing")
+    path.write_bytes(recorded.read_bytes())
+    return contents(recorded)
+
+
+@pytest.mark.parametrize("replace", [restored, imported, older])
+def test_a_file_of_its_name_does_not_take_it_in(replace, left, other, recorded, caplog):
     path, _ = left
+    expected = replace(path, other, recorded)
     log = path.with_name("room.sqlite-journal")
-    data = log.read_bytes()
-    replace(path, other)
-    check_set_aside(path, log, data, contents(other), caplog)
+    check_set_aside(path, log, log.read_bytes(), expected, caplog)
 
 
 def test_a_write_ahead_log_is_always_foreign(recorded, other, open_folder, caplog):
@@ -117,19 +128,6 @@ def check_set_aside(path, log, data, wanted, caplog):
     assert log.with_name(f"{log.name}.foreign").read_bytes() == data  # nothing of it is lost
     [line] = [record.getMessage() for record in caplog.records if record.name == "omniscv"]
     assert line == f"{path}: {log.name} is a log of another file; set aside as {log.name}.foreign"
-
-
-def test_an_older_backup_of_the_same_recording_does_not_take_it_in(recorded, open_folder):
-    """The backup has the recording's id, but the journal undoes a change that it never saw."""
-    path, backup = open_folder / "room.sqlite", open_folder / "backup.sqlite"
-    shutil.copy(recorded, backup)
-    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, backup) as source:
-        list(source.capture(face_requests(center=(0.6, 0.0, 1.5), modes=("depth",))))
-    leave_journal(backup, open_folder)
-    shutil.rmtree(open_folder / "writing")
-    shutil.copy(recorded, path)
-    assert contents(path) == contents(recorded)
-    assert verify(path).ok
 
 
 def test_a_file_without_its_log_holds_nothing_wrong(left, tmp_path):
@@ -167,15 +165,12 @@ def test_a_foreign_log_that_cannot_be_set_aside_is_an_error(left, other):
     assert contents(path) == contents(other)
 
 
-def test_its_own_log_is_not_taken_in_where_nothing_can_be_written(recorded, open_folder):
-    wanted = leave_journal(recorded, open_folder)
-    path = open_folder / "room.sqlite"
-    with (
-        read_only(open_folder),
-        pytest.raises(NotARecordingError, match="open it once in a folder that can be written"),
-    ):
+def test_its_own_log_is_not_taken_in_where_nothing_can_be_written(left):
+    path, expected = left
+    says = "open it once in a folder that can be written"
+    with read_only(path.parent), pytest.raises(NotARecordingError, match=says):
         verify(path)
-    assert contents(path) == wanted
+    assert contents(path) == expected
 
 
 def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_folder):

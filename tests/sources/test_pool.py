@@ -157,21 +157,16 @@ def test_several_calls_at_once_share_the_replicas():
         assert [came[number] for number in range(4)] == parts
 
 
-def test_no_sources_are_refused():
-    with pytest.raises(ArgumentError, match="at least one"):
-        SourcePool([])
-
-
-def test_different_sources_are_refused():
-    same = {"Sofa": (1, 2, 3)}
-    with pytest.raises(
-        ArgumentError, match=r"source 2 differs .* 'Sofa': \(9, 2, 3\) against 'Sofa': \(1, 2, 3\)"
-    ):
-        SourcePool([Game(table=same), Game(table={"Sofa": (9, 2, 3)})])
-    other = Game()
+def test_different_sources_and_none_are_refused():
+    recoloured, other = Game(table={"Sofa": (9, 2, 3)}), Game()
     other.capabilities = Capabilities(dialect="0.3.10")
-    with pytest.raises(ArgumentError, match=r"dialect: '0.3.10' against ''"):
-        SourcePool([Game(), other])
+    for games, says in (
+        ([], "at least one"),
+        ([Game(), recoloured], r"source 2 differs .* 'Sofa': \(9, 2, 3\) against 'Sofa': \(1, 2, 3\)"),
+        ([Game(), other], r"dialect: '0.3.10' against ''"),
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            SourcePool(games)
 
 
 def test_one_that_cannot_be_opened_is_an_error_at_once():
@@ -208,24 +203,19 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
 def test_several_sources_of_one_command(way, tmp_path):
     from omniscv.cli import run
 
-    out = tmp_path / "room.sqlite"
+    out, job = tmp_path / "room.sqlite", tmp_path / "job.yaml"
     with mock_server.serve("four-wall") as first, mock_server.serve("four-wall") as second:
-        if way == "options":
-            places = [f"--position={0.1 * step},0,1.5" for step in range(2)]
-            sources = [f"--source={server.uri}" for server in (first, second)]
-            assert run(["record", *sources, *places, "--face-size", "16", f"--out={out}"]) == 0
-        else:
-            job = {
-                "source": [first.uri, second.uri],
-                "record": out.name,
-                "cameras": {"pano": {"model": "equirectangular", "width": 64, "height": 32}},
-                "poses": [{"position": [0.1 * step, 0, 1.5]} for step in range(2)],
-                "modes": ["lit", "object_mask", "depth"],
-                "strategy": "cube",
-                "face_size": 16,
-            }
-            (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
-            assert run(["record", str(tmp_path / "job.yaml")]) == 0
+        sources = [first.uri, second.uri]
+        keys = {
+            "source": sources, "record": out.name, "strategy": "cube", "face_size": 16,
+            "cameras": {"pano": {"model": "equirectangular", "width": 64, "height": 32}},
+            "poses": [{"position": [0.1 * step, 0, 1.5]} for step in range(2)],
+            "modes": ["lit", "object_mask", "depth"],
+        }  # fmt: skip
+        job.write_text(yaml.safe_dump(keys))
+        places = ["--position=0,0,1.5", "--position=0.1,0,1.5"]
+        options = [*(f"--source={uri}" for uri in sources), *places, "--face-size=16", f"--out={out}"]
+        assert run(["record", *(options if way == "options" else [str(job)])]) == 0
     assert servers(out).total() == 2 * 6 * 3
     assert len(servers(out)) == 2
 

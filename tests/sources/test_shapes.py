@@ -128,19 +128,18 @@ def test_plugin_0_3_10_knows_no_boxes():
 
 
 def test_vertices_that_are_none_are_a_fault():
-    replies = ["1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"]
+    reply = [""]
 
     def spoils(command, forward):
-        return replies[0] if "vertex_location" in command else forward(command)
+        return reply[0] if "vertex_location" in command else forward(command)
 
     with mock_server.serve("four-wall") as server, relayed(server, spoils) as address:
-        while replies:
+        for reply[0] in ("1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"):
             with (
                 omniscv.open_source(address, retries=1, patience_s=0.1) as source,
                 pytest.raises(SourceError, match=r"expected (three numbers|text)"),
             ):
                 source.geometry()
-            replies.pop(0)
 
 
 def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
@@ -269,27 +268,21 @@ def test_a_recording_without_shapes_gets_them_when_masks_are_recorded(tmp_path):
 
 
 BOX = {"center": [0, 0, 1], "rotation": np.eye(3).tolist(), "size": [1, 1, 2], "source": "scene"}
-ROOM = {
-    "corners": [[0, 0], [1, 0], [1, 1]],
-    "floor_z": 0,
-    "ceiling_z": 2,
-    "walls": ["a", "b", "c"],
-    "floor": "f",
-    "ceiling": "g",
-}
+CORNERS_M = [[0, 0], [1, 0], [1, 1]]
+ROOM = {"corners": CORNERS_M, "floor_z": 0, "ceiling_z": 2, "walls": [*"abc"], "floor": "f", "ceiling": "g"}
 
 
 @pytest.mark.parametrize(
     ("boxes", "room", "says"),
     [
-        ({"A": {**BOX, "size": [1, -1, 1]}}, None, r"boxes\.A\.size: expected lengths of at least 0"),
-        ({"A": {**BOX, "rotation": [[1, 0, 0]] * 3}}, None, "right-handed orthonormal"),
-        ({"A": {**BOX, "center": [0, math.nan, 0]}}, None, "finite"),
-        ({"A": {**BOX, "source": "dream"}}, None, "expected one of scene, vertices, bounds, points"),
+        ({"A": BOX | {"size": [1, -1, 1]}}, None, r"boxes\.A\.size: expected lengths of at least 0"),
+        ({"A": BOX | {"rotation": [[1, 0, 0]] * 3}}, None, "right-handed orthonormal"),
+        ({"A": BOX | {"center": [0, math.nan, 0]}}, None, "finite"),
+        ({"A": BOX | {"source": "dream"}}, None, "expected one of scene, vertices, bounds, points"),
         ({"A": {}}, None, "boxes.A: missing key 'center'"),
         ([], None, "boxes: expected a mapping"),
-        ({}, {**ROOM, "walls": ["a"]}, "as many walls, got 3 corners and 1 walls"),
-        ({}, {**ROOM, "door": 1}, "room: unknown key 'door'"),
+        ({}, ROOM | {"walls": ["a"]}, "as many walls, got 3 corners and 1 walls"),
+        ({}, ROOM | {"door": 1}, "room: unknown key 'door'"),
     ],
 )
 def test_shapes_of_a_file_are_checked(boxes, room, says):

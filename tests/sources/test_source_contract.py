@@ -68,7 +68,6 @@ SOURCES = {
     "mock N3": opened("mock://four-wall"),
     "mock 0.3.10": opened(OLD),
     "mock M": opened("mock://four-wall?dialect=M"),
-    "mock N1": opened("mock://four-wall?dialect=N1"),
     "mock N2": opened("mock://four-wall?dialect=N2"),
     "scene": opened("scene://four-wall"),
     "scene with ids": opened("scene://four-wall?masks=ids&lit=float32"),
