@@ -363,7 +363,7 @@ def view_from_json(text: Any) -> View:
 def view_from_dict(data: dict[str, Any]) -> View:
     """Return the view that :func:`view_to_json` describes; ArgumentError for anything else."""
     try:
-        fov_deg, *size = data["fov_deg"], data["width"], data["height"]
+        fov_deg, size = data["fov_deg"], (data["width"], data["height"])
         if not all(type(edge) is int for edge in size):
             raise ArgumentError(f"size: expected whole numbers, got {shown(size)}")
         lens = data.get("lens")
