@@ -21,9 +21,9 @@ from omniscv.sources.scene import SceneSource, open_scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-QUICK = {"width": 64}
+QUICK = {"width": 64, "asked": (0.1,)}
 
-PAPER = "the paper"
+PAPER, ASKED = "the paper", "accuracy="
 AIMS = (0.01, 0.003, 0.001, 0.0003)
 MS_REQUEST, MS_MEGAPIXEL = 5.0, 25.0
 LATENCIES_MS = (5, 30)
@@ -37,6 +37,8 @@ _NONCENTRAL: _Ways = {
     "faces": [("faces", count, 1) for count in (4, 16, None)],
     "adaptive": [("adaptive", None, size) for size in _SIZES[:-1]],
 }
+_LEAST_NONCENTRAL = 0.01
+"""The least aim of cameras with several centres: smaller ones take hours."""
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
 _MODES = ("object_mask", "depth")
 _LEAST = 1e-4  # a share of 0 is drawn here
@@ -48,19 +50,21 @@ class Row:
     """One way to make one camera's image.
 
     Attributes:
-        face_size: px.
+        viewpoints: None: as many as the strategy takes.
+        face_size: px; None: chosen for the aim.
         requests: of captures, in both modes; megapixels: captured, in both modes.
         seconds: of capturing by the model: 5 ms a request and 25 ms a megapixel.
         seconds_at: the same by latency, in milliseconds of a request.
         doubtful: share of the valid pixels that are marked, or whose depth may be off by more than 1 %.
         wrong: share of the valid pixels whose label differs or whose depth is off by more than 1 %.
         compose_s: time of planning and composing, without captures.
+        aim: the share of doubtful pixels that was asked for; None where face size and strategy were given.
     """
 
     camera: str
     series: str
     viewpoints: int | None
-    face_size: int
+    face_size: int | None
     requests: int
     megapixels: float
     seconds: float
@@ -68,6 +72,7 @@ class Row:
     doubtful: float
     wrong: float
     compose_s: float
+    aim: float | None
 
 
 def cameras(width: int) -> dict[str, Camera]:
@@ -85,25 +90,25 @@ def cameras(width: int) -> dict[str, Camera]:
     }
 
 
-def measure(width: int = 512, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+def measure(
+    width: int = 512,
+    asked: Sequence[float] = (0.03, *AIMS),
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Row]:
     """Measure every way in the four-wall room.
 
     Args:
         width: of the panorama, px; the other images are a half or a quarter as wide.
+        asked: values of ``accuracy``; of cameras with several centres only those of 1 % and more.
         progress: called with (images done, images in total).
     """
     scene = open_scene("scene://four-wall").scene
-    every = [
-        (name, camera, series, *way)
-        for name, camera in cameras(width).items()
-        for series, ways in (_CENTRAL if camera.central else _NONCENTRAL).items()
-        for way in ways
+    ways = [
+        (name, camera, *way) for name, camera in cameras(width).items() for way in _ways(camera, width, asked)
     ]
     truth = {name: traced(scene, camera, _POSE) for name, camera in cameras(width).items()}
     rows: list[Row] = []
-    for name, camera, series, strategy, viewpoints, size in every:
-        face_size = round(size * width / 4)
-        options: dict[str, Any] = {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
+    for name, camera, series, options in ways:
         source, started = _Counting(SceneSource(scene, cached_views=1)), time.perf_counter()
         image = render(camera, _POSE, source, _MODES, **options)
         compose_s = time.perf_counter() - started - source.seconds
@@ -113,13 +118,25 @@ def measure(width: int = 512, progress: Callable[[int, int], None] | None = None
         seconds_at = {ms: ms * source.requests / 1e3 + of_pixels for ms in LATENCIES_MS}
         rows.append(
             Row(
-                name, series, viewpoints, face_size, source.requests, source.pixels / 1e6,
-                seconds_at[LATENCIES_MS[0]], seconds_at, image.doubtful, wrong, compose_s,
+                name, series, options.get("viewpoints"), options.get("face_size"), source.requests,
+                source.pixels / 1e6, seconds_at[LATENCIES_MS[0]], seconds_at, image.doubtful, wrong,
+                compose_s, options.get("accuracy"),
             )
         )  # fmt: skip
         if progress:
-            progress(len(rows), len(every))
+            progress(len(rows), len(ways))
     return rows
+
+
+def _ways(camera: Camera, width: int, asked: Sequence[float]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the series and the options of every way to make a camera's image."""
+    for series, ways in (_CENTRAL if camera.central else _NONCENTRAL).items():
+        for strategy, viewpoints, size in ways:
+            face_size = round(size * width / 4)
+            yield series, {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
+    for aim in asked:
+        if camera.central or aim >= _LEAST_NONCENTRAL:
+            yield ASKED, {"accuracy": aim}
 
 
 class _Counting(SourceWrapper):
@@ -184,9 +201,10 @@ def _draw_aims(axes: Axes) -> None:
 
 
 def _dot(row: Row, all_rows: Sequence[Row]) -> Dot:
-    """Return a dot; the last of a series is labelled."""
-    curve = [other for other in all_rows if other.series == row.series]
-    return Dot(row.series, row.series * (curve[-1] is row), row.seconds, 100 * max(row.doubtful, _LEAST))
+    """Return a dot; the last of a series is labelled, and each that an aim was given for."""
+    last = [other for other in all_rows if other.series == row.series][-1] is row
+    label = row.series * last if row.aim is None else f"{ASKED * last}{100 * row.aim:g} %"
+    return Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST))
 
 
 def finding(rows: Sequence[Row]) -> str:

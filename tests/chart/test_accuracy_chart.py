@@ -11,7 +11,7 @@ from omniscv.chart import accuracy
 
 @pytest.fixture(scope="module")
 def rows():
-    return accuracy.measure(width=32)
+    return accuracy.measure(width=32, asked=(0.1,))
 
 
 def by_way(rows, camera):
@@ -38,12 +38,18 @@ def test_finer_faces_leave_less_doubt(rows):
     assert all(row.wrong <= row.doubtful for row in rows)
 
 
+def test_what_is_asked_for_is_reached(rows):
+    asked = [row for row in rows if row.aim is not None]
+    assert [row.camera for row in asked] == list(accuracy.cameras(32))
+    assert all(row.doubtful <= row.aim == 0.1 for row in asked)
+
+
 def test_it_is_written_and_drawn(rows, tmp_path):
     data, drawn, picture = accuracy.write(rows, tmp_path)
     assert [row["doubtful"] for row in json.loads(data.read_text())] == [row.doubtful for row in rows]
     with Image.open(picture) as opened:
         assert opened.width == 1600
-    assert all(name in drawn.read_text() for name in ("mirror ball", "the paper", "0.03 %"))
+    assert all(name in drawn.read_text() for name in ("mirror ball", "the paper", "accuracy=10 %"))
 
 
 def test_the_title_counts_what_is_no_more_doubtful(rows):
