@@ -7,7 +7,6 @@ import atexit
 import contextlib
 import io
 import json
-import os
 import shutil
 import tarfile
 import tempfile
@@ -20,9 +19,8 @@ import yaml
 from support.datasets import image, job_file
 
 from attack.commands import clear, nothing_left, ran, require
-from attack.folders import replaced
-from attack.texts import scrambled
-from attack.words import JSON_TEXTS, YAML
+from attack.spoiling import bytes_changed, regular_files, spoil_file, strange, text_changed, write
+from attack.words import YAML
 from omniscv import dataset, jobs
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import OmniscvError
@@ -84,50 +82,9 @@ def listed(out, path):
     (out / "frames.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
 
 
-def strange(rng, path):
-    """Put something else in the place of a file."""
-    others = [other for other in path.parent.iterdir() if other != path and other.is_file()]
-    path.unlink()
-    rng.choice(
-        [
-            lambda: None,
-            path.mkdir,
-            lambda: os.mkfifo(path),
-            lambda: path.symlink_to("/dev/zero"),
-            lambda: path.symlink_to(path.name),
-            lambda: path.symlink_to(rng.choice(others)),
-            lambda: shutil.copy(rng.choice(others), path),
-            lambda: (path.touch(), os.truncate(path, 64 << 30)),
-            path.touch,
-        ]
-    )()
-
-
-def bytes_changed(rng, data):
-    """Bytes flipped, cut or added."""
-    data = bytearray(data)
-    for _ in range(rng.choice([0, 1, 1, 5])):
-        data[rng.randrange(len(data))] = rng.randrange(256)
-    return bytes(data[: rng.choice([len(data), rng.randrange(len(data))])]) + rng.choice(
-        [b"", b"", b"x" * 99]
-    )
-
-
-def text_changed(rng, text):
-    """JSON with a value replaced, another text, or characters exchanged."""
-    kind = rng.randrange(8)
-    if kind == 0:
-        return rng.choice(JSON_TEXTS)
-    if kind == 1:
-        return scrambled(rng, text)
-    with contextlib.suppress(ValueError, RecursionError):  # spoiled before
-        return json.dumps(replaced(rng, json.loads(text)))
-    return text
-
-
 def spoil(rng, out):
     """Change a file of a dataset; return whether what it holds may differ from what was made, unnoticed."""
-    files = sorted(each for each in out.iterdir() if each.is_file() and not each.is_symlink())
+    files = regular_files(out)
     manifests = [each for each in files if each.name in ("dataset.json", "frames.jsonl")]
     path = rng.choice([*files, *manifests * 8])
     if rng.random() < 0.2:
@@ -139,8 +96,7 @@ def spoil(rng, out):
         path.write_bytes("".join(f"{line}\n" for line in lines).encode("utf-8", "surrogatepass"))
         return True
     elif path.suffix == ".json":
-        text = text_changed(rng, path.read_bytes().decode(errors="replace"))
-        path.write_bytes(text.encode("utf-8", "surrogatepass"))
+        write(path, text_changed(rng, path.read_bytes().decode(errors="replace")))
         return path.name == "dataset.json"
     else:
         path.write_bytes(bytes_changed(rng, path.read_bytes()))
@@ -189,8 +145,7 @@ def records(rng, folder):
             text = path.read_text(encoding="utf-8")
             for _ in range(rng.choice([1, 1, 3])):
                 text = text_changed(rng, text)
-            path.write_bytes(text.encode("utf-8", "surrogatepass"))
-            listed(out, path)
+            listed(out, write(path, text))
         used(rng, work, changed=True)
 
 
@@ -253,11 +208,8 @@ def shards(rng, folder):
         shutil.copytree(true / "exports" / "webdataset", work / "shards")
         listing = work / "shards" / "shards.json"
         path = rng.choice(sorted(listing.parent.iterdir()))
-        if rng.random() < 0.2:
-            strange(rng, path)
-        elif path.suffix == ".json":
-            text = text_changed(rng, path.read_text(encoding="utf-8"))
-            path.write_bytes(text.encode("utf-8", "surrogatepass"))
+        if rng.random() < 0.2 or path.suffix == ".json":
+            spoil_file(rng, path)
         else:
             path.write_bytes(rng.choice([bytes_changed, header_changed, repacked])(rng, path.read_bytes()))
             said = json.loads(listing.read_bytes())

@@ -21,7 +21,7 @@ MEMORY = 8 << 30
 """Bytes that the process may have: an attack that takes more is a fault."""
 
 ROUND = {
-    **{"texts": 100, "flips": 100, "recordings": 20, "servers": 10, "folders": 3, "signals": 2},
+    **{"texts": 100, "recordings": 60, "servers": 10, "folders": 3, "signals": 2},
     **{"datasets": 5, "records": 5, "names": 5, "shards": 20, "stores": 5},
 }
 """By family: cases in a round. A hundred rounds are what a long run should reach."""

@@ -2,23 +2,18 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 
 import psutil
+from support.processes import started
 
 from attack.commands import nothing_left, ran, require
 
 SECONDS = 20
-PROGRAM = (  # with signals as a terminal has them, also under nohup and in the background
-    "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL); "
-    "signal.signal(signal.SIGINT, signal.default_int_handler); "
-    "from omniscv.cli import main; print('started', flush=True); main()"
-)
+PROGRAM = "from omniscv.cli import main; print('started', flush=True); main()"
 POSITIONS = [f"--position={0.01 * step},0,1.5" for step in range(300)]
-PANORAMA = "--size 64x32 --camera noncentral-panorama --param radius=0.5 --strategy cube"
-FACES = "--face-size 32 --modes lit,object_mask,depth --out room.sqlite"
+PANORAMA = "--size 64x32 --camera noncentral-panorama --set camera.radius=0.5 --set strategy=cube"
+FACES = "--set face_size=32 --modes lit,object_mask,depth --out room.sqlite"
 COMMANDS = {
     "record": ["record", *FACES.split(), *POSITIONS],
     "render": ["render", *PANORAMA.split(), "--modes", "lit,depth"],
@@ -31,16 +26,9 @@ def case(rng, folder):
     """Start a command, send it one or two signals, and look at what is left."""
     name, number = rng.choice(list(COMMANDS)), rng.choice(SIGNALS)
     with nothing_left(folder, may_leave=number == signal.SIGKILL) as work:
-        process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, *COMMANDS[name]],
-            cwd=work,
-            env={**os.environ, "TMPDIR": str(folder / "tmp")},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
         children, sent = [], [number]
-        try:
+        with started("-c", PROGRAM, *COMMANDS[name], cwd=work, env=environment) as process:
             process.stdout.readline()
             time.sleep(rng.choice([rng.uniform(0, 0.1), rng.uniform(0, 1.5), rng.uniform(1, 4)]))
             if process.poll() is None:
@@ -51,9 +39,6 @@ def case(rng, folder):
                     sent.append(rng.choice(SIGNALS[:3]))
                     process.send_signal(sent[-1])
             _, err = process.communicate(timeout=SECONDS)
-        finally:
-            process.kill()
-            process.communicate()
         _, alive = psutil.wait_procs(children, timeout=5)
         require(not alive, f"{name}, {number.name}: processes are left: {alive}")
         if number != signal.SIGKILL:

@@ -5,8 +5,8 @@ import pytest
 from attack.runner import ROUND, Tally, Worker, run
 
 SHORT = {
-    **{"texts": 60, "flips": 30, "recordings": 20, "servers": 3, "folders": 10},
-    **{"datasets": 10, "records": 10, "names": 10, "shards": 20, "stores": 5},
+    **{"texts": 50, "recordings": 20, "servers": 3, "folders": 6},
+    **{"datasets": 6, "records": 6, "names": 8, "shards": 15, "stores": 4},
 }
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``, with signals,
 which ``tests/cli/test_signals.py`` tests in the suite."""

@@ -4,7 +4,8 @@ import json
 import time
 
 from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
-from attack.words import ARGUMENTS, SIGNS, YAML
+from attack.spoiling import scrambled, write
+from attack.words import ARGUMENTS, YAML
 from omniscv import Rig, RigCamera, calibration, cameras, jobs
 from omniscv.errors import ArgumentError
 
@@ -102,27 +103,12 @@ def spoiled(rng, value, chance=1.0):
     return {**rest, key: spoiled(rng, value[key])}
 
 
-def scrambled(rng, text):
-    """A text with some characters or pieces replaced, removed, repeated or cut."""
-    for _ in range(rng.randint(1, 4)):
-        start = rng.randrange(len(text) + 1)
-        end = min(len(text), start + rng.choice([0, 1, 1, 3, 20]))
-        piece = rng.choice([rng.choice(SIGNS), rng.choice(YAML), text[start:end] * 3, ""])
-        text = text[:start] + piece + text[end:]
-    return text[: rng.randrange(len(text) + 1)] if rng.random() < 0.1 else text
-
-
 def description(rng, valid):
     """YAML of a description that is spoiled, scrambled or both."""
     for _ in range(rng.randint(0, 3)):
         valid = spoiled(rng, valid)
     text = written(valid)
     return scrambled(rng, text) if rng.random() < 0.4 else text
-
-
-def write(path, text):
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    return path
 
 
 def judged(read, path, command):
@@ -199,23 +185,32 @@ def calibration_file(rng, folder):
     require(time.process_time() - started < SECONDS, f"{name}: {time.process_time() - started:.2f} s")
 
 
-VIEWED = "--source --camera --size --fov --param --position --modes --strategy --face-size"
+VIEWED = "--source --camera --size --set --param --position --modes --accuracy"
 OPTIONS = {
-    "render": f"{VIEWED} --yaw --roll --viewpoints --filter --max-error --stem --image-format".split(),
+    "render": f"{VIEWED} --yaw --roll --stem --max-error".split(),
     "plan": VIEWED.split(),
-    "record": ["--source", "--position", "--face-size", "--modes", "--overscan", "--launch"],
+    "record": ["--source", "--position", "--set", "--modes", "--overscan", "--launch"],
     "cameras": ["--x"],
     "doctor": ["--position"],
-    "captures": ["--json"],
+    "recording": ["--json"],
     "serve": ["--size", "--fault", "--dialect", "--depth", "--latency-ms", "--seed"],
     "chart": ["--width"],
 }
 """By command; a value may also stand alone."""
 
 RUNS = {
-    "render": ["--size", "8x4", "--source", "scene://direction", "--face-size", "16", "--strategy", "cube"],
+    "render": [
+        "--size",
+        "8x4",
+        "--source",
+        "scene://direction",
+        "--set",
+        "face_size=16",
+        "--set",
+        "strategy=cube",
+    ],
     "plan": ["--size", "8x4"],
-    "record": ["--face-size", "16", "--source", "scene://direction", "--modes", "lit"],
+    "record": ["--set", "face_size=16", "--source", "scene://direction", "--modes", "lit"],
     "serve": ["--port", "99999"],
     "chart": ["nothing"],
 }
@@ -232,7 +227,7 @@ def command_line(rng, folder):
             if option and rng.random() < 0.5
             else [each for each in (option, value) if each]
         )
-    if command == "captures":
+    if command == "recording":
         arguments.insert(0, rng.choice(["info", "verify", "export", "import", "info"]))
     with nothing_left(folder):
         ran([command, *arguments])

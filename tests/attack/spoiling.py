@@ -1,0 +1,103 @@
+"""Changes to files, JSON and texts that were right."""
+
+import contextlib
+import json
+import os
+import shutil
+
+from attack.words import JSON_TEXTS, JSON_VALUES, SIGNS, YAML
+
+
+def write(path, text):
+    """Write a text, whatever characters it has; return the path."""
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    return path
+
+
+def regular_files(folder):
+    """Return the files of a folder that are no links, sorted."""
+    return sorted(path for path in folder.iterdir() if path.is_file() and not path.is_symlink())
+
+
+def replaced(rng, value):
+    """A JSON value with something in it replaced, removed or added."""
+    if not isinstance(value, dict | list) or not value or rng.random() < 0.1:
+        return rng.choice(JSON_VALUES)
+    if isinstance(value, list):
+        index = rng.randrange(len(value))
+        return [
+            *value[:index],
+            *rng.choice([[], [replaced(rng, value[index])], [value[index]] * 2]),
+            *value[index + 1 :],
+        ]
+    key = rng.choice(list(value))
+    rest = {each: value[each] for each in value if each != key}
+    return rng.choice(
+        [
+            rest,
+            {**rest, key: replaced(rng, value[key])},
+            {**rest, key: replaced(rng, value[key])},
+            {**value, "also": rng.choice(JSON_VALUES)},
+        ]
+    )
+
+
+def scrambled(rng, text):
+    """A text with some characters or pieces replaced, removed, repeated or cut."""
+    for _ in range(rng.randint(1, 4)):
+        start = rng.randrange(len(text) + 1)
+        end = min(len(text), start + rng.choice([0, 1, 1, 3, 20]))
+        piece = rng.choice([rng.choice(SIGNS), rng.choice(YAML), text[start:end] * 3, ""])
+        text = text[:start] + piece + text[end:]
+    return text[: rng.randrange(len(text) + 1)] if rng.random() < 0.1 else text
+
+
+def text_changed(rng, text):
+    """JSON with a value replaced, another text, or characters exchanged."""
+    kind = rng.randrange(8)
+    if kind == 0:
+        return rng.choice(JSON_TEXTS)
+    if kind == 1:
+        return scrambled(rng, text)
+    with contextlib.suppress(ValueError, RecursionError):  # spoiled before
+        return json.dumps(replaced(rng, json.loads(text)))
+    return text
+
+
+def bytes_changed(rng, data):
+    """Bytes flipped, cut or added."""
+    data = bytearray(data)
+    for _ in range(rng.choice([0, 1, 1, 5])):
+        data[rng.randrange(len(data))] = rng.randrange(256)
+    return bytes(data[: rng.choice([len(data), rng.randrange(len(data))])]) + rng.choice(
+        [b"", b"", b"x" * 99]
+    )
+
+
+def strange(rng, path):
+    """Put something else in the place of a file."""
+    others = [other for other in path.parent.iterdir() if other != path and other.is_file()]
+    path.unlink()
+    rng.choice(
+        [
+            lambda: None,
+            path.mkdir,
+            lambda: os.mkfifo(path),
+            lambda: path.symlink_to("/dev/zero"),
+            lambda: path.symlink_to(path.name),
+            lambda: path.symlink_to(rng.choice(others)),
+            lambda: shutil.copy(rng.choice(others), path),
+            lambda: (path.touch(), os.truncate(path, 64 << 30)),
+            path.touch,
+        ]
+    )()
+
+
+def spoil_file(rng, path):
+    """Put something else in the place of a file, or change its JSON or its bytes."""
+    if rng.random() < 0.2:
+        strange(rng, path)
+    elif path.suffix == ".json":
+        write(path, text_changed(rng, path.read_bytes().decode(errors="replace")))
+    else:
+        path.write_bytes(bytes_changed(rng, path.read_bytes()))
