@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
 from omniscv.geometry import Pose, pinhole
 from omniscv.sources.base import Capture, Request, View
@@ -16,14 +17,16 @@ from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.commands import CAMERA_IDS, CAMERAS, MODERN, SHARED, SHARED_MASK, VERSION
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
 from omniscv.sources.unreal.level_cameras import cine_intrinsics
-from omniscv.sources.unreal.replies import Reply, fov, name, names, numbers
+from omniscv.sources.unreal.replies import Reply, name, names, numbers
 from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 
 _STABLE_ID = re.compile(r"CID-[\w-]{1,200}", re.ASCII)
 _LIMITS_DEG = (1.0, 179.0)
 """Fields of view that engines do not clamp in silence."""
-_TRIED_PX = (64, 48)  # of the masks that must be equal
-_TRIED_DEG = 100.0  # is set once, to be read back
+_TRIED_PX, _TRIED_DEG = (64, 48), 100.0  # are set once, to be read back
+_TRIED = {"fov": "a field of view, degrees, of", "size": "a size, px, of"}
+_FAST_CAPTURE = re.compile(r"vset \S+/use_fast_capture \[\w+\]")
+"""A command of Dev builds, after which replies come before the pictures that they announce."""
 _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
 
@@ -72,6 +75,7 @@ class ModernDriver(CameraDriver):
             self._spawn(count)
         if not self._prepared:  # after the camera: a game that starts again in between lacks it, and is found
             self._prepare()
+            self._capture_at_once()
             self._expose_by_hand()
             self._prepared = True
 
@@ -111,14 +115,25 @@ class ModernDriver(CameraDriver):
         return reply.startswith("error")
 
     def verify(self) -> None:
+        tried: dict[str, tuple[float, ...]] = {}
         if self.capabilities.can_set_fov:
-            at = f"/camera/{self.camera}/fov"
-            done, read = self.connection.texts([f"vset {at} {_TRIED_DEG}", f"vget {at}"])
+            tried["fov"] = (_TRIED_DEG,)
+        if self.capabilities.can_set_size:
+            tried["size"] = _TRIED_PX
+        for what, values in tried.items():
+            at, text = f"/camera/{self.camera}/{what}", " ".join(map(str, values))
+            done, read = self.connection.texts([f"vset {at} {text}", f"vget {at}"])
             if done != "ok" or read.startswith("error"):
-                return  # a game that has started again lacks the camera: captures find that
-            if abs((actual := fov(read)) - _TRIED_DEG) > _SAME_DEG:
-                raise self._refused(f"a field of view of {_TRIED_DEG} degrees, which was set, got {actual:g}")
+                return  # M reads no size; a game that has started again lacks the camera: captures find that
+            if not np.allclose(numbers(read, len(values)), values, rtol=0, atol=_SAME_DEG):
+                raise self._refused(f"{_TRIED[what]} {text}, which was set, got {shown(read)}")
         self._share()
+
+    def _capture_at_once(self) -> None:
+        """Switch fast captures off where a server lists the command; its reply is not documented."""
+        commands = filter(_FAST_CAPTURE.fullmatch, self.connection.plugin.templates)
+        heads = [command.rpartition(" ")[0].replace("[uint]", str(self.camera)) for command in commands]
+        self.connection.texts([f"{head} 0" for head in heads])
 
     def _expose_by_hand(self) -> None:
         wanted, camera = self._options.exposure, self.camera

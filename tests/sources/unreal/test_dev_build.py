@@ -7,9 +7,12 @@ from support.worlds import SCENE, ahead, at_time, serve
 
 import mock_server
 import omniscv
+from mock_server import pixels
 from omniscv.diagnostics import native_panorama
 from omniscv.diagnostics.server import RawCamera
+from omniscv.errors import BadReplyError
 from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.replies import bmp_colors
 
 
 def test_a_world_is_frozen_but_for_the_pawn_and_goes_on_afterwards():
@@ -44,6 +47,28 @@ def test_objects_are_annotated_and_other_replies_than_ok_are_taken():
         assert server.statistics.total("vset /annotation/object/Box") == 1
         reply = source.command("vset /light/directional/intensity 3")
         assert reply == "Set DirectionalLight intensity to 3.00"
+
+
+def test_fast_captures_are_switched_off_where_they_are_listed():
+    sent = []
+
+    def change(command, forward):
+        sent.append(command)
+        if command == "vget /unrealcv/commands":
+            return forward(command) + b"\nvset /camera/[camera_id]/use_fast_capture [uint]"
+        return "done" if "use_fast_capture" in command else forward(command)
+
+    with serve("Dev") as server, relayed(server, change) as uri, omniscv.open_source(uri):
+        assert "vset /camera/CID-FusionCameraActor_0-00/use_fast_capture 0" in sent
+
+
+def test_bitmaps_of_both_header_sizes_are_read():
+    rgb = np.random.default_rng(5).integers(0, 255, (3, 4, 3), np.uint8)
+    data = pixels.bmp(rgb)  # repeats its byte count behind the header
+    for picture in (data, data[:54] + data[58:]):
+        np.testing.assert_array_equal(bmp_colors(picture, 4, 3), rgb)
+    with pytest.raises(BadReplyError, match="expected a BMP of 4 x 3"):
+        bmp_colors(data[:-1], 4, 3)
 
 
 FOUND = {

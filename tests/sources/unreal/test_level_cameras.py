@@ -282,12 +282,19 @@ def test_fields_of_view_that_engines_clamp_are_refused():
             list(source.capture([Request(View(pose, 179.5, 8, 8), "depth")]))
 
 
-def test_a_field_of_view_that_is_not_kept_is_refused():
-    def stays(command, forward):
-        return "90.000000" if command == "vget /camera/1/fov" else forward(command)
+@pytest.mark.parametrize(
+    ("what", "stays", "says"),
+    [
+        ("fov", "90.000000", r"a field of view, degrees, of 100.0, .* got '90.000000'"),
+        ("size", "640 480", r"a size, px, of 64 48, which was set, got '640 480'"),
+    ],
+)
+def test_a_setting_that_is_not_kept_is_refused(what, stays, says):
+    def change(command, forward):
+        return stays if command == f"vget /camera/1/{what}" else forward(command)
 
-    refused = pytest.raises(ServerRefusedError, match=r"a field of view of 100.0 degrees, .* got 90")
-    with mock_server.serve("four-wall") as server, relayed(server, stays) as uri, refused:
+    refused = pytest.raises(ServerRefusedError, match=says)
+    with mock_server.serve("four-wall") as server, relayed(server, change) as uri, refused:
         omniscv.open_source(uri)
 
 

@@ -308,7 +308,7 @@ def test_a_picture_from_before_in_one_mode_alone_never_counts(mode, server, trut
 def test_a_camera_without_lag_costs_no_more_than_its_first_pictures(server):
     with live(server, **PATIENT) as source:
         payloads(source, REQUESTS)
-    assert server.statistics.total("vget /camera/1/") == len(REQUESTS) + SETTLED + 1  # its field of view
+    assert server.statistics.total("vget /camera/1/") == len(REQUESTS) + SETTLED + 2  # its size and angle
 
 
 def test_views_that_show_the_same_are_captured_and_soon_not_doubted():
