@@ -11,7 +11,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Generator
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import sees
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint
 from omniscv.planning.strategy import Strategy, Task, get
-from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
+from omniscv.planning.strips import STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
 
@@ -183,34 +182,17 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
     """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do.
 
     Rays on a great circle, as of a panorama's column, run through the middle of a row of pixels. Others are
-    sampled as finely as faces sample on average. Recordings may hold those as coarse as faces in the middle,
-    and narrower ones than servers take.
-    Arguments as :func:`face_viewpoints`.
+    sampled as finely as faces sample on average. Arguments as :func:`face_viewpoints`.
     """
     if not groups:
         return ()
     rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
-    middle_px = task.edge / 2
-    finer = (1.0,) if straight([*rays_w.values()], middle_px) else (MEAN_OF_A_FACE, 1.0)
-    if task.recorded is None:
-        return _strips(task, groups, around, rays_w, finer[0] * middle_px)
-    kinds = product((LEAST_HALF, 0.0), finer)
-    plans = [_strips(task, groups, around, rays_w, each * middle_px, least) for least, each in kinds]
-    recorded = (plan for plan in plans if task.available([view for each in plan for view in each.views]))
-    return next(recorded, plans[0])
-
-
-def _strips(
-    task: Task,
-    groups: Groups,
-    around: DepthShell | None,
-    rays_w: dict[int, Array],
-    focal_px: float,
-    least_half: float = LEAST_HALF,
-) -> tuple[Viewpoint, ...]:
+    focal_px = task.edge / 2
+    if not straight([*rays_w.values()], focal_px):
+        focal_px *= MEAN_OF_A_FACE
     spanned_px = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
     border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned_px / 2))))
-    size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities, least_half)
+    size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
     faces = CubeFaces(task, task.edge, border_px)
 
     def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.computed import Computed
 from support.exact import by_rays, cameras_at, distance_to_surfaces, float_source
 
 import omniscv
@@ -11,7 +12,6 @@ from omniscv.cameras import create
 from omniscv.chart.truth import traced
 from omniscv.geometry import Pose
 from omniscv.geometry.surfaces import Precision, surface_point
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 ROOMS = {name: float_source(load_scene(name)) for name in ("four-wall", "six-wall")}
@@ -65,32 +65,20 @@ def test_half_floats_of_real_servers_err_by_half_a_step(tmp_path):
         assert np.quantile(off[here], 0.95) <= step / 2 * np.sqrt(3)
 
 
-class Sky(Source):
-    """A floor one metre below, and nothing above the horizon."""
-
-    capabilities = omniscv.sources.Capabilities()
-
-    def objects(self):
-        raise AssertionError("no mask was asked for")
-
-    def capture(self, requests):
-        for request in requests:
-            view = request.view
-            y, x = np.indices((view.height, view.width)) + 0.5
-            rays = np.stack(
-                [x - view.width / 2, y - view.height / 2, np.full(x.shape, view.focal_px)], axis=-1
-            )
-            up = (rays / view.focal_px) @ view.pose.R_w_c[2]
-            with np.errstate(divide="ignore"):
-                depth = np.where(up < 0, -1 / up, np.inf).astype(np.float32)
-            yield Capture(request, view, depth)
+def sky_m(view):
+    """Depth of a floor one metre below, and of nothing above the horizon."""
+    y, x = np.indices((view.height, view.width)) + 0.5
+    rays = np.stack([x - view.width / 2, y - view.height / 2, np.full(x.shape, view.focal_px)], axis=-1)
+    up = (rays / view.focal_px) @ view.pose.R_w_c[2]
+    with np.errstate(divide="ignore"):
+        return np.where(up < 0, -1 / up, np.inf).astype(np.float32)
 
 
 @pytest.mark.parametrize("filter", ["auto", "nearest", "bicubic"])
 def test_the_sky_stays_infinite_and_is_never_blended(filter):
     camera = create("equirectangular", width=256, height=128)
     pose = Pose.from_angles((0, 0, 1.0))
-    image = omniscv.render(camera, pose, Sky(), ("depth",), filter=filter, face_size=128)
+    image = omniscv.render(camera, pose, Computed(sky_m), ("depth",), filter=filter, face_size=128)
     assert np.isinf(image.depth[:62]).all()
     assert np.isfinite(image.depth[66:]).all()
     rays = camera.unproject().directions
@@ -128,26 +116,14 @@ def test_a_thin_pole_keeps_its_depth():
     assert (np.abs(points[pole][:, 0] - 1.5) < 0.02).all()
 
 
-class Near(Source):
-    """Depth of 0 everywhere, as a server may send where a surface touches the camera."""
-
-    capabilities = Capabilities()
-
-    def objects(self):
-        return ObjectTable({})
-
-    def capture(self, requests):
-        for request in requests:
-            shape = request.view.height, request.view.width
-            yield Capture(request, request.view, np.zeros(shape, np.float32))
-
-
 @pytest.mark.parametrize("normals", ["captured", "from-depth"])
 def test_a_depth_of_zero_is_no_fault(normals):
+    """As a server may send where a surface touches the camera."""
+    near = Computed(lambda view: np.zeros((view.height, view.width), np.float32))
     camera = create("noncentral-panorama", width=32, height=16, radius=0.5)
     modes = ("depth",) if normals == "captured" else ("depth", "normals")
     for strategy in ("strips", "adaptive"):
-        image = omniscv.render(camera, POSE, Near(), modes, strategy=strategy, face_size=32, normals=normals)
+        image = omniscv.render(camera, POSE, near, modes, strategy=strategy, face_size=32, normals=normals)
         assert (image.depth[image.valid] < 1).all()
 
 

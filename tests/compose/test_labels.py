@@ -72,13 +72,6 @@ def test_a_colour_is_its_objects_or_nobodys(colors, tolerance, random):
             assert not color.any() or tuple(color.tolist()) in unknown
 
 
-def test_another_sources_colours_are_exact():
-    """Only the source that shows colours with an error gives a tolerance."""
-    mask = np.array([[[61, 61, 61], [63, 63, 63]]], dtype=np.uint8)
-    assert labels_of(mask, ObjectTable({"Chair": (63, 63, 63)}))[0].tolist() == [[0, 1]]
-    assert labels_of(mask, ObjectTable({"Chair": (63, 63, 63)}, tolerance=3))[0].tolist() == [[1, 1]]
-
-
 def test_instance_ids_have_the_labels_of_their_names():
     table = ObjectTable({}, ids={"Table": 40, "Chair": 65535})
     labels, mask = labels_of_ids(np.array([[40, 65535, 3]], np.uint16), table)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.computed import Computed
 
 import omniscv
 from omniscv.cameras import create
@@ -9,7 +10,7 @@ from omniscv.compose.atlas import Atlas
 from omniscv.compose.ray_lookup import look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Source, View
+from omniscv.sources.base import View
 
 LARGE = 8192 + 8
 
@@ -52,25 +53,17 @@ def test_more_than_fit_are_refused():
         Atlas(views(LARGE, count=24), range(1), support=0)
 
 
-class Ramp(Source):
-    """Faces whose value is the column."""
-
-    capabilities = Capabilities()
-
-    def objects(self):
-        return ObjectTable({})
-
-    def capture(self, requests):
-        for request in requests:
-            view = request.view
-            column = np.arange(view.width, dtype=np.float32)[None, :, None]
-            pixels = np.broadcast_to(column, (view.height, view.width, 3))
-            yield Capture(request, view, pixels)
+def columns(view):
+    """Pixels whose value is their column."""
+    column = np.arange(view.width, dtype=np.float32)[None, :, None]
+    return np.broadcast_to(column, (view.height, view.width, 3))
 
 
 def test_an_image_from_an_8192_px_face():
     camera = create("pinhole", width=64, height=64, fov_deg=60)
     pose = Pose.from_angles((0, 0, 0))
-    image = omniscv.render(camera, pose, Ramp(), strategy="faces", filter="bilinear", face_size=8192)
+    image = omniscv.render(
+        camera, pose, Computed(columns), strategy="faces", filter="bilinear", face_size=8192
+    )
     u = (camera.project(camera.unproject().directions)[0][..., 0] - 32) / camera.focal
     np.testing.assert_allclose(image.lit[..., 0], LARGE / 2 + 4096 * u - 0.5, atol=0.01)

@@ -14,10 +14,12 @@ from omniscv.geometry import Pose
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 
 
-@pytest.mark.parametrize("filter", ["auto", "nearest", "bicubic"])
-@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equisolid"])
+@pytest.mark.parametrize(
+    ("name", "filter"),
+    [("equirectangular", "auto"), ("fisheye-equisolid", "nearest"), ("equirectangular", "bicubic")],
+)
 def test_normals_of_an_8_bit_server(name, filter):
-    camera = create(name, width=256, height=128, **({"fov_deg": 220} if "fish" in name else {}))
+    camera = create(name, width=160, height=80, **({"fov_deg": 220} if "fish" in name else {}))
     with omniscv.open_source("mock://four-wall") as live:
         image = omniscv.render(camera, POSE, live, ("normals",), filter=filter)
     truth = traced(load_scene("four-wall"), camera, POSE)

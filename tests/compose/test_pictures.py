@@ -80,6 +80,8 @@ def test_a_layer_that_is_not_there_is_named(image):
 
 
 def test_one_line_says_what_it_is(image, tmp_path):
+    layers = "lit, object_mask, labels, depth, normals, unsure, depth_error, label_edge"
+    assert repr(image) == f"<OmniImage fisheye-equidistant 64x48: {layers}>"
     with omniscv.open_source("scene://fence") as source:
         assert repr(source) == "<SceneSource fence, scene, depth lit normals object_mask>"
     with omniscv.open_source(ROOT / "captures/four-wall.sqlite") as replay:

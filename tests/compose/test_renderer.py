@@ -1,7 +1,5 @@
-"""The renderer: what it keeps, what it refuses, and that threads and processes do not disturb one another."""
+"""The renderer: what it keeps, what it refuses, and that threads do not disturb one another."""
 
-import multiprocessing
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -83,35 +81,6 @@ def test_one_renderer_in_several_threads():
     assert all(same(image, reference(*task)) for image, task in zip(images, tasks, strict=True))
 
 
-def _depth_sum(camera, pose):
-    with omniscv.open_source("scene://four-wall") as source:
-        return float(omniscv.render(camera, pose, source, ("depth",), face_size=64).depth.sum())
-
-
-def test_a_spawned_process_renders_the_same():
-    camera, pose = CAMERAS["fisheye"], POSES[1]
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        assert pool.apply(_depth_sum, (camera, pose)) == _depth_sum(camera, pose)
-
-
-@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
-def test_a_forked_process_renders_the_same():
-    """PyTorch's DataLoader forks after the parent has rendered."""
-    large = create("equirectangular", width=512, height=256)  # large enough for several threads
-    expected = _depth_sum(large, POSES[1])
-    read, write = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.write(write, repr(_depth_sum(large, POSES[1])).encode())
-        finally:
-            os._exit(0)
-    os.close(write)
-    with os.fdopen(read) as result:
-        assert float(result.read()) == expected
-    assert os.waitpid(child, 0)[1] == 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -136,15 +105,6 @@ def test_wrong_arguments_get_one_sentence(arguments, says):
 def test_an_unknown_option_is_named(option):
     with pytest.raises(ArgumentError, match=f"options: expected some of strategy, .*; got {option}"):
         omniscv.render(CAMERAS["fisheye"], POSES[0], SOURCE, **{option: 1})
-
-
-def test_an_image_prints_as_one_line_and_shows_itself():
-    image = reference(CAMERAS["equirectangular"], POSES[0])
-    layers = "lit, object_mask, labels, depth, normals, unsure, depth_error, label_edge"
-    assert repr(image) == f"<OmniImage equirectangular 48x24: {layers}>"
-    assert image._repr_png_().startswith(b"\x89PNG")
-    with pytest.raises(ArgumentError, match="layer: expected one of lit, object_mask"):
-        image["flow"]
 
 
 @pytest.mark.parametrize("filter", ["nearest", "bilinear"])
