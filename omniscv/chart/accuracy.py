@@ -95,7 +95,7 @@ def measure(
     asked: Sequence[float] = (0.03, *AIMS),
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Row]:
-    """Measure every way in the four-wall room.
+    """Measure all cameras in the four-wall room, by every series of strategies.
 
     Args:
         width: of the panorama, px; the other images are a half or a quarter as wide.
@@ -166,27 +166,22 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     series = [name for name in dict.fromkeys(row.series for row in rows) if name != PAPER]
     looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
     looks[PAPER] = Look(INK, "P", "")
-    drawn = {}
     for name, axes in zip(names, panels, strict=True):
         mine = [row for row in rows if row.camera == name]
-        drawn[name] = [_dot(row, mine) for row in mine]
-        drawing.dots(axes, drawn[name], looks)
-        drawn[name] += [_wrong(axes, row, looks[row.series]) for row in mine]
+        drawing.dots(axes, [_dot(row) for row in mine], looks)
+        for row in mine:
+            look = looks[row.series]
+            wrong = 100 * max(row.wrong, _LEAST)
+            axes.plot(row.seconds, wrong, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
         _draw_aims(axes)
         axes.set_title(name, size=10, color=INK)
     figure.supxlabel(
         f"seconds of capturing: {MS_REQUEST:g} ms a request and {MS_MEGAPIXEL:g} ms a megapixel", size=9
     )
     figure.supylabel("pixels in doubt, % (hollow: truly wrong)", size=9)
-    drawing.label(figure, [*zip(panels, drawn.values(), strict=True)], looks)
+    handles = panels[-1].get_legend_handles_labels()
+    panels[0].legend(*handles, loc="lower left", fontsize=8, frameon=False)
     return drawing.write(rows, figure, out, "chart-accuracy")
-
-
-def _wrong(axes: Axes, row: Row, look: Look) -> Dot:
-    """Draw how much is truly wrong, hollow."""
-    dot = Dot(row.series, "", row.seconds, 100 * max(row.wrong, _LEAST), hollow=True)
-    axes.plot(dot.x, dot.y, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
-    return dot
 
 
 def _draw_aims(axes: Axes) -> None:
@@ -200,10 +195,9 @@ def _draw_aims(axes: Axes) -> None:
     axes.set(xlim=limits, ylim=(100 * _LEAST / 1.5, 150))
 
 
-def _dot(row: Row, all_rows: Sequence[Row]) -> Dot:
-    """Return a dot; the last of a series is labelled, and each that an aim was given for."""
-    last = [other for other in all_rows if other.series == row.series][-1] is row
-    label = row.series * last if row.aim is None else f"{ASKED * last}{100 * row.aim:g} %"
+def _dot(row: Row) -> Dot:
+    """Return a row's dot, labelled with its aim."""
+    label = "" if row.aim is None else f"{100 * row.aim:g} %"
     return Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST))
 
 

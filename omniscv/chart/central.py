@@ -169,13 +169,13 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
             )
     axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
-    drawing.label(figure, [(axes, ways)], looks)
+    axes.legend(fontsize=8, frameon=False)
     return drawing.write(rows, figure, out, "chart-central")
 
 
 def _dot(row: Row) -> Dot:
     hollow = row.map != "kept"
-    text = f"{row.name} {row.face_size}" if row.ours and not hollow else "" if row.ours else row.name
+    text = row.name if not row.ours else "" if hollow else str(row.face_size)
     return Dot(row.name if row.ours else "others", text, row.ms, row.rms, row.default and not hollow, hollow)
 
 

@@ -1,4 +1,4 @@
-"""Drawing for the charts: dots with labels that do not overlap, plain numbers, Pareto fronts.
+"""Drawing for the charts: dots with labels, plain numbers, Pareto fronts.
 
 Pictures are 800 px wide on a page: SVG, and PNG with twice as many pixels. The colours of Okabe and Ito suit
 colour-blind readers; shapes differ as well.
@@ -20,17 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
 
 INK, MUTED, SHADE, RING = "#1c2330", "#6b7280", "#e9ebef", "#d55e00"
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v")
 
 _WIDTH_IN, _DPI = 8.0, 100
-_POINTS = 72 / _DPI  # in a pixel
 _TITLE_CHARACTERS = 95
-_REACH = (7, 14, 24)  # points from a dot to its label
-_SIDES = ((1, 0.5), (1, 1), (1, 0), (0, 0.5), (0, 1), (0, 0), (0.5, 1), (0.5, 0))
 
 
 @dataclass(frozen=True)
@@ -99,14 +95,21 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    """Draw ways on logarithmic axes, and shade what others beat."""
+    """Draw ways with their labels on logarithmic axes, and shade the region that they beat."""
     axes.set(xscale="log", yscale="log")
     for (series, look), hollow in product(looks.items(), (False, True)):
         group = [dot for dot in ways if dot.series == series and dot.hollow == hollow]
         x, y = [dot.x for dot in group], [dot.y for dot in group]
         face, line = "white" if hollow else look.color, look.line or "none"
-        axes.plot(x, y, ls=line, marker=look.marker, color=look.color, lw=1.2, ms=6, mfc=face, zorder=3)
+        axes.plot(
+            x, y, ls=line, marker=look.marker, color=look.color, mfc=face, lw=1.2, ms=6, zorder=3,
+            label=None if hollow or not group else series,
+        )  # fmt: skip
     for dot in ways:
+        color = _dark(looks[dot.series].color)
+        axes.annotate(
+            dot.label, (dot.x, dot.y), (0, 8), textcoords="offset points", ha="center", size=7.5, color=color
+        )
         if dot.default:
             axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
     axes.margins(0.18)
@@ -141,61 +144,6 @@ def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
     edge += [(best[-1].x, best[-1].y), (x1, best[-1].y), (x1, y1)]
     axes.fill(*zip(*edge, strict=True), color=SHADE, zorder=0, lw=0)
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
-
-
-def label(figure: Figure, panels: Sequence[tuple[Axes, Sequence[Dot]]], looks: dict[str, Look]) -> None:
-    """Write the labels of panels, each beside its dot where it overlaps dots, labels and borders least.
-
-    Call this after everything else is drawn: titles and other panels move the axes.
-    """
-    figure.draw_without_rendering()  # fixes limits and text sizes
-    for axes, ways in panels:
-        _label(axes, ways, looks)
-
-
-def _label(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    to_px = axes.transData.transform
-    taken = [_around(x, y, 5, 5) for x, y in to_px([(dot.x, dot.y) for dot in ways])]
-    for dot in (dot for dot in ways if dot.label):
-        x, y = to_px((dot.x, dot.y))
-        look = looks[dot.series]
-        text = axes.annotate(
-            dot.label, (dot.x, dot.y), (0, 0), textcoords="offset points", size=8, color=_dark(look.color)
-        )
-        size = text.get_window_extent()
-        box = min(
-            (
-                (_label_box(x, y, size, side, reach), reach)
-                for reach, side in product((r / _POINTS for r in _REACH), _SIDES)
-            ),
-            key=lambda option: _overlap(option[0], taken, axes.bbox) + option[1],
-        )[0]
-        text.set_position((_POINTS * (box.x0 - x), _POINTS * (box.y0 - y)))
-        taken.append(box)
-
-
-def _label_box(x: float, y: float, size: Bbox, side: tuple[float, float], reach: float) -> Bbox:
-    """Return the box of a label beside a dot, px; ``side``: 1 right or above, 0 left or below."""
-    left = x + {1: reach, 0: -reach - size.width, 0.5: -size.width / 2}[side[0]]
-    low = y + {1: reach / 2, 0: -reach / 2 - size.height, 0.5: -size.height / 2}[side[1]]
-    return _around(left + size.width / 2, low + size.height / 2, size.width / 2, size.height / 2)
-
-
-def _around(x: float, y: float, half_width: float, half_height: float) -> Bbox:
-    from matplotlib.transforms import Bbox
-
-    return Bbox([(x - half_width, y - half_height), (x + half_width, y + half_height)])
-
-
-def _overlap(box: Bbox, taken: Sequence[Bbox], inside: Bbox) -> float:
-    """Return the area of a box that covers others or lies outside, square px; outside counts four times."""
-    out = box.width * box.height - _common(box, inside)
-    return 4 * out + sum(_common(box, other) for other in taken)
-
-
-def _common(a: Bbox, b: Bbox) -> float:
-    width, height = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
-    return float(max(0.0, width) * max(0.0, height))
 
 
 def _dark(color: str) -> Any:

@@ -33,9 +33,9 @@ class Row:
     Attributes:
         model: its name.
         limit: the name of the limit.
-        beyond: how the model answers one step past it: ``refused``, ``marked`` or ``in domain``.
+        beyond: what the model does one step past it: ``refused``, ``marked`` or ``in domain``.
         error_px: the largest error at each of ``STEPS``; NaN if no pixel is valid.
-        known_px: what float64 can tell of the points themselves there, if more than 1e-6 px.
+        known_px: error of the points themselves in float64 there, if more than 1e-6 px.
     """
 
     model: str
@@ -96,9 +96,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
 
 def finding(rows: Sequence[Row]) -> str:
     """Return the title, which states the result."""
-    held = sum(not np.nanmax(row.error_px) > BOUND_PX for row in rows)
+    below = sum(not np.nanmax(row.error_px) > BOUND_PX for row in rows)
     models = len({row.model for row in rows})
-    return f"{models} camera models run into {len(rows)} limits: {held} times the error stays below 1e-6 px"
+    return f"{models} camera models run into {len(rows)} limits: {below} times the error stays below 1e-6 px"
 
 
 def _draw(axes: Axes, name: str, rows: Sequence[Row]) -> None:

@@ -1,10 +1,7 @@
-"""The chart of one panorama: ways and peers are measured on the same faces, and drawn."""
-
-import json
+"""The chart of one panorama: filters and other programs are measured on the same faces."""
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from omniscv.chart import central
 
@@ -50,13 +47,3 @@ def test_the_title_says_sizes_the_front_and_only_what_all_points_show():
     title = central.finding([*ours, slower, row("py360convert", 16, 1.5, 2.97)])
     nearer = "py360convert is nearer to the truth by 1.0%. Front: nearest 16, py360convert"
     assert title == f"{start}; {nearer}"
-
-
-def test_it_is_written_and_drawn(rows, tmp_path):
-    data, drawn, picture = central.write(rows, tmp_path / "new")
-    found = json.loads(data.read_text())
-    assert [row["ms"] for row in found] == [row.ms for row in rows]
-    assert [row["rms"] for row in found] == [None if np.isnan(row.rms) else row.rms for row in rows]
-    with Image.open(picture) as opened:
-        assert opened.width == 1600
-    assert "py360convert" in drawn.read_text()

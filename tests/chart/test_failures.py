@@ -1,4 +1,4 @@
-"""The chart of failures: what is wrong is measured against exact truth, and what was said is told apart."""
+"""The chart of failures: errors are measured against exact truth, and answers are told apart."""
 
 import json
 from dataclasses import replace
@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from omniscv.chart import failures
 from omniscv.chart.failures import Cause, Row
@@ -60,24 +59,19 @@ def test_a_mirror_has_half_of_its_light_from_what_it_faces():
     np.testing.assert_allclose(light, expected, rtol=1e-6)
 
 
-def test_it_is_written_and_drawn_and_a_table_says_where_it_breaks(rows, tmp_path):
+def test_a_table_says_where_it_breaks(rows):
     weak = [replace(row, strength=0.001, said="holds", findings=()) for row in rows]
     refused = Row("stale", "images", 3, "strips", None, None, "refused", (), "TornSetError: expected")
-    data, drawn, picture = failures.write([*weak, *rows, refused], tmp_path)
-    assert json.loads(data.read_text())[-1]["refusal"] == "TornSetError: expected"
-    assert "found by the doctor" in drawn.read_text()
-    with Image.open(picture) as opened:
-        assert opened.width == 1600
     lines = failures.table([*weak, *rows, refused]).splitlines()
     assert lines[2].startswith("| radial depth | 0.001, 1 of the way | 1: doctor |")
     assert "| 3: refused |" in lines[3]
 
 
 def test_the_page_has_the_table_of_its_data():
-    """And a sentence for all that is silent."""
+    """And a second table explains every cause that is silent."""
     found = [Row(**row) for row in json.loads((ROOT / "docs" / "chart-failures.json").read_text())]
     page = (ROOT / "docs" / "failures.md").read_text(encoding="utf-8")
     assert failures.table(found) in page
     assert {row.cause for row in found} == {cause.name for cause in failures.CAUSES}
     silent = {row.cause for row in found if row.said == "silent"}
-    assert all(f"**{cause}**" in page for cause in silent)
+    assert all(page.count(f"\n| {cause}") >= 2 for cause in silent)
