@@ -35,11 +35,12 @@ def test_exact_points_give_r_vl(name, value):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_noisy_points_give_r_vl(name):
-    value, rng, found = 0.85, np.random.default_rng(2), []
+    value, rng, estimates = 0.85, np.random.default_rng(2), []
     for seed in range(3):
         lines = points_of(name, value, seed)
-        found.append(estimate([each + rng.normal(scale=0.5, size=each.shape) for each in lines], name))
-    assert np.mean(found) == pytest.approx(value, rel=5e-3)
+        noisy = [line + rng.normal(scale=0.5, size=line.shape) for line in lines]
+        estimates.append(estimate(noisy, name))
+    assert np.mean(estimates) == pytest.approx(value, rel=5e-3)
 
 
 def test_curves_that_are_no_lines_do_not_count():

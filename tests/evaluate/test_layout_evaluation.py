@@ -127,8 +127,9 @@ def test_a_recording_is_looked_at_from_its_places_and_its_room_is_fitted():
     assert max(apart) < 0.5  # of 512 px: the fit is good to millimetres
 
 
-def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path):
-    """A cabin with free space for one place; its own truth is the prediction."""
+def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, monkeypatch):
+    """A cabin with free space for one viewpoint; its own truth is the prediction."""
+    monkeypatch.setattr(panoramas, "_QUICK_WIDTH", 256)
     scene, out, given = tmp_path / "cabin.yaml", tmp_path / "out", tmp_path / "given"
     scene.write_text(CABIN)
     given.mkdir()
@@ -144,7 +145,7 @@ def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path):
     images = [out / name for name in written["about"]["to predict"]]
     assert images
     for path in images:
-        assert cv2.imread(str(path)).shape == (256, 512, 3)
+        assert cv2.imread(str(path)).shape == (128, 256, 3)
         assert (out / "layout" / "label_cor" / f"{path.stem}.txt").exists()
     assert cv2.imread(str(out / "layout.png")) is not None
 

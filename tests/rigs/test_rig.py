@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
+from support.cases import cases
 
 from omniscv import Pose, Rig, RigCamera, cameras
 from omniscv.errors import ArgumentError
@@ -19,6 +20,7 @@ places = st.lists(st.floats(-5, 5), min_size=3, max_size=3)
 poses = st.builds(Pose.from_angles, places, angles, st.floats(-89, 89), angles)
 
 
+@cases(15)
 @given(poses, poses, places)
 def test_a_point_seen_by_a_camera_is_where_the_rig_and_the_mount_put_it(
     T_w_rig: Pose, T_rig_cam: Pose, p_cam: list[float]
@@ -42,6 +44,7 @@ def test_angles_turn_a_camera_from_where_the_rig_looks() -> None:
     np.testing.assert_allclose(level["up"].R_w_c[:, 2], [0, 0, 1], atol=1e-12)
 
 
+@cases(15)
 @given(st.floats(-0.3, 0.3), st.floats(0, 2))
 def test_a_late_camera_is_farther_along_the_way(offset: float, time: float) -> None:
     turned = [Pose.from_angles((0, 0, 1.5)), Pose.from_angles((2, 0, 1.5), yaw_deg=90, pitch_deg=30)]
@@ -69,6 +72,7 @@ def test_a_little_beyond_the_ends_a_camera_moves_on_and_far_beyond_it_is_refused
         late.poses(way)
 
 
+@cases(15)
 @given(poses, poses, st.floats(-1, 1))
 def test_a_rig_is_what_its_json_says(one: Pose, other: Pose, offset: float) -> None:
     rig = Rig({"one": RigCamera(LENS, one), "other": RigCamera(LENS, other, offset)})
@@ -76,6 +80,7 @@ def test_a_rig_is_what_its_json_says(one: Pose, other: Pose, offset: float) -> N
     assert again.to_dict() == rig.to_dict()
 
 
+@cases(15)
 @given(poses, poses, poses)
 def test_seen_from_another_camera_nothing_moves(T_w_rig: Pose, one: Pose, other: Pose) -> None:
     rig = Rig({"one": RigCamera(LENS, one), "other": RigCamera(LENS, other)})

@@ -6,8 +6,9 @@ import numpy as np
 import pycolmap
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from support.cases import cases
 from support.same_rays import assert_same_rays
 
 from omniscv import Pose, Rig, RigCamera, calibration, cameras
@@ -35,7 +36,7 @@ def kalibr_point(chain: dict, name: str, p_0: np.ndarray) -> np.ndarray:
     return p[:3]
 
 
-@settings(max_examples=40)
+@cases(15)
 @given(chains, places)
 def test_a_chain_puts_points_where_the_rig_does(mounts: list[tuple[Pose, float]], p_0: list[float]) -> None:
     rig = rig_of(mounts)
@@ -48,7 +49,7 @@ def test_a_chain_puts_points_where_the_rig_does(mounts: list[tuple[Pose, float]]
         assert chain[name].get("timeshift_cam_imu", 0.0) == mounted.time_offset
 
 
-@settings(max_examples=40)
+@cases(15)
 @given(chains)
 def test_a_chain_comes_back(mounts: list[tuple[Pose, float]]) -> None:
     rig = rig_of(mounts)

@@ -53,7 +53,7 @@ class AsLight(SourceWrapper):
 
 @pytest.mark.parametrize("transfer", ["srgb", "unknown"])
 def test_area_averages_light_where_the_transfer_is_known(transfer):
-    options = {"filter": "area", "face_size": 512}
+    options = {"filter": "area", "face_size": 256}
     with with_transfer(CHECKERS, transfer) as source:
         shown = omniscv.render(PANORAMA, POSE, source, **options).lit
         of_light = omniscv.render(PANORAMA, POSE, AsLight(source), **options).lit
@@ -70,7 +70,7 @@ def test_other_filters_show_the_codes_as_before(filter):
     np.testing.assert_array_equal(image.lit, before.lit)
 
 
-@pytest.mark.parametrize("transfer", TRANSFERS)
+@pytest.mark.parametrize("transfer", ["film", "unknown"])
 def test_a_recording_keeps_the_transfer(tmp_path, transfer):
     path = tmp_path / "room.sqlite"
     with with_transfer(load_scene("four-wall"), transfer) as scene, omniscv.record(scene, path) as source:
