@@ -30,7 +30,8 @@ Blocks = Callable[[], Iterator[RayBlock]]
 
 _MINIFIED_PX, _MINIFIED_SHARE = 2.0, 0.9
 """An image is minified if this share of its pixels span so many px of a view or more."""
-_TEST_STRIDE = 7  # every seventh ray is tested
+_TEST_STRIDE, _TESTED = 7, 1 << 16
+"""Every seventh ray is tested; of more rays, about so many."""
 
 
 class Sampler(Protocol):
@@ -116,7 +117,8 @@ class CpuSampler:
     @cached_property
     def minifies(self) -> bool:
         """Whether most rays' pixels span two pixels of a view or more."""
-        spans = np.concatenate([_spanned_px(block, self._views[0]) for block in self._blocks()])
+        stride = max(_TEST_STRIDE, self._coverage.rays // _TESTED)
+        spans = np.concatenate([_spanned_px(block, self._views[0], stride) for block in self._blocks()])
         return len(spans) > 0 and bool(np.quantile(spans, 1 - _MINIFIED_SHARE) > _MINIFIED_PX)
 
     def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
@@ -274,16 +276,17 @@ class _Block:
         return sum(each.nbytes for each in held)
 
 
-def _spanned_px(block: _Block, view: View) -> Floats:
+def _spanned_px(block: _Block, view: View, stride: int) -> Floats:
     """Return how many px of a view the pixels of some rays span: of the same rays however an image is
     divided.
 
     Args:
         block: the rays.
         view: the size and field of view of all views.
+        stride: from one of these rays to the next.
     """
-    lookup, start = block.lookup, -block.rays.first % _TEST_STRIDE
-    some = np.flatnonzero(lookup.view[start::_TEST_STRIDE] >= 0) * _TEST_STRIDE + start
+    lookup, start = block.lookup, -block.rays.first % stride
+    some = np.flatnonzero(lookup.view[start::stride] >= 0) * stride + start
     focal, _, cx, cy = view.projection
     u, v = lookup.x[some] - cx, lookup.y[some] - cy
     # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
