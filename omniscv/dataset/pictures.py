@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras import Camera, Equirectangular, Pinhole, from_dict
+from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import write_json, write_picture
 from omniscv.compose.pictures import uint8_colors
 from omniscv.frame import Frame
-from omniscv.geometry import R_LEVEL, Pose, cube_rotations
-from omniscv.modalities import Modality, get
+from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
 from omniscv.storage.local import whole_file
 
@@ -100,37 +97,3 @@ def write_numbers(
     replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
     content = {**description, "replaced": replaced}
     return [*(path for path, _ in written), write_json(folder / f"{folder.name}.json", content)]
-
-
-def faces(frame: Frame, folder: Path) -> Iterator[Frame]:
-    """Yield the faces of an equirectangular frame: front, right, back, left, up, down.
-
-    A face spans 90 degrees, with as many pixels a degree in its middle as the panorama has at the horizon.
-    Its colours are sampled by cubic interpolation. Camera and key get the face's name: ``CAMERA-front``.
-
-    Args:
-        frame: with colours.
-        folder: where the pictures are written, as ``CAMERA-FACE/KEY.png``.
-    """
-    import cv2  # slow to load
-
-    panorama = frame.camera
-    assert isinstance(panorama, Equirectangular)
-    size = math.ceil(panorama.width / math.pi)
-    camera = Pinhole(size, size, fov_deg=90.0)
-    rays = camera.unproject().directions
-    lit, margin = frame.layer("lit"), 4
-    wide = cv2.copyMakeBorder(lit, 0, 0, margin, margin, cv2.BORDER_WRAP)
-    for face, R_w_f in cube_rotations():
-        R_c_f = R_LEVEL.T @ R_w_f
-        pixels, _ = panorama.project(rays @ R_c_f.T)
-        place = (pixels - 0.5 + [margin, 0]).astype(np.float32)
-        colors = cv2.remap(wide, place, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        camera_name = f"{frame.camera_name}-{face}"
-        path = folder / camera_name / f"{camera_name}{frame.key.removeprefix(frame.camera_name)}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_picture(path, colors, get("lit"))
-        turned = Pose(frame.pose.position, frame.pose.rotation @ R_c_f)
-        yield replace(
-            frame, key=path.stem, camera_name=camera_name, camera=camera, pose=turned, files={"lit": path}
-        )

@@ -84,26 +84,21 @@ def points(
     return _join(row_blocks(of_rows, *depth.shape))
 
 
-def points_of(
-    frame: Frame, rays: Rays, max_error_m: float | None = None, max_relative: float | None = None
-) -> Points:
+def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Points:
     """Return the points of a frame with depth, with its normals, colours, labels and classes.
 
     Args:
         frame: of a dataset.
         rays: of its camera's pixel centres.
-        max_error_m: points whose ``depth_error`` is larger are left out, metres.
         max_relative: points are left out as :func:`inexact` says.
 
     Raises:
-        ArgumentError: the frame has no depth, or no ``depth_error`` where it is needed.
+        ArgumentError: the frame has no depth.
     """
     layers = {name: frame.layer(name) for name in _VALUES if name in frame.files}
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])
     left_out = [frame.layer("unsure")] if "unsure" in frame.files else []
-    if max_error_m is not None:
-        left_out.append(frame.layer("depth_error") > max_error_m)
     if max_relative is not None:
         left_out.append(inexact(frame, max_relative))
     unsure = np.any(left_out, axis=0) if left_out else None

@@ -226,29 +226,3 @@ def test_frames_without_colours_are_refused(tmp_path):
     frame = frame_of(tmp_path, {"depth": np.ones((32, 64), np.float32)}, PANORAMA, MOVES[0])
     with pytest.raises(ArgumentError, match="cam: expected a frame with lit"):
         get("colmap").export([frame], tmp_path, {})
-
-
-def test_a_panorama_as_a_cubemap(tmp_path):
-    """For older versions: six pinholes of one rig, whose pixels show what the scene has there."""
-    panorama = cameras.create("equirectangular", width=256, height=128)
-    frame = traced_frame(tmp_path, SCENE, panorama, MOVES[1], "pano", "pano-1")
-    get("colmap").export([frame], tmp_path, {"equirectangular": "cubemap", "points": 0.2})
-    read = pycolmap.Reconstruction(tmp_path / "sparse/0")
-    assert {camera.model.name for camera in read.cameras.values()} == {"PINHOLE"}
-    (rig,) = read.rigs.values()
-    assert (rig.num_sensors(), len(read.frames), len(read.images)) == (6, 1, 6)
-    for image in read.images.values():
-        picture = cv2.imread(str(tmp_path / "images" / image.name))[..., ::-1]
-        v, u = np.indices(picture.shape[:2]) + 0.5
-        places = np.stack([u, v], axis=-1).reshape(-1, 2)
-        rays = np.column_stack([image.camera.cam_from_img(places), np.ones(len(places))])
-        hits = SCENE.trace(image.projection_center(), rays @ image.cam_from_world().rotation.matrix())
-        off = np.abs(picture.reshape(-1, 3) - 255 * hits.color).max(axis=1)
-        assert np.median(off) < 4
-    assert len(read.points3D) > 500
-    for point in read.points3D.values():
-        (element,) = point.track.elements
-        image = read.images[element.image_id]
-        np.testing.assert_allclose(
-            image.project_point(point.xyz), image.points2D[element.point2D_idx].xy, atol=1e-6
-        )

@@ -14,7 +14,7 @@ from omniscv import dataset
 EXPORTS = """
 truth: {poses: true, flow: {backward: true}, tolerance: {abs_m: 0.03}}
 export:
-  - {format: ply, voxel: 0.1, max_error: 0.002}
+  - {format: ply, voxel: 0.1, max_relative_error: 0.001}
   - {format: depth-png, scale: stanford2d3d}
   - normals_png
   - poses

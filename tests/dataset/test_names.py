@@ -69,12 +69,12 @@ def test_names_that_no_file_can_have_are_refused(name, picture, tmp_path):
 
 
 def test_names_too_long_for_a_format_are_refused_there(picture, tmp_path):
-    for key, to, options, says in (
-        ("k" * 150, "webdataset", {}, "expected names of files of at most 100 bytes"),
-        ("with space", "colmap", {"equirectangular": "cubemap"}, "without spaces, for COLMAP, got"),
+    for key, to, says in (
+        ("k" * 150, "webdataset", "expected names of files of at most 100 bytes"),
+        ("with space", "colmap", "without spaces, for COLMAP, got"),
     ):
         with dataset.Writer(tmp_path / to) as writer:
             writer.add(key, picture)
         assert dataset.check(tmp_path / to, deep=True) == []
         with pytest.raises(ArgumentError, match=says):
-            dataset.export(tmp_path / to, to, tmp_path / f"{to}-out", **options)
+            dataset.export(tmp_path / to, to, tmp_path / f"{to}-out")

@@ -79,22 +79,6 @@ def test_frames_say_what_the_files_hold(tmp_path):
     assert len(PlyData.read(path)["vertex"].data) == 0
     with pytest.raises(ArgumentError, match="expected a frame with depth"):
         get("ply").export([frame_of(tmp_path, {"lit": layers["lit"]}, CAMERA, POSES[0])], tmp_path, {})
-    with pytest.raises(ArgumentError, match="voxel: expected a finite number > 0"):
-        get("ply").export([depth_only], tmp_path, {"voxel": 0})
-
-
-@pytest.mark.parametrize(("name", "width"), [("equirectangular", 64), ("noncentral-panorama", 32)])
-def test_points_of_rendered_frames_are_as_near_to_the_surfaces_as_asked(name, width, tmp_path):
-    camera = cameras.model(name).example(width)
-    image = render(camera, POSES[0], float_source(SCENE), modes=("depth",))
-    frame = frame_of(tmp_path, dict(image.layers), camera, POSES[0])
-    sizes = []
-    for limit in ({}, {"max_error": 0.001}):
-        (path,) = get("ply").export([frame], tmp_path, {"cloud": False, **limit})
-        xyz = columns(PlyData.read(path)["vertex"].data, "xyz").astype(float)
-        sizes.append(len(xyz))
-        assert distance_to_surfaces(SCENE, xyz).max() < 0.001 or not limit
-    assert 0.3 * sizes[0] < sizes[1] < sizes[0]
 
 
 def test_points_in_the_air_are_left_out(tmp_path):

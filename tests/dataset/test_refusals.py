@@ -26,7 +26,8 @@ from omniscv.errors import ArgumentError
         ("horizonnet", {"format": "png"}, "unknown key 'format'; known keys: image_format"),
         ("nerfstudio", {"depth": True}, "unknown key 'depth'; known keys: max_relative_error"),
         ("omni3d", {"seam": "split"}, "unknown key 'seam'"),
-        ("poses", {"as": ["ros"]}, "as: expected one of tum, kitti, euroc"),
+        ("poses", {"as": ["tum"]}, "unknown key 'as'; known keys: none"),
+        ("ply", {"voxel": 0}, "voxel: expected a finite number > 0"),
         ("structured3d", {"scale": 1}, "unknown key 'scale'; known keys: none"),
     ],
 )

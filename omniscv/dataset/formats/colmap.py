@@ -8,18 +8,18 @@ is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camer
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, one_of, optional_number
+from omniscv.arguments import number, optional_number
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
-from omniscv.dataset.pictures import copy_lit, faces, without_limit, write_mask
+from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.sequences import RigFrames, rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
@@ -45,12 +45,6 @@ class ColmapOptions:
     max_relative_error: float | None = checked(
         optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
     )
-    equirectangular: str = checked(
-        one_of,
-        words=("whole", "cubemap"),
-        default="whole",
-        help="cubemap: panoramas as six PINHOLE views of a rig, for COLMAP before 4.1",
-    )
 
 
 class Colmap(Format):
@@ -65,11 +59,11 @@ class Colmap(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: ColmapOptions) -> list[Path]:
         images = out / "images"
-        views = {frame.key: _views(frame, images, options.equirectangular == "cubemap") for frame in frames}
-        model = _Model(rigs([view for of_frame in views.values() for view in of_frame]))
+        pictures = {frame.key: copy_lit(frame, images / frame.camera_name) for frame in frames}
+        model = _Model(rigs(frames))
         texts = {"cameras": model.cameras_text(), "rigs": _lines(model.rig_lines())}
         texts["frames"] = _lines(model.frame_lines())
-        paths = [view.files["lit"] for view in model.images]
+        paths = [pictures[frame.key] for frame in model.images]
         names = [path.relative_to(images).as_posix() for path in paths]
         if spaced := [name for name in names if " " in name]:
             wanted = "expected names of images without spaces, for COLMAP"
@@ -78,7 +72,7 @@ class Colmap(Format):
         points = None
         if options.points is not None:
             ids, limit = model.image_ids, options.max_relative_error
-            clouds = (_observed(frame, views[frame.key], ids, limit) for frame in frames)
+            clouds = (_observed(frame, ids[frame.key], limit) for frame in frames)
             points = _Observations(merged(clouds, options.points))
         texts["images"] = _lines(model.image_lines(names, points))
         texts["points3D"] = _lines(points.lines() if points else ())
@@ -86,13 +80,6 @@ class Colmap(Format):
         return paths + [
             write_text(out / "sparse" / "0" / f"{name}.txt", text) for name, text in texts.items()
         ]
-
-
-def _views(frame: Frame, folder: Path, cubemap: bool) -> list[Frame]:
-    """The views of a frame in COLMAP, itself or the faces of its cube, with pictures in a folder."""
-    if cubemap and isinstance(frame.camera, Equirectangular):
-        return list(faces(frame, folder))
-    return [replace(frame, files={"lit": copy_lit(frame, folder / frame.camera_name)})]
 
 
 def _lines(lines: Iterable[str]) -> str:
@@ -129,20 +116,15 @@ class _Observations:
             yield f"{point_id} {x} {y} {z} {r} {g} {b} 0 {image_id} {index}"
 
 
-def _observed(
-    frame: Frame, views: Sequence[Frame], image_ids: dict[str, int], max_relative: float | None
-) -> Points:
-    """The points of a frame; ``image`` is the id of a view that observes a point, ``pixel`` where."""
-    cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()), max_relative=max_relative)
-    image, pixel = np.zeros(len(cloud), np.int64), np.zeros((len(cloud), 2))
-    for view in views:
-        points_c = view.pose.to_camera(cloud.positions_w)
-        pixels, visible = view.camera.project(points_c)
-        if not isinstance(view.camera, Equirectangular):
-            visible &= points_c[:, 2] >= _FORWARD * cloud.distances
-        image[visible], pixel[visible] = image_ids[view.key], pixels[visible]
-    values = {**cloud.values, "image": image, "pixel": pixel}
-    return Points(cloud.positions_w, cloud.distances, values).select(image > 0)
+def _observed(frame: Frame, image_id: int, max_relative: float | None) -> Points:
+    """The points of a frame; ``image`` is the id of the image that observes a point, ``pixel`` where."""
+    cloud = points_of(frame, unproject(frame.camera, frame.camera.pixels()), max_relative)
+    points_c = frame.pose.to_camera(cloud.positions_w)
+    pixel, visible = frame.camera.project(points_c)
+    if not isinstance(frame.camera, Equirectangular):
+        visible &= points_c[:, 2] >= _FORWARD * cloud.distances
+    values = {**cloud.values, "image": np.full(len(cloud), image_id), "pixel": pixel}
+    return Points(cloud.positions_w, cloud.distances, values).select(visible)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ field of view, unsure or inexact have no point. A point lies on its pixel's own 
 """
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +23,6 @@ from omniscv.records import checked, record
 from omniscv.storage.local import whole_file
 from omniscv.truth.point_cloud import Points, merged, points_of
 
-_positive = partial(number, above=0)
-
 _COLUMNS = {
     "normals": (("nx", "ny", "nz"), "<f4", "float"),
     "lit": (("red", "green", "blue"), "u1", "uchar"),
@@ -40,12 +37,10 @@ class PlyOptions:
     """Options of the format."""
 
     voxel: float = checked(
-        _positive,
+        number,
+        above=0,
         default=0.02,
         help="edge in metres of the cubes of which cloud.ply has one point, the nearest",
-    )
-    max_error: float | None = checked(
-        _positive, default=None, help="metres; leave out points whose depth_error is larger"
     )
     max_relative_error: float | None = checked(
         optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
@@ -71,7 +66,7 @@ class Ply(Format):
             for frame in frames:
                 if frame.camera not in rays:  # rays are large: only those of one camera are in memory
                     rays = {frame.camera: unproject(frame.camera, frame.camera.pixels())}
-                cloud = points_of(frame, rays[frame.camera], options.max_error, options.max_relative_error)
+                cloud = points_of(frame, rays[frame.camera], options.max_relative_error)
                 if options.frames:
                     written.append(write_ply(out / f"{frame.key}.ply", cloud, comments))
                 yield cloud
