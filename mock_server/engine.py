@@ -102,24 +102,24 @@ def replies(
     While no request comes, frames end at the frame rate of the settings.
     """
     pending: deque[tuple[int, float, int, Later]] = deque()  # frame, request's time, id, reply
-    held: list[Request] = []
+    batch: list[Request] = []
     dialect.held = 0
     for frame in itertools.takewhile(lambda _: not stopping.is_set(), itertools.count()):
         for request in _received(dialect, requests):
             if request is None:
                 return
-            held.append(request)
-            if len(held) < dialect.held:
+            batch.append(request)
+            if len(batch) < dialect.held:
                 continue
             dialect.held = 0
-            for received, payload in held:
+            for received, payload in batch:
                 requests.answered(payload)
                 identity, reply = _reply(dialect, statistics, payload)
                 if isinstance(reply, Later):
                     pending.append((frame + reply.frames, received, identity, reply))
                 elif reply is not None:
                     yield received, reply
-            held.clear()
+            batch.clear()
         dialect.tick()
         while pending and pending[0][0] <= frame:
             _, received, identity, reply = pending.popleft()

@@ -120,15 +120,15 @@ def nearest_hits(
     ``directions`` of any length become unit vectors.
     """
     # Arrays are read by element below: a view of a row takes longer than testing a solid.
-    kept = np.empty(solids.shape[0], dtype=np.int64)
+    near = np.empty(solids.shape[0], dtype=np.int64)
     for start in range(0, origins.shape[0], _BUNDLE):
         stop = min(start + _BUNDLE, origins.shape[0])
         _normalise(directions, start, stop)
-        number = _cull(origins, directions, start, stop, solids, kept)
+        number = _cull(origins, directions, start, stop, solids, near)
         for i in range(start, stop):
             o = (origins[i, 0], origins[i, 1], origins[i, 2])
             d = (directions[i, 0], directions[i, 1], directions[i, 2])
-            distance[i], index[i], n = _first(o, d, solids, kept, number)
+            distance[i], index[i], n = _first(o, d, solids, near, number)
             normal[i, 0], normal[i, 1], normal[i, 2] = n
 
 
@@ -142,8 +142,8 @@ def _normalise(directions: Floats, start: int, stop: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Floats, kept: Ints) -> int:
-    """Put into ``kept`` the solids whose bounding spheres a bundle of rays may hit; return their number."""
+def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Floats, near: Ints) -> int:
+    """Put into ``near`` the solids whose bounding spheres a bundle may hit, and return their number."""
     # The bundle lies in a cone about its mean direction, widened by the spread of its origins. Comparisons
     # with NaN, of a ray or of a mean of length 0, are false, so that no solid is skipped.
     count = stop - start
@@ -171,17 +171,17 @@ def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Fl
             cosine = (a0 * x + a1 * y + a2 * z) / distance
             if math.acos(min(1.0, max(-1.0, cosine))) > half_angle + math.asin(radius / distance):
                 continue
-        kept[number] = s
+        near[number] = s
         number += 1
     return number
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _first(o: Vector, d: Vector, solids: Floats, kept: Ints, number: int) -> tuple[float, int, Vector]:
-    """Return distance, row and normal of one ray's first hit among the first ``number`` solids kept."""
+def _first(o: Vector, d: Vector, solids: Floats, near: Ints, number: int) -> tuple[float, int, Vector]:
+    """Return distance, row and normal of one ray's first hit among the first ``number`` solids near."""
     best, which, normal = math.inf, -1, (0.0, 0.0, 0.0)
     for k in range(number):
-        s = kept[k]
+        s = near[k]
         v = (o[0] - solids[s, 2], o[1] - solids[s, 3], o[2] - solids[s, 4])
         # Skip it unless the ray enters its bounding sphere before the nearest hit so far.
         toward, radius = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2]), solids[s, 17]

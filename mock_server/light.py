@@ -40,7 +40,7 @@ class Film:
         self._vignette, self._bloom = faults.get("vignette"), faults.get("bloom")
 
     def on_command(self, text: str) -> None:
-        """Look at a console command: some end a fault."""
+        """End the faults that a console command ends."""
         if re.fullmatch(r"vrun r\.Tonemapper\.Quality [01]\s*", text):
             self._vignette = None
         if re.fullmatch(r"vrun r\.BloomQuality 0\s*", text):
@@ -53,8 +53,8 @@ class Film:
         drift = None if manual else self._faults.strike("exposure-drift")
         light = to_light(color / 255) if self._tone else color / 255
         if drift is not None and self._adapts:
-            wanted = _MIDDLE_GREY[self._tone] / max(1 / 255, float(light.mean()))
-            self._gain += drift.amount() * (wanted - self._gain)
+            target = _MIDDLE_GREY[self._tone] / max(1 / 255, float(light.mean()))
+            self._gain += drift.amount() * (target - self._gain)
         dark = self._faults.get("dark-manual") if manual else None
         gain = (1.0 if manual else self._gain) * 2 ** (bias - (dark.amount() if dark else 0.0))
         if self._tone in ("", "srgb") and gain == 1.0 and not (self._vignette or self._bloom):

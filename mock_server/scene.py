@@ -254,16 +254,16 @@ class Scene:
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         shape = np.broadcast_shapes(o.shape, d.shape)
         o, d = (np.array(np.broadcast_to(array, shape), order="C").reshape(-1, 3) for array in (o, d))
-        kept = np.flatnonzero(~np.isin(self._owner, list(hidden)))
-        rows, count = np.ascontiguousarray(self.solids[kept]), len(d)
+        visible = np.flatnonzero(~np.isin(self._owner, list(hidden)))
+        rows, count = np.ascontiguousarray(self.solids[visible]), len(d)
         distance, normal, row = np.full(count, np.inf), np.zeros((count, 3)), np.full(count, -1, np.int64)
 
         def chunk(part: slice) -> None:
             nearest_hits(o[part], d[part], rows, distance[part], row[part], normal[part])
 
         _by_chunks(chunk, count)
-        if kept.size:
-            row = np.where(row < 0, -1, kept[row])
+        if visible.size:
+            row = np.where(row < 0, -1, visible[row])
         outer = shape[:-1]
         starts = np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3)
         paint = partial(self._paint, shape, starts, d, distance, row, normal)

@@ -215,7 +215,7 @@ class World:
         return self._moments[-1] if now == self._moments[-1] else now
 
     def on_command(self, text: str) -> None:
-        """Look at a command before it is answered: some end a fault."""
+        """Apply the effects of console commands: slow motion, and the end of some faults."""
         self._film.on_command(text)
         if slomo := _SLOMO.fullmatch(text):
             self._slomo = min(max(float(slomo[1]), _SLOWEST), _FASTEST)

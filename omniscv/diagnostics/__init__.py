@@ -1,4 +1,4 @@
-"""What a server is, and what would spoil captures there, measured; what this installation lacks."""
+"""The doctor: measurements of a server before recording, and checks of this installation."""
 
 from dataclasses import dataclass
 from typing import Literal, Self
@@ -11,8 +11,8 @@ class Finding:
     Attributes:
         name: what was measured.
         value: the result, with its unit.
-        verdict: ``ok``; ``warning``: captures are right, but at a price, or it could not be measured here;
-            ``bad``: captures are spoiled.
+        verdict: ``ok``; ``warning``: captures are right, but at a price, or the measurement failed here;
+            ``bad``: captures are wrong.
         remedy: what to do, where the verdict is not ``ok``.
     """
 

@@ -1,8 +1,8 @@
-"""Do captures agree with each other, and with what the server says of its objects?
+"""Comparison of captures with each other, and with the server's boxes of its objects.
 
-Depth predicts where each pixel of one capture is in another: from the same centre, and from one beside it.
-There the other must show the same surface, or a nearer one that hides it; never one behind it. Nothing here
-knows a cause: whatever makes captures contradict each other is found.
+Depth predicts where a pixel of one capture lies in another, from the same centre or from one beside it. The
+other capture must show the same surface there, or a nearer one that hides it, and never one behind it. The
+comparison detects contradictions of any cause.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ _POSES = "check field of view, poses and the meaning of depth; pause the game"
 
 
 @dataclass(frozen=True)
-class Shot:
-    """A view in three modes.
+class ViewCapture:
+    """Captures of one view in three modes.
 
     Attributes:
         view: pose and field of view.
@@ -106,9 +106,10 @@ class Overlap:
 
     Attributes:
         behind: how much farther the first sees than the point, relative, on smooth surfaces.
-        scale: by how much depth is too large, from how much nearer the point is to the second's centre.
+        scale: the error of depth's scale, from how much nearer the point is to the second's centre.
         gone: of all surfaces, whether the first sees farther in all of the 5 x 5 pixels around the point.
-        masks: whether colours of masks differ; lit: by how many levels colours do; where depth agrees.
+        masks: whether colours of masks differ, where depth agrees.
+        lit: by how many levels colours differ, where depth agrees.
         objects: codes of the mask's colours where depth agrees.
     """
 
@@ -120,7 +121,7 @@ class Overlap:
     objects: NDArray[np.int64]
 
     @classmethod
-    def of(cls, first: Shot, second: Shot) -> Overlap:
+    def of(cls, first: ViewCapture, second: ViewCapture) -> Overlap:
         """Compare the surfaces of the second with the first."""
         uvz = first.view.project(second.points_w)
         common = inside(uvz, first.view) & (second.depth < _FAR_M)
@@ -146,10 +147,12 @@ class Overlap:
         return cls(behind, scale, gone, first.mask[row] != objects, levels, objects)
 
 
-def shoot(camera: RawCamera, angles: Iterable[tuple[float, float]], beside_m: Array) -> list[Shot]:
+def capture_views(
+    camera: RawCamera, angles: Iterable[tuple[float, float]], beside_m: Array
+) -> list[ViewCapture]:
     """Capture views in three modes at a centre beside the camera's position."""
     kind, unit = camera.driver.table.depth
-    start, shots = camera.position, []
+    start, captures = camera.position, []
     camera.position = start + beside_m
     for yaw, pitch in angles:
         pose = camera.go(yaw, pitch)
@@ -159,15 +162,17 @@ def shoot(camera: RawCamera, angles: Iterable[tuple[float, float]], beside_m: Ar
         planar = metres / view.ray_lengths() if kind == "ray" else metres
         usable = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
         codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else None
-        shots.append(Shot(view, lit.astype(np.float32), np.where(depth < SKY, planar, _FAR_M), codes))
+        captures.append(
+            ViewCapture(view, lit.astype(np.float32), np.where(depth < SKY, planar, _FAR_M), codes)
+        )
     camera.position = start
-    return shots
+    return captures
 
 
 def findings(
     camera: RawCamera, colors: Mapping[str, Color], boxes: Mapping[str, ObjectBox]
 ) -> Iterator[Finding]:
-    """Yield what captures of one place say of each other, and of the objects' boxes.
+    """Yield findings from captures around one centre.
 
     Args:
         camera: captures 19 views in three modes.
@@ -175,28 +180,31 @@ def findings(
         boxes: of objects, world frame.
     """
     here = np.zeros(3)
-    faces, turned = shoot(camera, FACES.values(), here), shoot(camera, _TURNED, here)
-    nearest = min(float(shot.depth.min()) for shot in faces)
-    beside = shoot(camera, FACES.values(), min(_BESIDE_M, _BESIDE_SHARE * nearest) * _BESIDE)
-    (again,) = shoot(camera, [FACES["front"]], here)
+    faces, turned = capture_views(camera, FACES.values(), here), capture_views(camera, _TURNED, here)
+    nearest = min(float(capture.depth.min()) for capture in faces)
+    beside = capture_views(camera, FACES.values(), min(_BESIDE_M, _BESIDE_SHARE * nearest) * _BESIDE)
+    (again,) = capture_views(camera, [FACES["front"]], here)
     names = {red << 16 | green << 8 | blue: name for name, (red, green, blue) in colors.items()}
     yield _again(faces[0], again)
-    greys = [[Picture(shot.lit @ GREY, shot.view.pose) for shot in shots] for shots in (faces, turned)]
+    greys = [
+        [Picture(capture.lit @ GREY, capture.view.pose) for capture in captures]
+        for captures in (faces, turned)
+    ]
     yield from light.findings([(a, b) for a in greys[0] for b in greys[1]], camera.fov_deg)
-    of_turn = [Overlap.of(*pair) for a in faces for b in turned for pair in ((a, b), (b, a))]
-    of_move = [Overlap.of(*pair) for a in faces for b in beside for pair in ((a, b), (b, a))]
-    yield from _agree("turned", of_turn, np.abs)
-    yield from _agree("moved", of_move, lambda behind: behind)
-    yield _scale(of_move)
-    yield _gone([*of_turn, *of_move])
-    yield _view_dependent(of_move, names)
+    turned_overlaps = [Overlap.of(*pair) for a in faces for b in turned for pair in ((a, b), (b, a))]
+    moved_overlaps = [Overlap.of(*pair) for a in faces for b in beside for pair in ((a, b), (b, a))]
+    yield from _agree("turned", turned_overlaps, np.abs)
+    yield from _agree("moved", moved_overlaps, lambda behind: behind)
+    yield _scale(moved_overlaps)
+    yield _gone([*turned_overlaps, *moved_overlaps])
+    yield _view_dependent(moved_overlaps, names)
     yield _aligned([*faces, *turned])
     yield _spheres([*faces, *turned], names)
     if boxes and faces[0].mask is not None:
         yield _boxes([*faces, *turned], names, boxes)
 
 
-def _again(first: Shot, again: Shot) -> Finding:
+def _again(first: ViewCapture, again: ViewCapture) -> Finding:
     lit = float(np.abs(first.lit - again.lit).mean())
     depth = float((np.abs(again.depth / np.maximum(first.depth, 1e-3) - 1) > _DEPTH / 4).mean())
     both = first.mask is not None and again.mask is not None
@@ -207,8 +215,8 @@ def _again(first: Shot, again: Shot) -> Finding:
 
 
 def _agree(how: str, overlaps: Sequence[Overlap], off: Callable[[Array], Array]) -> Iterator[Finding]:
-    behind = np.concatenate([each.behind for each in overlaps])
-    masks, lit = (np.concatenate([getattr(each, key) for each in overlaps]) for key in ("masks", "lit"))
+    behind = np.concatenate([overlap.behind for overlap in overlaps])
+    masks, lit = (np.concatenate([getattr(overlap, key) for overlap in overlaps]) for key in ("masks", "lit"))
     if len(behind) < _LEAST_PX:
         yield Finding(
             f"depth, {how}", "nothing to compare", "warning", "give --position where more is visible"
@@ -224,15 +232,15 @@ def _agree(how: str, overlaps: Sequence[Overlap], off: Callable[[Array], Array])
 
 
 def _scale(overlaps: Sequence[Overlap]) -> Finding:
-    """Find by how much depth is too large: by so much more than the camera moved it grows."""
-    scales = np.concatenate([each.scale for each in overlaps])
+    """Measure the error of depth's scale: depth grows by more than the camera moved."""
+    scales = np.concatenate([overlap.scale for overlap in overlaps])
     scale = float(np.median(scales)) if len(scales) >= _LEAST_PX else 0.0
     value = f"{scale:+.2%} against the camera's moves"
     return Finding.unless(abs(scale) <= _SCALE, "depth scale", value, "bad", "check the scale of the world")
 
 
 def _gone(overlaps: Sequence[Overlap]) -> Finding:
-    share = float(np.concatenate([each.gone for each in overlaps]).mean())
+    share = float(np.concatenate([overlap.gone for overlap in overlaps]).mean())
     remedy = "things thinner than a pixel (face_size), or nearer than the near clipping plane"
     value = f"{share:.2%} of what one capture shows, another looks through"
     return Finding.unless(share <= _GONE_SHARE, "things that come and go", value, "warning", remedy)
@@ -240,7 +248,9 @@ def _gone(overlaps: Sequence[Overlap]) -> Finding:
 
 def _view_dependent(overlaps: Sequence[Overlap], names: Mapping[int, str]) -> Finding:
     """Find objects whose colours change with the centre: they mirror, or something is seen through them."""
-    objects, lit = (np.concatenate([getattr(each, key) for each in overlaps]) for key in ("objects", "lit"))
+    objects, lit = (
+        np.concatenate([getattr(overlap, key) for overlap in overlaps]) for key in ("objects", "lit")
+    )
     changing = [
         names.get(code, "?")
         for code in np.unique(objects)
@@ -251,44 +261,46 @@ def _view_dependent(overlaps: Sequence[Overlap], names: Mapping[int, str]) -> Fi
     return Finding.unless(not changing, "colours that depend on the view", value, "bad", remedy)
 
 
-def _aligned(shots: Sequence[Shot]) -> Finding:
-    """Find whether colours change where masks do, or some pixels beside."""
-    name, found = "colours over masks", []
+def _aligned(captures: Sequence[ViewCapture]) -> Finding:
+    """Measure how far the edges of colours lie beside those of masks, px."""
+    name, offsets = "colours over masks", []
     for axis, direction in ((1, "right"), (0, "down")):
         scores = np.zeros(2 * _MOST_PX + 1)
-        for shot in shots:
-            if shot.mask is None:
+        for capture in captures:
+            if capture.mask is None:
                 return Finding(name, "masks are pictures of another camera")
-            edges = np.diff(shot.mask, axis=axis) != 0
-            steps = np.abs(np.diff(shot.lit, axis=axis)).sum(axis=-1)
+            edges = np.diff(capture.mask, axis=axis) != 0
+            steps = np.abs(np.diff(capture.lit, axis=axis)).sum(axis=-1)
             inner = edges[_MOST_PX:-_MOST_PX, _MOST_PX:-_MOST_PX]
             for i, px in enumerate(range(-_MOST_PX, _MOST_PX + 1)):
                 scores[i] += np.roll(steps, -px, axis)[_MOST_PX:-_MOST_PX, _MOST_PX:-_MOST_PX][inner].sum()
         px = int(scores.argmax()) - _MOST_PX
-        found += [f"{px} px {direction}"] * (px != 0)
-    value = ", ".join(found) or "aligned"
-    return Finding.unless(not found, name, value, "bad", "capture all modes at one size, with one camera")
+        offsets += [f"{px} px {direction}"] * (px != 0)
+    value = ", ".join(offsets) or "aligned"
+    return Finding.unless(not offsets, name, value, "bad", "capture all modes at one size, with one camera")
 
 
-def _spheres(shots: Sequence[Shot], names: Mapping[int, str]) -> Finding:
+def _spheres(captures: Sequence[ViewCapture], names: Mapping[int, str]) -> Finding:
     """Find objects that are spheres around the camera: domes that stand for the sky."""
-    found = []
-    distance = np.stack([shot.depth * shot.view.ray_lengths() for shot in shots])
-    if shots[0].mask is not None:
-        mask = np.stack([shot.mask for shot in shots if shot.mask is not None])
+    domes = []
+    distance = np.stack([capture.depth * capture.view.ray_lengths() for capture in captures])
+    if captures[0].mask is not None:
+        mask = np.stack([capture.mask for capture in captures if capture.mask is not None])
         for code in np.unique(mask[distance < _FAR_M]):
             of_object = distance[mask == code]
             if len(of_object) >= _SPHERE_PX and np.ptp(of_object) < _SPHERE * of_object.mean():
-                found.append(f"{names.get(int(code), '?')} at {of_object.mean():.4g} m")
+                domes.append(f"{names.get(int(code), '?')} at {of_object.mean():.4g} m")
     remedy = "hide it (--set hide=NAME), or depth there is no distance"
-    return Finding.unless(not found, "domes", ", ".join(found) or "none", "bad", remedy)
+    return Finding.unless(not domes, "domes", ", ".join(domes) or "none", "bad", remedy)
 
 
-def _boxes(shots: Sequence[Shot], names: Mapping[int, str], boxes: Mapping[str, ObjectBox]) -> Finding:
+def _boxes(
+    captures: Sequence[ViewCapture], names: Mapping[int, str], boxes: Mapping[str, ObjectBox]
+) -> Finding:
     """Find objects that masks and depth show outside their boxes, or not at all though nothing hides them."""
-    points = np.concatenate([shot.points_w.reshape(-1, 3) for shot in shots])
-    mask = np.concatenate([shot.mask.reshape(-1) for shot in shots if shot.mask is not None])
-    center = shots[0].view.pose.position
+    points = np.concatenate([capture.points_w.reshape(-1, 3) for capture in captures])
+    mask = np.concatenate([capture.mask.reshape(-1) for capture in captures if capture.mask is not None])
+    center = captures[0].view.pose.position
     reach = np.linalg.norm(points - center, axis=1)
     wrong = []
     for code, name in names.items():

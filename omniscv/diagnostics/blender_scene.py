@@ -1,4 +1,4 @@
-"""The doctor of scenes for Blender: what would spoil captures of them, and what captures cost."""
+"""The doctor of scenes for Blender: faults of a scene, and the time of a picture."""
 
 import time
 
@@ -43,7 +43,7 @@ def examine_blender(
         scene = source.blender.scene
         lights = f"{'a' if scene.world else 'no'} world, {scene.lights} lamps"
         lit, objects = scene.world or scene.lights, len(scene.objects)
-        missing = f"{len(scene.missing)} missing" + "".join(f", {each}" for each in scene.missing[:1])
+        missing = f"{len(scene.missing)} missing" + "".join(f", {path}" for path in scene.missing[:1])
         return [
             Finding("Blender", f"{source.blender.version}; {source.scene_identity.level}"),
             Finding.unless(not scene.missing, "linked files", missing, "bad", _PACK),

@@ -1,4 +1,4 @@
-"""What this installation lacks: packages, system libraries, writable folders, ports, disk space.
+"""Checks of this installation: packages, system libraries, writable folders, ports, disk space.
 
 Packages are imported only when they are checked, so that this runs where they are missing.
 """

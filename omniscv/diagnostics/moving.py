@@ -1,4 +1,4 @@
-"""Whether the world moves, whether it can be paused, and how late captures show a move."""
+"""Motion of a world, its pause, and the delay until captures show a move."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext

@@ -118,7 +118,7 @@ def _fit(theirs: Array, faces: list[Picture], camera: RawCamera) -> _Fit:
     fits = []
     for turns in (1, -1):
         ours = _seen(faces, camera, _directions(_Fit(turns, 0.0, 0.5, 0.0)))
-        spectra = [np.fft.rfft(each - each.mean(axis=1, keepdims=True), axis=1) for each in (theirs, ours)]
+        spectra = [np.fft.rfft(rows - rows.mean(axis=1, keepdims=True), axis=1) for rows in (theirs, ours)]
         score = np.fft.irfft((spectra[0].conj() * spectra[1]).sum(axis=0), _SIZE[0])
         fits.append((float(score.max()), turns, float(score.argmax()) * turns * 360 / _SIZE[0]))
     _, turns, yaw_deg = max(fits)

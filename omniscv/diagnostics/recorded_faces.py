@@ -1,4 +1,4 @@
-"""Examine the cubes of a recording: do their faces agree at the edges, and what would mend it?"""
+"""Steps across the edges of recorded cubes, and their causes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _AT_SOURCE = "record with manual exposure, without vignette, bloom and screen-sp
 
 
 class Place(NamedTuple):
-    """What the faces of one optical centre say.
+    """Measurements of the six faces of one optical centre.
 
     Attributes:
         center: (x, y, z) metres.
@@ -45,7 +45,7 @@ class Place(NamedTuple):
 
 
 def examine_recording(source: Source, picture: Path | None = None) -> list[Finding]:
-    """Return what the cubes of colours in a recording say of seams, exposure, vignette and slips.
+    """Return findings about seams, exposure, vignette and slips of a recording's cubes in colour.
 
     Args:
         source: of the recording.
@@ -64,11 +64,10 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
     if picture is not None:
         _draw_worst(source, worst, picture)
     remedy = f"{_AT_SOURCE}; or render with seams: close"
-    if steps.max() <= _STEP:
-        found = Finding("seams", value)
-    else:
-        found = Finding("seams", value, "bad" if steps.max() > _BAD_STEP else "warning", remedy)
-    return [found, *_exposure(places), _vignette(source), *_slips(places)]
+    seams = Finding.unless(bool(steps.max() <= _BAD_STEP), "seams", value, "bad", remedy)
+    if _STEP < steps.max() <= _BAD_STEP:
+        seams = Finding("seams", value, "warning", remedy)
+    return [seams, *_exposure(places), _vignette(source), *_slips(places)]
 
 
 def measure_places(source: Source) -> Iterator[Place]:

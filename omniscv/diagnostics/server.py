@@ -1,4 +1,4 @@
-"""A server as it answers: replies to commands, and a camera's frames as they come, stale or not."""
+"""Raw access to a server: replies to commands, and a camera's frames without repairs of stale ones."""
 
 import time
 from collections.abc import Iterable, Iterator

@@ -91,13 +91,16 @@ class BlenderSource(Source):
             for request in window:
                 request.check_state(self.state, self._blender.name)
                 _check(request)
-            held: dict[Request, Any] = {}
+            rendered: dict[Request, Any] = {}
             for index, request in enumerate(window):
-                if request not in held:
+                if request not in rendered:
                     pixels = self._render(request, hidden)
                     same_view = (later for later in window[index:] if later.view == request.view)
-                    held.update({each: pixels[each.mode] for each in same_view if each.mode in pixels})
-                picture = held[request] if request in window[index + 1 :] else held.pop(request)
+                    rendered.update(
+                        {later: pixels[later.mode] for later in same_view if later.mode in pixels}
+                    )
+                again = request in window[index + 1 :]
+                picture = rendered[request] if again else rendered.pop(request)
                 encoding = codecs.NEAR_MIDDLE if request.mode == "depth" else None
                 yield Capture(request, request.view, picture, self._provenance(request), encoding=encoding)
 

@@ -69,16 +69,16 @@ def matching_bias(connection: Connection, camera: str | int) -> float:
         return brightness("exposure_method manual", bias, frames=1 + _STALE)
 
     connection.set([f"{at}/size {_EDGE_PX} {_EDGE_PX}", f"{at}/fov 90.0"])
-    wanted = brightness("exposure_method histogram", "exposure_bias 0.0", frames=_ADAPTS)
-    return _STEP * _nearest(manual, wanted, *(round(limit / _STEP) for limit in EXPOSURE_LIMITS))
+    target = brightness("exposure_method histogram", "exposure_bias 0.0", frames=_ADAPTS)
+    return _STEP * _nearest(manual, target, *(round(limit / _STEP) for limit in EXPOSURE_LIMITS))
 
 
-def _nearest(function: Callable[[int], float], wanted: float, low: int, high: int) -> int:
+def _nearest(function: Callable[[int], float], target: float, low: int, high: int) -> int:
     """Return the whole number at which an increasing function is nearest to a value."""
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (middle, high) if function(middle) <= wanted else (low, middle)
-    return min(low, high, key=lambda steps: abs(function(steps) - wanted))
+        low, high = (middle, high) if function(middle) <= target else (low, middle)
+    return min(low, high, key=lambda steps: abs(function(steps) - target))
 
 
 def _grey(_: str, reply: Reply) -> float:

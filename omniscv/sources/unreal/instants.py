@@ -25,20 +25,23 @@ from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.replies import names, numbers
 
 Key = tuple[str, str]
-"""What was changed, such as ``pose``, and the object's name; empty for what is no object's."""
+"""The kind of a change, such as ``pose``, and the object's name, which is empty for changes of the game."""
 Undo = tuple[str, ...] | Callable[[], None]
 """How a change is put back: commands that set the values from before, or a function."""
 Layer = dict[Key, tuple[Any, Undo]]
 """By key: the value before the layer's first change of it, and how to put it back."""
 
 _KNOWN = ("pose", "seen", "hidden", "left out", "time", "name")
-"""What an instant describes: poses that were set, or seen. Objects left out of captures are in no state."""
+"""Kinds of change that an instant describes, or that belong to no state.
+
+``pose`` was set, ``seen`` is a pose that was read; objects ``left out`` of captures are in no state.
+"""
 
 
 class Journal:
-    """The values that were set, and layers of how to put them back.
+    """The values that were set, and layers of undo steps.
 
-    A layer is open from the beginning of some changes until they are put back.
+    A layer records changes from when it is opened until they are put back.
 
     Attributes:
         lock: held for one turn: captures of a viewpoint, or commands that belong together.
@@ -62,7 +65,7 @@ class Journal:
 
     @property
     def instant(self) -> Instant:
-        """What is known of the world as it is now; other changes than an instant's are in its name."""
+        """The known state of the world now; changes that an instant does not describe are in its name."""
         changes, (described, instant) = self._changes, self._described
         if described != changes:
             instant = self._describe()

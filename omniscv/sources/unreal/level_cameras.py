@@ -38,7 +38,7 @@ class LevelCamera(NamedTuple):
     """A camera of a level.
 
     Attributes:
-        number: in commands; on Dev servers a stable id is as good.
+        number: in commands; Dev servers also accept a stable id.
         name: of its component; several may have one.
         pose: in the world.
         intrinsics: of its pictures.
@@ -71,7 +71,7 @@ def level_cameras(connection: Connection) -> list[LevelCamera]:
 def cine_intrinsics(connection: Connection, camera: str | int) -> Intrinsics | None:
     """Return the intrinsics of a camera's cine model; None where it is off.
 
-    ``intrinsics`` answers for the model while it is off, too, so whether it is on is asked first.
+    ``intrinsics`` also replies while the model is off, so ``enabled`` is read first.
     """
     if not connection.supports(CINE_ENABLED):
         return None

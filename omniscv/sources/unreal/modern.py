@@ -73,7 +73,7 @@ class ModernDriver(CameraDriver):
         elif not self._restore or self._is_lost(count):
             self._prepared = False
             self._spawn(count)
-        if not self._prepared:  # after the camera: a game that starts again in between lacks it, and is found
+        if not self._prepared:  # after the camera: a game that starts again in between lacks it
             self._prepare()
             self._capture_at_once()
             self._expose_by_hand()
@@ -81,11 +81,13 @@ class ModernDriver(CameraDriver):
 
     def check(self, request: Request) -> None:
         super().check(request)
-        view, wanted, fixed = request.view, request.view.fov_deg, self.capabilities.fov_deg
+        view, fov_deg, fixed = request.view, request.view.fov_deg, self.capabilities.fov_deg
         low, high = _LIMITS_DEG if fixed is None else (fixed - _SAME_DEG, fixed + _SAME_DEG)
-        if not low <= wanted <= high:
+        if not low <= fov_deg <= high:
             why = "which engines do not clamp" if fixed is None else "of the camera's lens"
-            raise ArgumentError(f"fov_deg: expected {low:.6g} to {high:.6g} degrees, {why}, got {wanted:.6g}")
+            raise ArgumentError(
+                f"fov_deg: expected {low:.6g} to {high:.6g} degrees, {why}, got {fov_deg:.6g}"
+            )
 
         own = self.capabilities
         if own.lens is not None and (view.width, view.height) != own.image_size:
@@ -136,11 +138,11 @@ class ModernDriver(CameraDriver):
         self.connection.texts([f"{head} 0" for head in heads])
 
     def _expose_by_hand(self) -> None:
-        wanted, camera = self._options.exposure, self.camera
-        if wanted is None:
+        bias, camera = self._options.exposure, self.camera
+        if bias is None:
             return
         if self._bias is None:  # a camera that is spawned anew gets the same
-            self._bias = exposure.matching_bias(self.connection, camera) if wanted == "auto" else wanted
+            self._bias = exposure.matching_bias(self.connection, camera) if bias == "auto" else bias
         self.connection.set([*exposure.lumen(camera), *exposure.by_hand(camera, self._bias)])
         self.settings = {"exposure": f"manual, bias {self._bias:g}"}
 
@@ -277,10 +279,10 @@ class ModernDriver(CameraDriver):
 
         def move(request: Request) -> None:
             nonlocal aimed, stops
-            wanted = _stops_of(request, stops)
-            commands = self.aim(aimed, request.view) + self.expose(stops, wanted)
+            next_stops = _stops_of(request, stops)
+            commands = self.aim(aimed, request.view) + self.expose(stops, next_stops)
             steps.extend(Step(command, "check") for command in commands)
-            aimed, stops = request.view, wanted
+            aimed, stops = request.view, next_stops
 
         for request in requests:
             view, mode = request.view, request.mode

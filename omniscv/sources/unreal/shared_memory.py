@@ -80,9 +80,9 @@ class SharedPictures:
             size, start, frame, *shape = map(int, [*(fields[key] for key in _NUMBERS), *fields["shape"]])
         except (ValueError, TypeError, KeyError, RecursionError) as cause:
             raise BadReplyError(f"expected a region of shared memory, got {shown(reply[:100])}") from cause
-        each = {"uint8": 1, "float32": 4}.get(dtype, 0)
-        fits = 0 < size <= _MOST_BYTES and size == each * math.prod(shape) and min(shape) > 0
-        if not _NAME.fullmatch(name) or start != 0 or not fits or shape[2:] != [4] * (each == 1):
+        item = {"uint8": 1, "float32": 4}.get(dtype, 0)
+        fits = 0 < size <= _MOST_BYTES and size == item * math.prod(shape) and min(shape) > 0
+        if not _NAME.fullmatch(name) or start != 0 or not fits or shape[2:] != [4] * (item == 1):
             raise BadReplyError(f"expected a picture of UnrealCV in a region, got {shown(reply[:100])}")
         if frame <= self._frames.get(mode, 0):
             raise BadReplyError(f"expected a new capture in {name}, got number {frame} again")
@@ -92,5 +92,5 @@ class SharedPictures:
         except (OSError, ValueError) as cause:
             raise BadReplyError(f"expected {size} bytes of shared memory; {cause}") from cause
         buffer = io.BytesIO()
-        np.save(buffer, np.ascontiguousarray(pixels[..., 2::-1] if each == 1 else pixels))
+        np.save(buffer, np.ascontiguousarray(pixels[..., 2::-1] if item == 1 else pixels))
         return buffer.getvalue()
