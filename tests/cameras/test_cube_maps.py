@@ -77,13 +77,6 @@ def test_layouts_are_those_of_ffmpeg(name, layout, output):
     assert off.max() <= 3.5e-3
 
 
-def test_py360convert_orders():
-    """F R B L U D in a row; as a cross the first four in the middle row, left first, up and down at front."""
-    strip, dice = LAYOUTS["strip"], LAYOUTS["dice"]
-    assert "".join(slot[0] for slot in strip[0]) == "FRBLUD"
-    assert [dice[y][x][0] for x, y in ((1, 1), (2, 1), (3, 1), (0, 1), (1, 0), (1, 2))] == [*"FRBLUD"]
-
-
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", ["cube-map", "equiangular-cube"])
 def test_faces_look_where_the_table_says(name, layout):

@@ -120,7 +120,7 @@ def test_equisolid_focal_length_is_the_papers():
 
 @pytest.mark.parametrize("name", ["fisheye-orthographic", "fisheye-equisolid"])
 def test_beyond_the_rim_is_marked(name):
-    """One part in 1e15 further out there is no ray, and no NaN calls itself valid."""
+    """One part in 1e15 beyond the rim there is no ray, and no NaN is valid."""
     camera = cameras.create(name, width=SIZE, height=SIZE, focal=200)
     azimuth = np.linspace(-np.pi, np.pi, 1001)
     around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)

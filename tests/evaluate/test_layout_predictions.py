@@ -1,5 +1,6 @@
 """Predictions as files, in the three forms that are read, and files that are none."""
 
+import io
 import json
 import os
 
@@ -82,71 +83,47 @@ def test_the_truth_that_is_written_can_be_read_as_a_prediction(tmp_path):
         assert (255 * read_back).round() == pytest.approx(drawn)
 
 
-def half(path):
-    as_maps(CORNERS["one"], path)
-    picture = path.with_name("one_EM.png")
-    picture.write_bytes(picture.read_bytes()[:200])
+def png(*size, mode="L"):
+    stream = io.BytesIO()
+    Image.new(mode, size).save(stream, "png")
+    return stream.getvalue()
 
 
-def bomb(path):
-    """A PNG of 32 million pixels in a few kilobytes."""
-    as_maps(CORNERS["one"], path)
-    Image.new("1", (8000, 4000)).save(path.with_name("one_EM.png"))
+MAP, ONE = png(256, 128), CORNERS["one"]
+"""A map, and corners of a room."""
 
 
-def square(path):
-    as_maps(CORNERS["one"], path)
-    Image.new("L", (64, 64)).save(path.with_name("one_CM.png"))
-
-
-def twice(path):
-    as_json(CORNERS["one"], path)
-    as_txt(CORNERS["one"], path)
-
-
-def alone(path):
-    as_maps(CORNERS["one"], path)
-    path.with_name("one_CM.png").unlink()
-
-
-def content(name, text):
-    def write(path):
-        path.with_name(name).write_bytes(text)
-
-    return write
-
-
-def outside(path):
-    as_txt(CORNERS["one"] * 4, path)
-
-
-def unpaired(path):
-    as_txt(CORNERS["one"][1:], path)
+def lines(corners):
+    return "".join(f"{x} {y}\n" for x, y in corners.tolist()).encode()
 
 
 HOSTILE = {
-    "empty": (lambda path: None, r"expected one.json or one.txt, missing for 1 of .* got no other file"),
-    "alone": (alone, r"expected one_CM.png or one_CM.jpg, missing"),
-    "twice": (twice, r"expected one file of the corners of one, got one.json and one.txt"),
-    "half": (half, r"one_EM.png: expected a PNG or JPEG picture"),
+    "empty": ({}, r"expected one.json or one.txt, missing for 1 of .* got no other file"),
+    "alone": ({"one_EM.png": MAP}, r"expected one_CM.png or one_CM.jpg, missing"),
+    "twice": (
+        {"one.txt": lines(ONE), "one.json": b"{}"},
+        r"expected one file of the corners of one, got one.json and one.txt",
+    ),
+    "half": ({"one_EM.png": MAP[:60], "one_CM.png": MAP}, r"one_EM.png: expected a PNG or JPEG picture"),
     "bomb": (
-        bomb,
+        {"one_EM.png": png(8000, 4000, mode="1"), "one_CM.png": MAP},
         r"one_EM.png: expected a map twice as wide as high, of at most \d+ pixels, got 8000 x 4000",
     ),
-    "square": (square, r"one_CM.png: .* got 64 x 64"),
-    "no numbers": (content("one.txt", b"1 2\n3 four\n"), r"one.txt: lines: expected .*finite numbers"),
-    "other json": (content("one.json", b'{"boxes": []}'), r"one.json: expected a mapping with uv"),
-    "deep json": (content("one.json", b"[" * 100_000), r"one.json: expected a mapping with uv"),
-    "no number": (content("one.json", b'{"uv": [[0.1, NaN]]}'), r"one.json: uv: expected .*finite numbers"),
-    "outside": (outside, r"one.txt: expected corners within 256 x 128 px"),
-    "unpaired": (unpaired, r"one.txt: cor_id: expected at least 3 pairs"),
+    "square": ({"one_EM.png": MAP, "one_CM.png": png(64, 64)}, r"one_CM.png: .* got 64 x 64"),
+    "text": ({"one.txt": b"1 2\n3 four\n"}, r"one.txt: lines: expected .*finite numbers"),
+    "other json": ({"one.json": b'{"boxes": []}'}, r"one.json: expected a mapping with uv"),
+    "deep json": ({"one.json": b"[" * 100_000}, r"one.json: expected a mapping with uv"),
+    "nan": ({"one.json": b'{"uv": [[0.1, NaN]]}'}, r"one.json: uv: expected .*finite numbers"),
+    "outside": ({"one.txt": lines(4 * ONE)}, r"one.txt: expected corners within 256 x 128 px"),
+    "unpaired": ({"one.txt": lines(ONE[1:])}, r"one.txt: cor_id: expected at least 3 pairs"),
 }
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_files_that_are_no_predictions_are_refused_in_a_line(tmp_path, kind):
-    write, message = HOSTILE[kind]
-    write(tmp_path / "one")
+def test_files_that_are_no_predictions_are_refused(tmp_path, kind):
+    files, message = HOSTILE[kind]
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
     with pytest.raises(ArgumentError, match=message) as raised:
         read(tmp_path, ["one"], WIDTH)
     assert str(raised.value).startswith("predictions: ")

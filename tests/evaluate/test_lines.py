@@ -54,11 +54,6 @@ def of(rows, **wanted):
     return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
 
 
-def test_every_edge_of_the_room_is_seen(rows):
-    assert len(of(rows, prior="free")) == 12
-    assert len(of(rows, prior="free", kind="vertical")) == 4
-
-
 def test_an_edges_pixels_are_on_its_image(seen, shot):
     """Also those of objects, of whose boxes only the edges that their outline follows count."""
     assert {edge.name.split()[0] for edge, _ in seen if edge.of == "object"} >= {
@@ -70,22 +65,22 @@ def test_an_edges_pixels_are_on_its_image(seen, shot):
         assert observed.rms_px(edge.line_c(shot.pose)) <= 0.75, edge.name
 
 
-@pytest.mark.parametrize("prior", ["gravity", "Manhattan"])
-def test_vertical_edges_are_within_3_cm(rows, prior):
-    found = [row for row in of(rows, prior=prior, kind="vertical") if row["baseline_m"] >= 0.05]
-    assert len(found) == 2
-    assert max(row["distance_m"] for row in found) <= 0.03
-
-
 @pytest.mark.parametrize("prior", ["free", "gravity", "Manhattan"])
-def test_horizontal_edges_are_within_2_degrees_and_10_cm(rows, prior):
-    found = [row for row in of(rows, prior=prior, kind="horizontal") if row["baseline_m"] >= 0.4]
-    assert len(found) >= 2
-    assert max(row["distance_m"] for row in found) <= 0.1
-    assert max(row["direction_deg"] for row in found) <= 2
+def test_edges_of_sufficient_baseline_are_near_the_truth(rows, prior):
+    """Vertical ones within 3 cm, unless free; horizontal ones within 2 degrees and 10 cm."""
+    vertical = [row for row in of(rows, prior=prior, kind="vertical") if row["baseline_m"] >= 0.05]
+    assert len(vertical) == 2
+    assert prior == "free" or max(row["distance_m"] for row in vertical) <= 0.03
+    horizontal = [row for row in of(rows, prior=prior, kind="horizontal") if row["baseline_m"] >= 0.4]
+    assert len(horizontal) >= 2
+    assert max(row["distance_m"] for row in horizontal) <= 0.1
+    assert max(row["direction_deg"] for row in horizontal) <= 2
 
 
-def test_what_is_known_beforehand_helps(rows):
+def test_every_edge_is_seen_and_priors_reduce_the_errors(rows):
+    assert len(of(rows, prior="free")) == 12
+    assert len(of(rows, prior="free", kind="vertical")) == 4
+
     def median(prior):
         return np.median([row["distance_m"] for row in of(rows, prior=prior)])
 
