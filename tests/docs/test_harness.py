@@ -49,31 +49,11 @@ def test_blocks_of_a_document():
     assert [block.commands() for block in found] == [[], [], [], [record, ["./scripts/test"]], []]
 
 
-def test_a_document_is_run_in_one_namespace_with_its_files(folder):
-    python = [block for block in blocks(DOCUMENT) if block.language in ("yaml", "python")]
-    execute(python, "made-up.md", folder, {9000: 1})
-    assert (folder / "ball.yaml").exists()
-
-
 def test_an_error_has_the_line_of_the_document(folder):
     with pytest.raises(ZeroDivisionError) as failed:
         execute(blocks("a\n\n```python\nx = 1\nx / 0\n```\n"), "made-up.md", folder, {9000: 1})
     last = failed.traceback[-1]
     assert (str(last.path).endswith("made-up.md"), last.lineno + 1) == (True, 5)
-
-
-def test_a_document_of_tests_is_run_by_pytest(folder):
-    good = "```python\ndef test_good(unreal_server):\n    assert unreal_server.port\n```\n"
-    bad = good.replace("good", "bad").replace("server.port", "server.sport")
-    with pytest.raises(AssertionError, match="1 failed, 1 passed"):
-        execute(blocks(good + bad), "made-up.md", folder, {})
-
-
-def test_a_script_must_be_an_executable_file():
-    command_line.run(["./scripts/test"], {})
-    for missing in ("./scripts/nothing", "./scripts/_environment.sh"):
-        with pytest.raises(AssertionError, match="expected an executable file"):
-            command_line.run([missing], {})
 
 
 @pytest.mark.parametrize(
