@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from omniscv import cameras
@@ -50,15 +50,14 @@ def demo_cameras(scale: int = 1) -> dict[str, tuple[Camera, Pose]]:
     return examples
 
 
-@dataclass
+@dataclass(frozen=True)
 class DemoReport:
-    """Counts and files of a demo."""
+    """Counts and contact sheets of a demo, or of one of its rooms."""
 
-    out: Path
-    sheets: list[Path] = field(default_factory=list)
-    images: int = 0
-    captures: int = 0
-    compared: int = 0
+    sheets: tuple[Path, ...]
+    images: int
+    captures: int
+    compared: int
     seconds: float = 0.0
 
     def lines(self) -> Iterator[str]:
@@ -66,16 +65,6 @@ class DemoReport:
         yield f"{self.captures} captures over TCP, {self.images} images in {self.seconds:.0f} s"
         yield f"{self.compared} layers recomposed from the recordings without the server: the same bytes"
         yield from (f"contact sheet: {sheet}" for sheet in self.sheets)
-
-
-@dataclass(frozen=True)
-class _Room:
-    """Counts and files of one room."""
-
-    sheet: Path
-    captures: int
-    images: int
-    compared: int
 
 
 def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoReport:
@@ -90,20 +79,19 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
         OmniscvError: an image recomposed from the recording differs from the one that was captured.
     """
     started = time.monotonic()
-    report = DemoReport(out)
     meter = Meter(2 * len(ROOMS) * len(demo_cameras()), progress)
     with ThreadPoolExecutor(len(ROOMS), thread_name_prefix="room") as pool:
         rooms = list(pool.map(lambda name: _room(name, out, meter, scale), ROOMS))
-    for room in rooms:
-        report.captures += room.captures
-        report.images += room.images
-        report.compared += room.compared
-        report.sheets.append(room.sheet)
-    report.seconds = time.monotonic() - started
-    return report
+    return DemoReport(
+        tuple(sheet for room in rooms for sheet in room.sheets),
+        sum(room.images for room in rooms),
+        sum(room.captures for room in rooms),
+        sum(room.compared for room in rooms),
+        time.monotonic() - started,
+    )
 
 
-def _room(name: str, out: Path, meter: Meter, scale: int) -> _Room:
+def _room(name: str, out: Path, meter: Meter, scale: int) -> DemoReport:
     """Capture and compose all images of a room, and compare them with those recomposed from its recording."""
     recording, images = out / f"{name}.sqlite", {}
     with open_source(f"mock://{name}") as live, record(live, recording) as source:
@@ -117,7 +105,7 @@ def _room(name: str, out: Path, meter: Meter, scale: int) -> _Room:
             compared += _compare(images[stem], image, stem)
     title = f"omniscv: every camera in the room '{name}'"
     sheet = contact_sheet(images, objects, out / f"{name}.png", title)
-    return _Room(sheet, sum(info(recording).captures.values()), len(images), compared)
+    return DemoReport((sheet,), len(images), sum(info(recording).captures.values()), compared)
 
 
 def _compose(source: Source, meter: Meter, scale: int) -> Iterator[tuple[str, OmniImage]]:

@@ -39,7 +39,7 @@ COMMANDS = (
 """Modules of this package, each with an ``app``."""
 
 _OLD = {"captures": "recording", "ask": "send"}
-"""Names of before, which work in this version and are not in the help."""
+"""Former names of commands, which work in this version and are not in the help."""
 
 
 class _Modules(Mapping[str, Any]):
@@ -64,8 +64,8 @@ class _Commands(TyperGroup):
         self.commands = cast(Any, _Modules())
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_given: bool) -> None:
+    if is_given:
         console.line(f"omniscv {omniscv.__version__}")
         raise typer.Exit
 
@@ -87,14 +87,12 @@ app = typer.Typer(
 )
 
 
-def _apart(arguments: list[str]) -> str:
-    """Return what to write for numbers of an option that blanks separate; nothing where there are none."""
-    given = re.search(r"(--position)[\0=](\S+?)\0(-?[\d.]+)\0(-?[\d.]+)(?:\0|$)", "\0".join(arguments))
-    return (
-        f"{given[1]}: expected numbers with commas: {given[1]} {','.join(given.groups()[1:])}"
-        if given
-        else ""
-    )
+def _position_with_blanks(arguments: list[str]) -> str:
+    """Return an error for ``--position 0 0 1.5``; empty if the position is written otherwise."""
+    match = re.search(r"--position[\0=](\S+?)\0(-?[\d.]+)\0(-?[\d.]+)(?:\0|$)", "\0".join(arguments))
+    if match is None:
+        return ""
+    return f"--position: expected numbers with commas: --position {','.join(match.groups())}"
 
 
 def main() -> None:
@@ -105,7 +103,7 @@ def main() -> None:
 
 
 def _run_process() -> int:
-    _say_what_is_logged()
+    _print_log()
     return run(sys.argv[1:])
 
 
@@ -117,8 +115,8 @@ def _has_working_folder() -> bool:
     return True
 
 
-def _say_what_is_logged() -> None:
-    """Print what the packages log, as that kernels are compiled, on standard error."""
+def _print_log() -> None:
+    """Print the package's log on standard error, such as that kernels are compiled."""
     import logging
 
     class Lines(logging.Handler):
@@ -138,7 +136,8 @@ def run(arguments: list[str]) -> int:
     except TyperException as usage:
         code, text = usage.exit_code, usage.format_message()
         command = getattr(getattr(usage, "ctx", None), "command_path", "omniscv")
-        message = text and f"{_apart(arguments) or text} (see {command} --help)"  # no text: help was printed
+        text = text and (_position_with_blanks(arguments) or text)
+        message = text and f"{text} (see {command} --help)"  # no text: help was printed
     except OmniscvError as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
     except OSError as error:

@@ -11,7 +11,7 @@ from typer import Argument, Option, Typer
 from typer.core import TyperGroup
 
 from omniscv.cli import console, options
-from omniscv.cli.old_spellings import FitCommand
+from omniscv.cli.old_spellings import OF_FIT, accepting
 from omniscv.errors import ArgumentError
 
 
@@ -66,20 +66,19 @@ def _example(name: str) -> str:
 
 
 def _typical(name: str) -> dict[str, str]:
-    """Return the typical parameters of a model that have no default, or another one, as YAML."""
+    """Return the parameters of a model's example that differ from the defaults, as YAML."""
     from omniscv.cameras import model
 
     cls = model(name)
     defaults = {
-        key: list(each.default) if isinstance(each.default, tuple) else each.default
-        for key, each in inspect.signature(cls).parameters.items()
+        key: list(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
+        for key, parameter in inspect.signature(cls).parameters.items()
     }
-    given = {
-        key: value
+    return {
+        key: json.dumps(_rounded(value)).strip('"')
         for key, value in cls.example(256).to_dict().items()
         if key not in ("model", "width", "height", "center") and value != defaults.get(key)
     }
-    return {key: json.dumps(_rounded(value)).strip('"') for key, value in given.items()}
 
 
 def _rounded(value: Any) -> Any:
@@ -87,8 +86,8 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.6g}")
     if isinstance(value, list):
-        return [_rounded(each) for each in value]
-    return {key: _rounded(each) for key, each in value.items()} if isinstance(value, dict) else value
+        return [_rounded(item) for item in value]
+    return {key: _rounded(item) for key, item in value.items()} if isinstance(value, dict) else value
 
 
 @app.command(
@@ -110,25 +109,26 @@ def from_unreal(
     from omniscv.cameras import create
     from omniscv.diagnostics.server import cameras_of
 
-    known = cameras_of(address, **options.deadlines(timeout, patience))
-    wanted = known if number is None else known[number : number + 1]
-    if not wanted or (out is not None and len(wanted) > 1):
+    every = cameras_of(address, **options.deadlines(timeout, patience))
+    listed = every if number is None else every[number : number + 1]
+    if not listed or (out is not None and len(listed) > 1):
         got = "none" if number is None else str(number)
-        raise ArgumentError(f"--number: expected one from 0 to {len(known) - 1}, got {got}")
-    for each in wanted:
-        width, height, fx, fy, cx, cy = each.intrinsics
+        raise ArgumentError(f"--number: expected one from 0 to {len(every) - 1}, got {got}")
+    for level_camera in listed:
+        width, height, fx, fy, cx, cy = level_camera.intrinsics
         camera = create("pinhole", width, height, fx=fx, fy=fy, cx=cx, cy=cy)
         if out is not None:
             save(out, {"cam0": camera}, "json")
-        angles = zip(("yaw", "pitch", "roll"), each.pose.angles(), strict=True)
-        place = ",".join(f"{value:.6g}" for value in each.pose.position)
-        turn = " ".join(f"--{name} {angle + 0.0:.6g}" for name, angle in angles)
-        console.line(f"{each.number} {each.name}{' (cine)' if each.cine else ''}: {camera}")
-        console.line(f"  --position {place} {turn}")
+        angles = zip(("yaw", "pitch", "roll"), level_camera.pose.angles(), strict=True)
+        position = ",".join(f"{value:.6g}" for value in level_camera.pose.position)
+        rotation = " ".join(f"--{name} {angle + 0.0:.6g}" for name, angle in angles)
+        kind = " (cine)" if level_camera.cine else ""
+        console.line(f"{level_camera.number} {level_camera.name}{kind}: {camera}")
+        console.line(f"  --position {position} {rotation}")
 
 
 @app.command(
-    cls=FitCommand,
+    cls=accepting(OF_FIT),
     epilog="Example: omniscv cameras fit double-sphere kannala-brandt --size 640x480 "
     "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap",
 )

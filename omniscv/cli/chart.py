@@ -25,12 +25,12 @@ def chart(
 ) -> None:
     """Draw cost against error; what makes images fail; models at their limits; noise of sensors."""
     module = import_module(f"omniscv.chart.{kind}")
-    given: dict[str, Any] = dict(module.QUICK) if quick else {}
+    options: dict[str, Any] = dict(module.QUICK) if quick else {}
     if width is not None:
         if "width" not in signature(module.measure).parameters:
             raise BadParameter(f"expected none: images of {kind} have one size", param_hint="--width")
-        given["width"] = width
+        options["width"] = width
     with display("rounds", progress) as shown:
-        rows = module.measure(**given, progress=shown.steps)
+        rows = module.measure(**options, progress=shown.steps)
     for path in module.write(rows, out):
         console.line(path)

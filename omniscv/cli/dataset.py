@@ -8,7 +8,7 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.job_options import IMAGES, JobArguments, with_job
-from omniscv.cli.old_spellings import FormatCommand, JobCommand
+from omniscv.cli.old_spellings import OF_FORMATS, OF_JOBS, accepting
 from omniscv.cli.options import AsJson, setting
 from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
@@ -27,7 +27,7 @@ Shard = Annotated[str | None, Option(help="I/N: these frames only, I from 0; fin
 _CLUSTER_HELP = "Workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
 
 
-@app.command(cls=JobCommand, epilog="Example: omniscv dataset make dataset.yaml --resume")
+@app.command(cls=accepting(OF_JOBS), epilog="Example: omniscv dataset make dataset.yaml --resume")
 @with_job(IMAGES, needs_file=True)
 def make(
     job: JobArguments,
@@ -50,7 +50,7 @@ def make(
 
     if cluster is not None and job.file is not None:  # workers may be in another folder
         job = replace(job, file=job.file.absolute())
-    wanted = job.load()
+    loaded = job.load()
     if cluster is not None and (shard is not None or workers != 1 or keep_going or overwrite):
         others = "--shard, --workers, --keep-going and --overwrite"
         raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
@@ -58,13 +58,13 @@ def make(
         if cluster is not None:
             from omniscv.cluster import make, workers_of
 
-            made = make(
-                wanted, workers_of(cluster), progress=show.steps, warn=console.error, note=console.line
+            result = make(
+                loaded, workers_of(cluster), progress=show.steps, warn=console.error, note=console.line
             )
-            console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept; complete")
+            console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept; complete")
             return
-        made = make_dataset(
-            wanted,
+        result = make_dataset(
+            loaded,
             resume=resume,
             overwrite=overwrite,
             keep_going=keep_going,
@@ -73,14 +73,15 @@ def make(
             progress=show,
             warn=console.error,
         )
-    state = f"{made.missing} frames are missing: finish with --resume" if made.missing else "complete"
-    failed = f", {made.failed} failed: try them again with --resume" if made.failed else ""
-    console.line(f"{wanted.out}: {made.written} frames made, {made.kept} kept{failed}; {state}")
-    raise Exit(1 if made.failed else 0)
+    state = f"{result.missing} frames are missing: finish with --resume" if result.missing else "complete"
+    failed = f", {result.failed} failed: try them again with --resume" if result.failed else ""
+    console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept{failed}; {state}")
+    raise Exit(1 if result.failed else 0)
 
 
 @app.command(
-    cls=FormatCommand, epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100"
+    cls=accepting(OF_FORMATS),
+    epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100",
 )
 def export(
     folder: Dataset,
@@ -170,7 +171,7 @@ def _recorded(path: Path) -> bool:
     return path.exists() and path.suffix not in (".yaml", ".yml", ".json")
 
 
-@app.command(cls=FormatCommand, epilog="Example: omniscv dataset pack dataset --as webdataset")
+@app.command(cls=accepting(OF_FORMATS), epilog="Example: omniscv dataset pack dataset --as webdataset")
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],

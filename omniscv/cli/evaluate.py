@@ -31,13 +31,13 @@ def evaluate(
     from omniscv.evaluate.registry import Settings, run
 
     out.mkdir(parents=True, exist_ok=True)
-    given = {"predictions": predictions, "trajectory": trajectory}
-    options = {key: value for key, value in given.items() if value is not None}
+    files = {"predictions": predictions, "trajectory": trajectory}
+    options = {key: path for key, path in files.items() if path is not None}
     with display(name, progress) as shown:
         report = run(name, Settings(out, quick, source, options, shown.steps))
     rows = [
-        (each.name, f"{each.value:.4g} {each.unit}", "" if each.paper is None else f"{each.paper:g}", each.n)
-        for each in report.figures
+        (row.name, f"{row.value:.4g} {row.unit}", "" if row.paper is None else f"{row.paper:g}", row.n)
+        for row in report.figures
     ]
     console.table((name, "ours", "paper", "n"), rows)
     for path in report.write(name, out):

@@ -70,7 +70,7 @@ def _models() -> Iterator[str]:
 def _key_names() -> Iterator[str]:
     from omniscv.job import keys
 
-    yield from (f"{each.name}=" for each in keys())
+    yield from (f"{key.name}=" for key in keys())
 
 
 def is_calibration(camera: str) -> bool:
@@ -177,13 +177,13 @@ class JobArguments:
         unsized = is_calibration(self.values.get("camera", ""))  # others get the default size
         if self.file is None:
             names = self.options.keys() - ({"size"} - self.given if unsized else set())
-            return _said(read(overridden(self.described, self._keys(names)), Path()))
+            return _print_assumptions(read(overridden(self.described, self._keys(names)), Path()))
         keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
         if self.file.resolve().parent != Path.cwd():
             keys |= {name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None}
             for camera in keys.get("cameras", {}).values() if unsized else ():
                 camera["file"] = str(Path.cwd() / camera["file"])
-        job = _said(load(self.file, keys))
+        job = _print_assumptions(load(self.file, keys))
         if self.given:
             console.error(f"{self.file}: {'; '.join(map(self._overriding, self._ordered(self.given)))}")
         return job
@@ -205,8 +205,8 @@ class JobArguments:
         return f"--{name.replace('_', '-')} overrides {listed}"
 
 
-def _said(job: Job) -> Job:
-    """Return a job, after a line on standard error of what was assumed."""
+def _print_assumptions(job: Job) -> Job:
+    """Print what was assumed of a job on standard error, and return the job."""
     if job.assumed:
         console.error(job.assumed)
     return job
@@ -235,13 +235,14 @@ def with_job(
             of_job = {name: values.pop(name) for name in options}
             body(job=JobArguments(job, options, of_job, given), **values)
 
-        own = [each for each in signature(body, eval_str=True).parameters.values() if each.name != "job"]
+        parameters = signature(body, eval_str=True).parameters.values()
+        others = [parameter for parameter in parameters if parameter.name != "job"]
         command.__signature__ = Signature(  # type: ignore[attr-defined]
             [
                 Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),
                 Parameter("job", Parameter.KEYWORD_ONLY, default=file, annotation=Path | None),
                 *(option.parameter(name, not needs_file) for name, option in options.items()),
-                *(each.replace(kind=Parameter.KEYWORD_ONLY) for each in own),
+                *(parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in others),
             ]
         )
         command.__annotations__ = {}

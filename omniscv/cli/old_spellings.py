@@ -37,7 +37,7 @@ OF_FIT: Renamed = {"--fov": "fov_deg={}".format, "--param": _parameter}
 OF_FORMATS: Renamed = {"--option": str}
 
 
-def in_new_words(arguments: Sequence[str], renamed: Renamed) -> list[str]:
+def as_settings(arguments: Sequence[str], renamed: Renamed) -> list[str]:
     """Return command-line arguments with ``--set KEY=VALUE`` in place of old options."""
     words, rest = list[str](), iter(arguments)
     for word in rest:
@@ -50,23 +50,11 @@ def in_new_words(arguments: Sequence[str], renamed: Renamed) -> list[str]:
     return words
 
 
-class JobCommand(TyperCommand):
-    """A command with the options of a job."""
+def accepting(renamed: Renamed) -> type[TyperCommand]:
+    """Return the class of a command that takes old options, too."""
 
-    renamed = OF_JOBS
+    class Accepting(TyperCommand):
+        def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            return super().parse_args(ctx, as_settings(args, renamed))
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, in which old options may stand."""
-        return super().parse_args(ctx, in_new_words(args, self.renamed))
-
-
-class FitCommand(JobCommand):
-    """``omniscv cameras fit``."""
-
-    renamed = OF_FIT
-
-
-class FormatCommand(JobCommand):
-    """``omniscv dataset export`` and ``pack``."""
-
-    renamed = OF_FORMATS
+    return Accepting

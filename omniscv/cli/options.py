@@ -74,7 +74,7 @@ def setting(text: str, example: str = "face_size=512 or camera.fov_deg=185") -> 
         raise ArgumentError(f"--set {name}: {cause.message}") from cause
 
 
-def _wrong(option: str, wanted: str, text: str) -> ArgumentError:
+def _wrong(option: str, expected: str, text: str) -> ArgumentError:
     from omniscv.arguments import shown  # loads NumPy, which help does without
 
-    return ArgumentError(f"{option}: expected {wanted}, got {shown(text)}")
+    return ArgumentError(f"{option}: expected {expected}, got {shown(text)}")

@@ -7,7 +7,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.job_options import VIEW, JobArguments, with_job
-from omniscv.cli.old_spellings import JobCommand
+from omniscv.cli.old_spellings import OF_JOBS, accepting
 
 app = Typer(add_completion=False)
 
@@ -25,7 +25,7 @@ _COLUMNS = (
 
 
 @app.command(
-    cls=JobCommand,
+    cls=accepting(OF_JOBS),
     epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth",
 )
 @with_job(VIEW)
@@ -41,12 +41,12 @@ def plan(
     """
     from omniscv.make import aims, costs, measured_price
 
-    wanted = job.load()
+    loaded = job.load()
     if measure:
-        price = measured_price(wanted)
+        price = measured_price(loaded)
         console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
-        wanted = replace(wanted, options=replace(wanted.options, capture_ms=(price.request, price.megapixel)))
-    strategies, accuracies = costs(wanted, measure=measure), aims(wanted)
+        loaded = replace(loaded, options=replace(loaded.options, capture_ms=(price.request, price.megapixel)))
+    strategies, accuracies = costs(loaded, measure=measure), aims(loaded)
     if as_json:
         console.as_json([asdict(cost) for cost in (*strategies, *accuracies)])
         return
@@ -59,7 +59,7 @@ def plan(
         )
     console.table(_COLUMNS, rows)
     aimed = [
-        (each.strategy, each.requests, f"{each.pixels / 1e6:.2f}", f"{each.seconds:.1f}")
-        for each in accuracies
+        (cost.strategy, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}")
+        for cost in accuracies
     ]
     console.table(("accuracy", "requests", "Mpx", "seconds"), aimed)

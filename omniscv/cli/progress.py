@@ -6,8 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
@@ -24,53 +23,6 @@ StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
 _LINES_EVERY_S = 5.0
 
 
-@dataclass(frozen=True)
-class Pace:
-    """Progress and time.
-
-    Attributes:
-        now: the progress.
-        seen: the progress when the last image was done.
-        seconds: since the start.
-    """
-
-    now: Progress
-    seen: Progress
-    seconds: float
-
-    def at(self, now: Progress, seconds: float) -> Self:
-        """Return the pace at a later time."""
-        return replace(
-            self, now=now, seconds=seconds, seen=now if now.images != self.now.images else self.seen
-        )
-
-    @property
-    def fraction(self) -> float:
-        """The share of the work that is done, 0 to 1; of images in progress, their captures count."""
-        came, needed = self.now.captures - self.seen.captures, self.now.of_captures - self.seen.captures
-        part = came / needed if needed > 0 else 0.0
-        return min(1.0, (self.now.images + part) / max(1, self.now.of_images))
-
-    @property
-    def left_s(self) -> float | None:
-        """Estimate of the seconds that are left; None at the start."""
-        return self.seconds * (1 / self.fraction - 1) if self.fraction > 0 else None
-
-    def captures(self) -> str:
-        """Return ``345/460 captures, 45.2 MB, 22/s, 1.9 MB/s``; empty for work without captures."""
-        now, seconds = self.now, max(self.seconds, 1e-3)
-        if not now.of_captures:
-            return ""
-        rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"
-        return f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}"
-
-    def line(self, what: str) -> str:
-        """Return everything in one line."""
-        left = "" if self.left_s is None else f"{_clock(self.left_s)} left"
-        done = f"{what} {self.now.images}/{self.now.of_images}"
-        return ", ".join(part for part in (done, self.captures(), left) if part)
-
-
 class Display:
     """Receives progress, and shows nothing; the base of displays.
 
@@ -81,14 +33,17 @@ class Display:
     def __init__(self, what: str) -> None:
         from omniscv.progress import Progress
 
-        self._what, self._started = what, time.monotonic()
-        self._pace = Pace(Progress(), Progress(), 0.0)
+        self._what, self._started, self._seconds = what, time.monotonic(), 0.0
+        self._now = self._last_image = Progress()  # now, and when the last image was done
 
     def __call__(self, now: Progress) -> None:
         """Show a :class:`omniscv.progress.Progress`; raise KeyboardInterrupt after a signal."""
         signals.check()
-        self._pace = self._pace.at(now, time.monotonic() - self._started)
-        self._show(self._pace)
+        self._seconds = time.monotonic() - self._started
+        if now.images != self._now.images:
+            self._last_image = now
+        self._now = now
+        self._show()
 
     def steps(self, done: int, total: int) -> None:
         """Show the progress of work that has no captures."""
@@ -96,11 +51,29 @@ class Display:
 
         self(Progress(done, total))
 
-    def _show(self, pace: Pace) -> None:
+    def _show(self) -> None:
         pass
 
     def close(self) -> None:
         """End the display."""
+
+    @property
+    def fraction(self) -> float:
+        """The share of the work that is done, 0 to 1; of images in progress, their captures count."""
+        part = self._now - self._last_image
+        in_progress = part.captures / part.of_captures if part.of_captures > 0 else 0.0
+        return min(1.0, (self._now.images + in_progress) / max(1, self._now.of_images))
+
+    def line(self) -> str:
+        """Return ``images 3/12, 345/460 captures, 45.2 MB, 22/s, 1.9 MB/s, 0:41 left``, as far as known."""
+        now, seconds = self._now, max(self._seconds, 1e-3)
+        parts = [f"{self._what} {now.images}/{now.of_images}"]
+        if now.of_captures:
+            rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"
+            parts.append(f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}")
+        if self.fraction > 0:
+            parts.append(f"{_clock(self._seconds * (1 / self.fraction - 1))} left")
+        return ", ".join(parts)
 
 
 class Lines(Display):
@@ -115,44 +88,37 @@ class Lines(Display):
         super().__init__(what)
         self._every_s, self._printed_s, self._printed = every_s, -every_s, ""
 
-    def _show(self, pace: Pace) -> None:
-        if pace.seconds - self._printed_s >= self._every_s:
-            self._print(pace)
+    def _show(self) -> None:
+        if self._seconds - self._printed_s >= self._every_s:
+            self._print()
 
-    def _print(self, pace: Pace) -> None:
-        line = pace.line(self._what)
+    def _print(self) -> None:
+        line = self.line()
         if line != self._printed:
             print(line, file=sys.stderr, flush=True)
-        self._printed, self._printed_s = line, pace.seconds
+        self._printed, self._printed_s = line, self._seconds
 
     def close(self) -> None:
         if self._printed:
-            self._print(self._pace)
+            self._print()
 
 
-class _Bars(Display):
+class _Bar(Display):
     def __init__(self, what: str) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn
 
         super().__init__(what)
-        columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")
-        self._bars = Progress(*columns, console=Console(stderr=True, force_terminal=True), transient=True)
-        self._whole = self._bars.add_task(what, total=None, text="")
-        self._part = self._bars.add_task("captures", total=None, visible=False, text="")
-        self._bars.start()
+        columns = BarColumn(), TextColumn("{task.description}")
+        self._bar = Progress(*columns, console=Console(stderr=True, force_terminal=True), transient=True)
+        self._task = self._bar.add_task(what, total=1)
+        self._bar.start()
 
-    def _show(self, pace: Pace) -> None:
-        now, seen = pace.now, pace.seen
-        left = "" if pace.left_s is None else f"  {_clock(pace.left_s)} left"
-        count = f"{now.images}/{now.of_images}{left}"
-        self._bars.update(self._whole, completed=pace.fraction, total=1, text=count)
-        came, needed = now.captures - seen.captures, now.of_captures - seen.captures
-        shown = now.of_captures > 0
-        self._bars.update(self._part, completed=came, total=needed, text=pace.captures(), visible=shown)
+    def _show(self) -> None:
+        self._bar.update(self._task, completed=self.fraction, description=self.line())
 
     def close(self) -> None:
-        self._bars.stop()
+        self._bar.stop()
 
 
 @contextmanager
@@ -164,8 +130,8 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
         style: by default a bar if standard error is a terminal, else nothing.
     """
     style = style or ("bar" if sys.stderr and sys.stderr.isatty() else "none")  # None: it is closed
-    kinds: dict[Style, type[Display]] = {"bar": _Bars, "plain": Lines, "none": Display}
-    with closing(kinds[style](what)) as shown:
+    displays: dict[Style, type[Display]] = {"bar": _Bar, "plain": Lines, "none": Display}
+    with closing(displays[style](what)) as shown:
         yield shown
 
 

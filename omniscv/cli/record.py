@@ -8,7 +8,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.job_options import MODES, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
-from omniscv.cli.old_spellings import JobCommand
+from omniscv.cli.old_spellings import OF_JOBS, accepting
 from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
@@ -56,7 +56,7 @@ OPTIONS = {
 
 
 @app.command(
-    cls=JobCommand,
+    cls=accepting(OF_JOBS),
     no_args_is_help=True,
     epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
     "--set face_size=256 --modes lit,mask,depth --out room.sqlite",
@@ -74,12 +74,12 @@ def record(
     from omniscv.make import capture
     from omniscv.sources.recording.files import target_of
 
-    wanted = _described(job, launch or []).load()
-    path = wanted.record or Path("capture.sqlite")
+    loaded = _described(job, launch or []).load()
+    path = loaded.record or Path("capture.sqlite")
     target_of(path)  # refuses what is no file, before a game is launched
     before = _count(path)
     with display("images", progress) as show:
-        count = capture(wanted, path, show, border_px=overscan)
+        count = capture(loaded, path, show, border_px=overscan)
     new = _count(path) - before
     console.line(f"{path}: {count} captures" + ("" if new == count else f", {new or 'none'} new"))
 

@@ -38,9 +38,9 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
 def _state_row(item: tuple[str, dict[str, Any]]) -> tuple[str, ...]:
     """Return a row of the table of states."""
     name, state = item
-    known = state["instant"] or {"time": None, "poses": {}, "hidden": []}
-    time = "" if known["time"] is None else f"{known['time']:.9g} s"
-    names = (", ".join(sorted(known[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
+    instant = state["instant"] or {"time": None, "poses": {}, "hidden": []}
+    time = "" if instant["time"] is None else f"{instant['time']:.9g} s"
+    names = (", ".join(sorted(instant[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
     return name or "still", str(state["captures"]), time, *names
 
 
@@ -89,11 +89,11 @@ def import_(
 
 @app.command(epilog="Example: omniscv recording merge house.sqlite room.sqlite kitchen.sqlite")
 def merge(
-    out: Annotated[str, Argument(metavar="OUT", help="What gets them, new or there: path or URL.")],
+    out: Annotated[str, Argument(metavar="OUT", help="The recording to add to or create, by path or URL.")],
     files: Annotated[list[str], Argument(metavar="FILE...", help="Recordings of one scene, by path or URL.")],
     progress: StyleOption = None,
 ) -> None:
-    """Join recordings into one, all or nothing; what OUT holds already is left out."""
+    """Add recordings to another one, all or nothing; captures that it already holds are skipped."""
     from omniscv.sources import recording
     from omniscv.storage import without_secrets
 
@@ -106,10 +106,10 @@ def merge(
 def split(
     file: Recording,
     out: Annotated[str, Option(help="An empty or new folder: path or URL.")],
-    by: Annotated[str, Option(help="place: of optical centres that are near each other.")] = "place",
+    by: Annotated[str, Option(help="place: of optical centres near each other.")] = "place",
     distance: Annotated[float, Option(help="Metres between neighbours of one place, at most.")] = 0.5,
 ) -> None:
-    """Write a recording for each place; each replays what was captured there."""
+    """Write a recording for each place, with the captures that were made there."""
     from omniscv.sources import recording
     from omniscv.storage import folder
 
@@ -123,13 +123,13 @@ def places(file: Recording, as_json: options.AsJson = False) -> None:
     """List the optical centres of a recording, and what was captured at each."""
     from omniscv.sources.recording import inspection
 
-    found = inspection.centers(file)
+    centers = inspection.centers(file)
     if as_json:
-        console.as_json([asdict(each) for each in found])
+        console.as_json([asdict(center) for center in centers])
         return
     rows = []
-    for each in found:
-        position = " ".join(f"{value:.5g}" for value in each.center)
-        captures = " ".join(f"{count} {mode}" for mode, count in each.captures.items())
-        rows.append((position, captures, each.state or "still"))
+    for center in centers:
+        position = " ".join(f"{value:.5g}" for value in center.center)
+        captures = " ".join(f"{count} {mode}" for mode, count in center.captures.items())
+        rows.append((position, captures, center.state or "still"))
     console.table(("position m", "captures", "state"), rows)

@@ -7,7 +7,7 @@ from typer import Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.job_options import IMAGES, JobArguments, with_job
-from omniscv.cli.old_spellings import JobCommand
+from omniscv.cli.old_spellings import OF_JOBS, accepting
 from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
 
@@ -15,7 +15,7 @@ app = Typer(add_completion=False)
 
 
 @app.command(
-    cls=JobCommand,
+    cls=accepting(OF_JOBS),
     no_args_is_help=True,
     epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
     "--size 1024x1024 --set camera.fov_deg=185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"
@@ -30,12 +30,12 @@ def render(
     """Compose images and their ground truth."""
     from omniscv.make import run
 
-    wanted = job.load()
+    loaded = job.load()
     if stem is not None:
-        if wanted.rig is not None or len(wanted.cameras) != 1:
-            raise ArgumentError(f"--stem: expected a job with one camera, got {len(wanted.cameras)}")
-        wanted = replace(wanted, cameras=dict(zip([stem], wanted.cameras.values(), strict=True)))
+        if loaded.rig is not None or len(loaded.cameras) != 1:
+            raise ArgumentError(f"--stem: expected a job with one camera, got {len(loaded.cameras)}")
+        loaded = replace(loaded, cameras=dict(zip([stem], loaded.cameras.values(), strict=True)))
     with display("images", progress) as show:
-        files = run(wanted, show, warn=console.error)
+        files = run(loaded, show, warn=console.error)
     for path in files:
         console.line(path)

@@ -105,8 +105,8 @@ class Faces:
             modalities alike. Outside the field of view all are 0.
 
         Raises:
-            ArgumentError: a camera that is not central, or what are no rotations.
-            MissingCaptureError: the faces do not show all rays.
+            ArgumentError: a camera that is not central, or matrices that are no rotations.
+            MissingCaptureError: some rays are in none of the faces.
         """
         check_central(camera)
         values = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
@@ -172,11 +172,10 @@ def _capture(
     source: Source, position: Array, modes: Sequence[str], options: RenderOptions
 ) -> dict[str, tuple[tuple[View, ...], list[NDArray[Any]]]]:
     """By mode, views and their pixels."""
-    chosen = modalities.chosen(modes)
     # Any camera of all directions has the same views: whole cubes.
     camera = create("equirectangular", width=4, height=2)
     task = Renderer(source).task(camera, Pose(position, np.eye(3)), options)
-    ((_, by_mode),) = captured(next(rounds(task)), source, chosen)
+    ((_, by_mode),) = captured(next(rounds(task)), source, modalities.chosen(modes))
     return {
         mode: (tuple(c.view for c in captures), [np.asarray(c.pixels) for c in captures])
         for mode, captures in by_mode.items()

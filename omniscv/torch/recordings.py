@@ -21,9 +21,8 @@ from omniscv.planning import RecordedViews
 from omniscv.records import checked, record
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.torch.faces import Faces, Rules
-from omniscv.torch.samples import Sample, sample_of
+from omniscv.torch.samples import Epochs, Sample, bound_threads, sample_of
 from omniscv.torch.sampling import check_central
-from omniscv.torch.workers import Epochs, bound_threads
 from omniscv.truth.classes import class_rules
 
 

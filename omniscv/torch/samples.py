@@ -1,24 +1,26 @@
-"""One image as a dict of tensors and its frame; a dataset on disk, frame by frame."""
+"""One image as a dict of tensors and its frame; datasets of frames, their epochs and their workers."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
+import torch.multiprocessing  # shared tensors can be pickled for workers
 from numpy.typing import NDArray
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, get_worker_info
 from torch.utils.data._utils.collate import default_collate_fn_map
 
-from omniscv import dataset
-from omniscv.arguments import one_of, texts
+from omniscv import dataset, parallel
+from omniscv.arguments import one_of, texts, whole_number
 from omniscv.cameras import Camera
 from omniscv.frame import Frame
-from omniscv.torch.workers import bound_threads
 
 LAYERS = ("lit", "labels", "classes", "depth", "normals")
 """Layers of a sample, as far as its frame has them, unless others are named."""
@@ -88,6 +90,42 @@ def _rays(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
     rays = camera.unproject()
     directions = np.nan_to_num(np.moveaxis(rays.directions, -1, 0)).astype(np.float32)
     return torch.from_numpy(directions), torch.from_numpy(np.array(rays.valid))
+
+
+class Epochs:
+    """A base of datasets that differ from epoch to epoch.
+
+    The epoch lies in shared memory, so that workers that persist see it too.
+    """
+
+    def __init__(self) -> None:
+        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+
+    @property
+    def epoch(self) -> int:
+        """The epoch, 0 at first."""
+        return int(self._epoch)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch; call it before the loader is iterated.
+
+        Raises:
+            ArgumentError: an epoch below 0.
+        """
+        self._epoch.fill_(whole_number("epoch", epoch, least=0))
+
+
+def bound_threads() -> None:
+    """Use one thread in a worker, as PyTorch does; outside workers do nothing."""
+    if get_worker_info() is not None:
+        _bound_threads(os.getpid())
+
+
+@lru_cache(maxsize=1)
+def _bound_threads(process: int) -> None:
+    """Cached by process, because a forked worker must set what its parent has set."""
+    parallel.limit(1)
+    cv2.setNumThreads(0)  # 1 would wait for threads that did not survive the fork
 
 
 class FolderDataset(Dataset[Sample]):

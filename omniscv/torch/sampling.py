@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -127,23 +127,12 @@ def directions_of(camera: Camera, device: torch.device) -> tuple[Tensor, Tensor]
     return torch.from_numpy(directions).to(device), torch.from_numpy(np.array(rays.valid)).to(device)
 
 
-class Tiles(Protocol):
-    """The pixels of one modality in all views.
+class Blended:
+    """The pixels of a modality in all views, blended as they are, such as sRGB in 8 bits; bilinear.
 
     Attributes:
         tensor: that holds them.
     """
-
-    tensor: Tensor
-
-    def __init__(self, views: Sequence[View], faces: Pictures, device: torch.device) -> None: ...
-
-    def sample(self, lookup: Lookup) -> Tensor:
-        """Return (B, N) or (B, N, C) values; 0 if no view sees the ray."""
-
-
-class Blended:
-    """Bilinear values of the captured pixels as they are, such as sRGB in 8 bits."""
 
     def __init__(self, views: Sequence[View], faces: Pictures, device: torch.device) -> None:
         border = min(min(view.width, view.height) / 2 - view.focal_px for view in views)
@@ -155,6 +144,7 @@ class Blended:
         self.tensor = torch.from_numpy(planes)[None].to(device)
 
     def sample(self, lookup: Lookup) -> Tensor:
+        """Return (B, N) or (B, N, C) values; 0 if no view sees the ray."""
         size = torch.tensor(self.tensor.shape[:1:-1], dtype=torch.float64, device=self.tensor.device)
         at = torch.stack([lookup.x, lookup.y], dim=-1) + self._corners[lookup.index]
         grid = (2 * at / size - 1).float()
@@ -174,6 +164,7 @@ class Nearest:
         self.tensor = torch.from_numpy(stack.reshape(-1, *stack.shape[3:])).to(device)
 
     def sample(self, lookup: Lookup) -> Tensor:
+        """Return (B, N) or (B, N, C) values; 0 if no view sees the ray."""
         values = self.tensor[lookup.pixel]
         seen = (lookup.view >= 0).reshape(*lookup.view.shape, *[1] * (values.ndim - 2))
         return torch.where(seen, values, torch.zeros((), dtype=values.dtype, device=values.device))
@@ -187,7 +178,7 @@ class Depth(Nearest):
         return torch.where(lookup.view >= 0, planar * lookup.length, 0.0).float()
 
 
-TILES: dict[Interpolation, type[Tiles]] = {
+TILES: dict[Interpolation, type[Blended | Nearest]] = {
     "blended": Blended,
     "nearest": Nearest,
     "surface": Depth,
@@ -209,7 +200,7 @@ class ProcessorLookup:
 
 
 class ProcessorTiles:
-    """As :class:`Tiles`, sampled by a :class:`ProcessorLookup`."""
+    """The pixels of a modality in all views, sampled by a :class:`ProcessorLookup`."""
 
     def __init__(self, interpolation: Interpolation, faces: Pictures) -> None:
         stack: Any = np.stack(faces)

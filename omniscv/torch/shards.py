@@ -21,8 +21,7 @@ from omniscv.arguments import flag, one_of, texts, whole_number
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import ArgumentError
 from omniscv.storage import is_url, without_secrets
-from omniscv.torch.samples import LAYERS, Sample, sample_of_frame
-from omniscv.torch.workers import Epochs, bound_threads
+from omniscv.torch.samples import LAYERS, Epochs, Sample, bound_threads, sample_of_frame
 
 _MIXED = 8
 """Shards of a group: enough that a batch is of many places, few enough to keep open."""

@@ -11,7 +11,7 @@ import pytest
 from omniscv.arguments import shown
 from omniscv.cli import run
 from omniscv.cli.job_options import IMAGES, JobArguments
-from omniscv.cli.old_spellings import OF_FIT, OF_FORMATS, OF_JOBS, in_new_words
+from omniscv.cli.old_spellings import OF_FIT, OF_FORMATS, OF_JOBS, as_settings
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import address, load, overridden, read
@@ -128,7 +128,7 @@ def test_old_spellings_are_not_in_the_help(command, renamed, capsys):
     listed = set(re.findall(r"--[a-z-]+", capsys.readouterr().out.partition("Example:")[0]))
     assert "--set" in listed
     assert not listed & renamed.keys()
-    assert in_new_words(["--option", "a=1", "b"], OF_FORMATS) == ["--set", "a=1", "b"]
+    assert as_settings(["--option", "a=1", "b"], OF_FORMATS) == ["--set", "a=1", "b"]
 
 
 def _field(job, path):

@@ -2,13 +2,14 @@
 
 import contextlib
 import re
+import time
 from itertools import pairwise
 from threading import Thread
 
 import pytest
 
 from omniscv.cli import run
-from omniscv.cli.progress import Lines, Pace, display
+from omniscv.cli.progress import Display, Lines, display
 from omniscv.jobs import load
 from omniscv.jobs import run as run_job
 from omniscv.progress import Meter, Progress, without_images
@@ -83,16 +84,19 @@ def test_a_bar_shows_images_and_captures(capsys):
     assert "captures" in capsys.readouterr().err
 
 
-def test_what_is_left_follows_from_what_is_done():
-    start = Pace(Progress(), Progress(), 0.0)
-    assert start.left_s is None
-    pace = start.at(Progress(1, 4, 10, 10), 5.0)
-    assert pace.fraction == 1 / 4
-    assert pace.left_s == pytest.approx(15.0)
-    pace = pace.at(Progress(1, 4, 20, 30), 7.5)  # half of the captures known of the second image
-    assert pace.fraction == pytest.approx(1.5 / 4)
-    assert pace.left_s == pytest.approx(12.5)
-    assert pace.at(Progress(4, 4, 90, 90), 20.0).left_s == 0
+def test_what_is_left_follows_from_what_is_done(monkeypatch):
+    clock = iter((0.0, 5.0, 7.5, 20.0))
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
+    shown = Display("images")
+    assert (shown.fraction, shown.line()) == (0, "images 0/0")
+    shown(Progress(1, 4, 10, 10))
+    assert shown.fraction == 1 / 4
+    assert shown.line().endswith(", 0:15 left")
+    shown(Progress(1, 4, 20, 30))  # half of the captures known of the second image
+    assert shown.fraction == pytest.approx(1.5 / 4)
+    assert shown.line().endswith(", 0:12 left")
+    shown(Progress(4, 4, 90, 90))
+    assert shown.line().endswith(", 0:00 left")
 
 
 def test_parts_add_up_from_any_number_of_threads():

@@ -84,7 +84,7 @@ sys.exit(signals.unwound(command))
 
 def test_a_signal_before_the_command_begins_stops_it_too(monkeypatch):
     """Nothing of a command runs outside of what unwinds it."""
-    monkeypatch.setattr(cli, "_say_what_is_logged", lambda: pytest.fail("it is not guarded"))
+    monkeypatch.setattr(cli, "_print_log", lambda: pytest.fail("it is not guarded"))
     monkeypatch.setattr(cli.signals, "unwound", lambda command: 130)
     with pytest.raises(SystemExit) as ended:
         cli.main()
