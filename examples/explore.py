@@ -1,4 +1,4 @@
-"""A look at a dataset: python examples/explore.py examples/kitchen"""
+"""Print the contents of a dataset: python examples/explore.py examples/kitchen"""
 
 import sys
 from collections import Counter

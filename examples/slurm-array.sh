@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The parts of a dataset as an array of SLURM: sbatch examples/slurm-array.sh JOB.yaml
-# Run it again for what was lost; the last part to end finishes the dataset.
+# Make the parts of a dataset as a SLURM array: sbatch examples/slurm-array.sh JOB.yaml
+# Run it again if tasks were lost. The last part finishes the dataset.
 #SBATCH --job-name=omniscv
 #SBATCH --array=0-63
 #SBATCH --time=02:00:00

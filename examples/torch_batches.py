@@ -1,10 +1,10 @@
-"""Feed batches of a recording's images to a network that is not there, and print the rate.
+"""Feed batches of a recording's images to a placeholder for a network, and print the rate.
 
     omniscv record --source scene://four-wall --camera equirectangular --size 512x256 \\
         --position 0,0,1.5 --set strategy=cube --modes lit,object_mask,depth --out room.sqlite
     python examples/torch_batches.py room.sqlite --workers 2
 
-Every image has an orientation of its own, drawn by seed, epoch and index.
+Every image has its own orientation, drawn from seed, epoch and index.
 """
 
 import argparse
@@ -43,6 +43,6 @@ if __name__ == "__main__":
             labels, depth = batch["labels"].to(device), batch["depth"].to(device)
             assert (
                 len(pictures) == len(labels) == len(depth)
-            )  # a network's forward and backward pass goes here
+            )  # replace this with the network's forward and backward pass
         rate = len(images) / (time.perf_counter() - started)
         print(f"epoch {epoch}: {len(images)} images of {camera.width} x {camera.height}, {rate:.1f} images/s")

@@ -111,12 +111,17 @@ def one_of(name: str, value: object, words: Iterable[str]) -> Any:
     return value
 
 
+_LEAST_LIKENESS = 0.65
+"""The least ratio of difflib at which a known word is suggested."""
+
+
 def did_you_mean(value: object, known: Iterable[object]) -> str:
     """Return ``; did you mean WORD?`` with the known word that is most like a value; else nothing."""
     if not isinstance(value, str) or not value:
         return ""
     words = [word for word in known if isinstance(word, str)]
-    near = [word for word in words if word.startswith(value)] or get_close_matches(value, words, n=1)
+    near = [word for word in words if word.startswith(value)]
+    near = near or get_close_matches(value, words, n=1, cutoff=_LEAST_LIKENESS)
     return f"; did you mean {near[0]}?" if near else ""
 
 

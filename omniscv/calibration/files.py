@@ -123,7 +123,7 @@ def _format_of(text: str) -> str:
         return matches[0]
     if opencv_model == opencv.EITHER:
         raise ArgumentError(
-            "expected to know which lens four coefficients describe: give format opencv (k1 k2 p1 p2 of the "
+            "four coefficients may be those of two models: give format opencv (k1 k2 p1 p2 of the "
             "plain model) or opencv-fisheye (k1 k2 k3 k4), such as --set camera.format=opencv"
         )
     raise ArgumentError(

@@ -134,7 +134,7 @@ def run(arguments: list[str]) -> int:
     try:
         code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
     except TyperException as usage:
-        code, text = usage.exit_code, usage.format_message()
+        code, text = usage.exit_code, usage.format_message().replace("Value error, ", "")
         command = getattr(getattr(usage, "ctx", None), "command_path", "omniscv")
         text = text and (_position_with_blanks(arguments) or text)
         message = text and f"{text} (see {command} --help)"  # no text: help was printed

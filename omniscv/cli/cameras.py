@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import shlex
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -33,7 +34,7 @@ def cameras(context: typer.Context, as_json: options.AsJson = False) -> None:
     if context.invoked_subcommand is not None:
         return
     models = {name: model(name) for name in names()}
-    summaries = [(inspect.getdoc(cls) or "").partition("\n")[0] for cls in models.values()]
+    summaries = [_summary(cls) for cls in models.values()]
     kinds = ["central" if cls.central else "non-central" for cls in models.values()]
     typical = [" ".join(f"{key}={text}" for key, text in _typical(name).items()) for name in models]
     columns = ("model", "kind", "summary", "typical")
@@ -52,6 +53,12 @@ def show(name: Annotated[str, Argument(help="A model.")]) -> None:
 
     console.document(f"{name}\n\n{inspect.getdoc(model(name))}\n")
     console.line(f"Example: {_example(name)}")
+
+
+def _summary(cls: type) -> str:
+    """Return the start of a model's description, up to its formula."""
+    paragraph = " ".join((inspect.getdoc(cls) or "").partition("\n\n")[0].split())
+    return re.split(r"[.:;] |[.:]$", paragraph)[0]
 
 
 def _example(name: str) -> str:

@@ -218,7 +218,8 @@ class Export:
             format.check_options(format.read_options(self.options), cameras)
         if missing := [kind for kind in format.needs if kind not in kinds]:
             wanted = f"expected frames with {', '.join(missing)}"
-            raise ArgumentError(f"{start}: {wanted}, they have {', '.join(sorted(kinds))}; make them with it")
+            advice = "make the dataset with these 'modes' and truths (labels: object_mask)"
+            raise ArgumentError(f"{start}: {wanted}; they have {', '.join(sorted(kinds))}; {advice}")
 
     def write_into(self, frames: Sequence[Frame], folder: Path) -> list[Path]:
         """Write frames as the format does, file by file."""

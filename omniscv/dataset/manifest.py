@@ -342,12 +342,12 @@ def _extended(current: Manifest, wanted: Manifest, folder: Folder) -> Manifest:
     """Return the manifest of a resumed dataset; ArgumentError if it was begun with other values."""
     for name, camera in wanted.cameras.items():
         if current.cameras.get(name, camera) != camera:
-            raise _differs(folder, f"camera {name!r} as {current.cameras[name]!r}")
+            raise _differs(folder, f"its camera {name!r} is {current.cameras[name]!r}")
     if wanted.rules is not None and current.rules != wanted.rules:
-        raise _differs(folder, "other classes" if current.rules else "no classes")
+        raise _differs(folder, f"it has {'other' if current.rules else 'no'} classes")
     settings = json.loads(json.dumps(wanted.settings))  # as it is read: lists for tuples
     if settings and (differ := _difference(current.settings, settings)):
-        raise _differs(folder, differ)
+        raise _differs(folder, f"its {differ}")
     names = with_names(current.names, [name for name in wanted.names if name not in current.names])
     return replace(current, names=names, cameras={**current.cameras, **wanted.cameras})
 
@@ -360,7 +360,7 @@ def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any], start: str 
             if below := _difference(other, {**dict.fromkeys(other), **value}, f"{start}{key}."):
                 return below
         elif value != other:
-            return f"{start}{key} {shown(other)}, and the job {shown(value)}"
+            return f"{start}{key} is {shown(other)}, in the job {shown(value)}"
     return ""
 
 
@@ -370,9 +370,9 @@ def _has_dataset(folder: Folder) -> bool:
 
 
 def _differs(folder: Folder, difference: str) -> ArgumentError:
-    wanted = "expected the dataset that is resumed to be the same"
+    wanted = "expected a job with the settings of the dataset"
     return ArgumentError(
-        f"{folder}: {wanted}, it has {difference}; --overwrite replaces it, or write elsewhere"
+        f"{folder}: {wanted}; {difference}; --overwrite replaces the dataset, or write elsewhere"
     )
 
 

@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import NoReturn, Self
 
 from omniscv import modalities
-from omniscv.arguments import shown
+from omniscv.arguments import did_you_mean, shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
@@ -405,7 +405,9 @@ def check_modes(source: Source, modes: Iterable[str]) -> None:
 def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:
     """Raise ArgumentError for unknown names of objects."""
     if unknown := sorted(set(objects) - set(known)):
-        raise ArgumentError(f"{what}: expected objects of the scene, got {shown(unknown[0])}")
+        name, names = unknown[0], sorted(known)
+        advice = did_you_mean(name, names) or f"; it has {', '.join(names)}"
+        raise ArgumentError(f"{what}: expected objects of the scene, got {shown(name)}{advice}")
 
 
 def not_picklable(what: str) -> SourceError:

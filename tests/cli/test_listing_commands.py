@@ -89,7 +89,9 @@ def test_scenes_models_and_plans_as_json(capsys):
     objects = printed_json(capsys, "scenes", "workshop")["objects"]
     assert {name for name, each in objects.items() if each["moves"]} == set(scene.moving)
     assert all(np.array_equal(objects[name]["box_m"], scene.bounds(name)) for name in scene.objects)
-    kinds = {each["model"]: each["kind"] for each in printed_json(capsys, "cameras")}
+    models = printed_json(capsys, "cameras")
+    assert all(re.fullmatch(r"[^\n]{5,100}[\w)`]", each["summary"]) for each in models), "cut in the middle"
+    kinds = {each["model"]: each["kind"] for each in models}
     assert kinds == {
         name: "central" if cameras.model(name).central else "non-central" for name in cameras.names()
     }

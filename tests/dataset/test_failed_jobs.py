@@ -84,7 +84,7 @@ def test_a_dataset_with_frames_is_completed_or_replaced_by_name(made, tmp_path, 
     assert made("modes: [lit, depth]") == 2
     assert "--resume completes it, --overwrite replaces it, or write elsewhere" in said(capsys)
     assert made("modes: [lit, depth]", "--resume") == 2
-    assert "it has options.modes ['lit'], and the job ['lit', 'depth']; --overwrite replaces" in said(capsys)
+    assert "its options.modes is ['lit'], in the job ['lit', 'depth']; --overwrite replaces" in said(capsys)
     assert made("modes: [lit, nothing]", "--overwrite") == 2
     assert made("truth: {amodal: true}\nmodes: [mask]", "--overwrite") == 2
     assert len(dataset.open("made")) == 2  # a job that is refused removes nothing

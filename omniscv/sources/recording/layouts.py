@@ -223,7 +223,7 @@ def choose(candidates: Sequence[tuple[Layout, Seams]]) -> Choice:
             raise ArgumentError(
                 f"layout: seams cannot tell {names} apart ({step:.2f} levels): expected {wanted}"
             )
-        other = f"{others[0][1]} {others[0][0]:.2f}" if others else f"other faces {second:.2f}"
+        other = f"{others[0][1]}, {others[0][0]:.2f}" if others else f"other faces, {second:.2f}"
         return Choice(layout, layout.arrangement, step, f"next best: {other}")
     if second < _CLEAR * least + _SAME:
         got = f"{layout.name} has steps of {step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"
