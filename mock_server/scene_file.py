@@ -116,7 +116,7 @@ def _numbers(value: object, count: int, where: str, what: Range = "from -1e9 to 
 
 
 def _mapping(value: object, where: str, *words: str) -> Mapping[str, object]:
-    """Return a value that is a mapping, with these keys only if there are any."""
+    """Return a value that must be a mapping; if keys are given, of these keys only."""
     if not isinstance(value, Mapping):
         raise ValueError(f"{where}: expected a mapping, got {shown(value)}")
     for key in value:

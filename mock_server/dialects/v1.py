@@ -264,7 +264,7 @@ def _set_method(camera: Camera, word: str) -> Reply:
 
 
 def _expose(attribute: str, camera: Camera, value: float) -> None:
-    """Set a camera's exposure; while its cine model is on, it is rebuilt from what was set before."""
+    """Set a camera's exposure, which a cine model that is on ignores."""
     if not camera.cine.enabled:
         setattr(camera, attribute, value)
 

@@ -102,7 +102,7 @@ class ViewCapture:
 
 @dataclass(frozen=True)
 class Overlap:
-    """What two captures show of the same points: (N,) each.
+    """Two captures compared at the same points, (N,) each.
 
     Attributes:
         behind: how much farther the first sees than the point, relative, on smooth surfaces.

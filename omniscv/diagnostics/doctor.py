@@ -303,7 +303,7 @@ def turned_pairs(camera: RawCamera) -> Pairs:
 
 
 def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[str, Color]) -> bool:
-    """Return whether masks show a dark colour other than it was set, for the object with the most pixels."""
+    """Return whether masks show another dark colour than was set, by the object with the most pixels."""
     names = {color: name for name, color in table.items()}
     camera.go(_YAWS_DEG[0])
     areas = {names[color]: count for color, count in camera.color_counts().items() if color in names}

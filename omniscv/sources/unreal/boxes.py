@@ -33,9 +33,9 @@ def boxes(
 ) -> dict[str, ObjectBox]:
     """Return the boxes of objects by name; objects without a shape have none.
 
-    Vertices give a box in the object's own frame, or a turned
-    one that is tighter; bounds give one along the world's axes. Meshes may have millions of vertices: after
-    more than ``most_vertices``, bounds are used for the remaining objects.
+    Vertices give a box along the object's own axes, or along turned ones where it is tighter; bounds give one
+    along the world's axes. Meshes may have millions of vertices: after more than ``most_vertices``, bounds are
+    used for the remaining objects.
 
     Raises:
         BadReplyError: a reply that is neither numbers nor an error.
@@ -65,7 +65,7 @@ def boxes(
 
 
 def upright_box(bounds_cm: Array) -> ObjectBox | None:
-    """Return the box of bounds (2, 3) along the world's axes; None for empty ones, as of no shape."""
+    """Return the box of bounds (2, 3) along the world's axes; None if all are 0, as for objects without a shape."""
     if not bounds_cm.any():
         return None
     low, high = np.sort(_to_world(bounds_cm), axis=0)
@@ -73,7 +73,7 @@ def upright_box(bounds_cm: Array) -> ObjectBox | None:
 
 
 def _numbers(command: str, reply: Reply) -> Array | None:
-    """Return the numbers of a reply: (N, 3) vertices, (2, 3) bounds or a rotation (3,); None for none."""
+    """Return the numbers of a reply: (N, 3) vertices, (2, 3) bounds or a rotation (3,); None for an error."""
     if isinstance(reply, str) and (reply == "ok" or reply.startswith("error")):
         return None
     if command.endswith("/vertex_location"):
@@ -101,7 +101,7 @@ def _to_world(points_cm: Array) -> Array:
 
 
 def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
-    """Return the box of vertices in the frame of their object, or one that is turned in it and tighter."""
+    """Return the box of vertices along the axes of their object, or along turned ones if it is tighter."""
     points, own = _to_world(vertices_cm), rotation_from_unreal(rotator_deg).T
     aligned, turned = _box(points, own), _box(points, _upright_axes(points @ own.T) @ own)
     return turned if np.prod(turned.size) < _TIGHTER * np.prod(aligned.size) else aligned

@@ -246,7 +246,7 @@ class Connection:
         self.scene: dict[str, str] = {}
 
     def connected(self) -> Client:
-        """Return a client that is not known to be broken.
+        """Return the current client, or a new one after a fault.
 
         Raises:
             ServerConnectionError: no server is reachable.
@@ -272,7 +272,7 @@ class Connection:
         self.compare_scene(self.texts(list(self.scene)))
 
     def compare_scene(self, replies: Iterable[Reply]) -> None:
-        """Raise SceneChangedError unless these are the replies that name the scene, as before."""
+        """Raise SceneChangedError if these replies name another scene than before."""
         known, actual = list(self.scene.values()), list(replies)
         if actual != known:
             self.close()  # so that it is compared again before anything else is sent

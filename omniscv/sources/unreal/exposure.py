@@ -31,16 +31,16 @@ def check(connection: Connection) -> None:
 
 
 def by_hand(camera: str | int, bias: float) -> list[str]:
-    """Return what sets a camera to manual exposure, at a bias in stops alone.
+    """Return the commands for manual exposure that a bias in stops alone decides.
 
-    While a cine model is on, these are lost: it keeps the values from when it was switched on.
+    A cine model that is on ignores them: it keeps the values from when it was switched on.
     """
     settings = ("exposure_method manual", "physical_exposure 0", f"exposure_bias {bias:.8f}")
     return [f"vset /camera/{camera}/{setting}" for setting in settings]
 
 
 def lumen(camera: str | int) -> list[str]:
-    """Return what gives a camera's pictures the light that the game's own view has in Unreal 5."""
+    """Return the commands that light a camera's pictures as the game's own view in Unreal 5."""
     return [f"vset /camera/{camera}/{what} lumen" for what in ("illumination", "reflection")]
 
 

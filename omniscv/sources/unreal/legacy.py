@@ -119,7 +119,7 @@ class LegacyDriver(CameraDriver):
         )
 
     def _pictures(self, client: Client, view: View, requests: Requests) -> tuple[Hashable, list[Capture]]:
-        """Return the pose and field of view that the camera reports, and captures; it rests before and after.
+        """Return the pose and field of view that the camera reports, and captures; refuse a moving camera.
 
         The mask is answered out of order, so it is requested alone; it leaves the window in its view mode.
         """
@@ -158,7 +158,7 @@ class LegacyDriver(CameraDriver):
         return width, height
 
     def _actual_pose(self, view: View, reading: Reply) -> Pose:
-        """Return the camera's pose: as set where that reads back, else as it reads; not if far away."""
+        """Return the pose that was set where it reads back, else the reading; refuse a pose far away."""
         location_cm, rotation_deg = view.pose.to_unreal()
         target, read = np.array([*location_cm, *rotation_deg]), np.array(replies.numbers(reading, 6))
         read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(target[3:], read[3:], strict=True)]

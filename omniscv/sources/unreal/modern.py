@@ -305,17 +305,17 @@ class ModernDriver(CameraDriver):
 
 
 def _stops_of(request: Request, before: float | None) -> float | None:
-    """Return the exposure of a request's picture, given the one before: it shows in colours alone."""
+    """Return the exposure for a request; modes other than colours keep the one before."""
     return (request.stops or 0.0) if request.mode == "lit" else before
 
 
 def _sight(request: Request) -> tuple[View, float]:
-    """Return what a picture of a request shows: its view at its exposure."""
+    """Return what decides a picture: the view and its exposure."""
     return request.view, request.stops or 0.0
 
 
 def _settings(view: View) -> dict[str, str]:
-    """Return what sets a view, by the command's end; numbers have fixed decimals, as servers parse them."""
+    """Return by command the arguments that set a view, with fixed decimals, as servers parse them."""
     location, rotation = view.pose.to_unreal()
     return {
         "size": f"{view.width} {view.height}",

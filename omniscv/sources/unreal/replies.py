@@ -65,7 +65,7 @@ def name(reply: str) -> str:
 
 
 def names(reply: str) -> list[str]:
-    """Return the names, separated by spaces, of a reply; BadReplyError for too many, or what is no name."""
+    """Return the names, separated by spaces, of a reply; BadReplyError for too many or invalid ones."""
     words = [] if reply == "ok" else reply.split(maxsplit=MAX_NAMES)  # servers send ok for an empty text
     if len(words) > MAX_NAMES:
         raise BadReplyError(f"expected at most {MAX_NAMES} names, got more: {shown(reply[:100])}")

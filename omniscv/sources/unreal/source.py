@@ -164,7 +164,7 @@ class UnrealSource(Source):
         return self._attached
 
     def _steady(self, read: Callable[[], T]) -> T:
-        """Return what one connection reads: a game that starts again in between has other mask colours."""
+        """Return what is read over one connection: a game that restarts in between has other mask colours."""
         while True:
             client = self._client()
             result = read()

@@ -158,7 +158,7 @@ class UnrealWorld(World):
             known_objects(objects, object_names(self._connection), self._connection.address)
 
     def hide_all(self, objects: Iterable[str], what: Literal["hidden", "left out"] = "hidden") -> None:
-        """Hide objects in the world, or leave them out of its captures only, which is not in the state.
+        """Hide objects in the world, or leave them out of its captures without a change of its state.
 
         To be used within a turn and an open layer of the journal.
         """
@@ -176,7 +176,7 @@ class UnrealWorld(World):
                 raise
 
     def set_again(self) -> None:
-        """Set again what was set and can be: with a new connection, the game may be a new one, too."""
+        """Repeat all settings over a new connection: the game may have started anew."""
         if self._stands:
             self._clock.set(True)
         seen = self._journal.named("seen")
@@ -190,7 +190,7 @@ class UnrealWorld(World):
         self._connection.set([f"vset /object/{name}/hide" for name in hidden])
 
     def put_back(self, layer: Layer) -> None:
-        """Undo a layer's changes, the last one first; what is refused does not keep others from being undone.
+        """Undo a layer's changes, the last one first; a refusal does not stop the others.
 
         Nothing is done after the source is closed, which has put back all it could.
 
@@ -245,7 +245,7 @@ class UnrealWorld(World):
         return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
 
     def _place(self, poses: Mapping[str, Pose]) -> None:
-        """Move and turn objects; ServerRefusedError, and all as before, if one cannot be moved."""
+        """Move and turn objects; if one cannot be moved, restore all and raise ServerRefusedError."""
         texts = locations_and_rotations(self._connection, poses)
         before = dict(zip(poses, zip(texts[::2], texts[1::2], strict=True), strict=True))
         back = {name: set_commands(name, *values) for name, values in before.items()}
@@ -260,7 +260,7 @@ class UnrealWorld(World):
                 raise
 
     def _check_placed(self, poses: Mapping[str, Pose]) -> None:
-        """Raise ServerRefusedError for an object that did not move and never can."""
+        """Raise ServerRefusedError for an object that did not move and is not movable."""
         for name, actual in object_poses(self._connection, poses).items():
             if not same_pose(actual, poses[name]):
                 mobility = self._connection.text(f"vget /object/{name}/mobility")
