@@ -104,7 +104,7 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         return pose
 
     def settle(self, yaw_deg: float, pitch_deg: float) -> tuple[int, float, NDArray[Any]]:
-        """Turn; return the number of stale depth frames, seconds until the first fresh one, and the last frame.
+        """Turn; return the number of stale depth frames, seconds until a fresh one, and the last frame.
 
         ``NEVER`` or more are stale if the camera does not rest.
         """

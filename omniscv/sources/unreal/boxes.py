@@ -34,8 +34,8 @@ def boxes(
     """Return the boxes of objects by name; objects without a shape have none.
 
     Vertices give a box along the object's own axes, or along turned ones where it is tighter; bounds give one
-    along the world's axes. Meshes may have millions of vertices: after more than ``most_vertices``, bounds are
-    used for the remaining objects.
+    along the world's axes. Meshes may have millions of vertices: after ``most_vertices``, bounds are used for
+    the remaining objects.
 
     Raises:
         BadReplyError: a reply that is neither numbers nor an error.
@@ -65,7 +65,7 @@ def boxes(
 
 
 def upright_box(bounds_cm: Array) -> ObjectBox | None:
-    """Return the box of bounds (2, 3) along the world's axes; None if all are 0, as for objects without a shape."""
+    """Return the box of bounds (2, 3) along the world's axes; None if all are 0, without a shape."""
     if not bounds_cm.any():
         return None
     low, high = np.sort(_to_world(bounds_cm), axis=0)
