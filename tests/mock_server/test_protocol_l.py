@@ -2,13 +2,10 @@
 
 import io
 import itertools
-import logging
-import threading
 
 import numpy as np
 import pytest
 from support.expected_views import npy, png, seen_by_hand
-from support.wire import official_api
 
 import mock_server
 from mock_server.pixels import through_vertex_colors
@@ -243,30 +240,3 @@ def test_asynchronous_replies_come_after_later_synchronous_ones(start, open_raw)
     raw.send(b"1:vget /camera/0/object_mask png", b"2:vget /unrealcv/echo late", b"3:vget /unrealcv/version")
     ids = [raw.frame().partition(b":")[0] for _ in range(3)]
     assert ids == [b"3", b"1", b"2"]
-
-
-def test_the_official_client_loses_its_way_when_replies_change_order(server, connect, monkeypatch):
-    """The reason never to mix asynchronous commands of L with others: its reading thread dies."""
-    died = []
-    monkeypatch.setattr(threading, "excepthook", lambda args: died.append(args.exc_value))
-    client = connect(server)
-    client.request_async("vget /camera/0/object_mask png")
-    with pytest.raises(TimeoutError):
-        client.request("vget /unrealcv/version", timeout=1)
-    client.t.join(5)
-    assert "Message ID mismatch" in str(died[0])
-
-
-def test_the_official_client(server, connect):
-    client = connect(server)
-    assert client.request("vget /unrealcv/version") == "0.3.10"
-    assert client.request(["vget /camera/0/lit png", "vget /objects"])[1].startswith("Ball ")
-    assert png(client.request("vget /camera/0/object_mask png")).shape == (*WINDOW[::-1], 4)
-
-
-def test_the_official_api_does_not_construct(server, monkeypatch):
-    """It takes the ten words of the error for ten cameras, and then a word for a location."""
-    monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
-    with pytest.raises(ValueError, match="could not convert string to float"):
-        official_api(server, SIZE)
-    assert server.statistics.counts["vget /camera/1/location"] == 1

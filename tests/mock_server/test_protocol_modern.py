@@ -1,6 +1,5 @@
 """The 1.x dialects on the wire: frames, poses, batches, the Unix socket, and the official client."""
 
-import logging
 import re
 import socket
 import struct
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.expected_views import npy
-from support.wire import leave, official_api
+from support.wire import leave
 
 MODERN = ("M", "N1", "N2", "N3")
 
@@ -190,36 +189,6 @@ def test_a_batch_of_n2_is_held_until_it_is_whole(client_of):
     assert [client.frame() for _ in range(4)] == [b"2:a", b"3:b", b"4:c", b"5:d"]
 
 
-# The official client and its high-level API
-
-
-@pytest.mark.parametrize("dialect", MODERN)
-def test_the_official_client(start, connect, dialect):
-    client = connect(start(dialect=dialect, size=(40, 30)))
-    assert client.request("vset /cameras/spawn") == "FusionCameraActor_0"
-    assert client.request("vset /camera/1/fov 60.0", -1) is True
-    assert client.request("vget /camera/1/fov") == "60.000000"
-    replies = client.request(["vget /camera/1/lit png", "vget /camera/1/depth npy", "vget /camera/1/seg bmp"])
-    assert [reply[:2] for reply in replies] == [b"\x89P", b"\x93N", b"BM"]
-    assert client.request([f"vget /unrealcv/echo w{i}" for i in range(200)]) == [f"w{i}" for i in range(200)]
-
-
-@pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
-def test_the_official_api(start, monkeypatch, dialect):
-    monkeypatch.setattr(logging.getLogger("unrealcv"), "level", logging.CRITICAL)
-    server = start(dialect=dialect, size=(40, 30))
-    api = official_api(server, (40, 30))
-    try:
-        assert api.get_objects() == list(server.scene.objects)
-        assert api.get_image(0, "lit", "png").shape == (30, 40, 3)
-        assert api.get_depth(0).shape == (30, 40, 1)
-        # DisableAllScreenMessages comes without vrun, an unknown command, and nobody reads the error.
-        api.config_ue((40, 30), low_quality=True)
-        assert api.get_image(0, "object_mask", "png").shape == (30, 40, 3)
-    finally:
-        leave(api.client)
-
-
 # Linux: the plugin leaves TCP
 
 
@@ -276,9 +245,3 @@ def test_the_unix_socket_is_removed_at_the_end(start, open_raw, unix_client):
     unix_client(server)
     server.stop()
     assert not server.unix_path.exists()
-
-
-def test_the_official_client_may_leave_and_come_back(start, connect):
-    server = start(dialect="N1")
-    connect(server).disconnect()
-    assert connect(server).request("vget /unrealcv/version") == "1.0.1"

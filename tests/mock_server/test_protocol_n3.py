@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -137,27 +135,3 @@ def test_regions_hold_what_comes_over_the_wire(start, open_raw):
     larger = share("depth")
     assert larger["name"].endswith("_v2")
     assert reply["name"] not in server.regions
-
-
-OFFICIAL = """
-import logging, mock_server, unrealcv
-from unrealcv.api import UnrealCv_API
-logging.disable()
-with mock_server.serve("four-wall", size=(40, 30)) as server:
-    api = UnrealCv_API(server.port, server.host, (40, 30))
-    assert api.get_image(0, "lit").shape == api.get_image(0, "object_mask", "png").shape == (30, 40, 3)
-    assert api.get_depth(0).shape == (30, 40, 1)
-    assert api.get_server_version() == "1.1.0" and not api.is_unrealcv_plus()
-    assert api.supports_command("vget /camera/0/cine/intrinsics") and not api.get_cine_camera_enabled(0)
-    api.set_cine_lens(0, 18.0, 2.8)
-    assert api.get_cine_camera_enabled(0) and api.get_cine_intrinsics(0)["width"] == 40
-    assert api.get_cine_camera(0)["lens"]["focal_length_mm"] == 18
-    client = unrealcv.Client((server.host, server.port))
-    api.client.disconnect()
-"""
-
-
-def test_the_official_client_and_its_api_do_not_warn():
-    """In a process of its own, because warnings are errors there from the first import."""
-    done = subprocess.run([sys.executable, "-W", "error", "-c", OFFICIAL], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,264 @@
+"""The official client and its high-level ``UnrealCv_API`` take the mock for a game, of every dialect."""
+
+import contextlib
+import logging
+import subprocess
+import sys
+import threading
+from collections import Counter
+
+import numpy as np
+import pytest
+from support.expected_views import png
+from support.wire import leave, official_api
+
+import mock_server
+
+MODERN = ("M", "N1", "N2", "N3")
+SIZE = (48, 36)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quiet():
+    logging.getLogger("unrealcv").setLevel(logging.CRITICAL)
+
+
+# The client
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_the_official_client(start, connect, dialect):
+    client = connect(start(dialect=dialect, size=SIZE))
+    assert client.request("vset /cameras/spawn") == "FusionCameraActor_0"
+    assert client.request("vset /camera/1/fov 60.0", -1) is True
+    assert client.request("vget /camera/1/fov") == "60.000000"
+    replies = client.request(["vget /camera/1/lit png", "vget /camera/1/depth npy", "vget /camera/1/seg bmp"])
+    assert [reply[:2] for reply in replies] == [b"\x89P", b"\x93N", b"BM"]
+    assert client.request([f"vget /unrealcv/echo w{i}" for i in range(200)]) == [f"w{i}" for i in range(200)]
+
+
+def test_the_official_client_may_leave_and_come_back(start, connect):
+    server = start(dialect="N1")
+    connect(server).disconnect()
+    assert connect(server).request("vget /unrealcv/version") == "1.0.1"
+
+
+@pytest.fixture
+def old(start, tmp_path):
+    """A server of plugin 0.3.10."""
+    return start(dialect="0.3.10", size=SIZE, window=(32, 20), folder=tmp_path)
+
+
+def test_the_official_client_loses_its_way_when_replies_change_order(old, connect, monkeypatch):
+    """The reason never to mix asynchronous commands of L with others: its reading thread dies."""
+    died = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: died.append(args.exc_value))
+    client = connect(old)
+    client.request_async("vget /camera/0/object_mask png")
+    with pytest.raises(TimeoutError):
+        client.request("vget /unrealcv/version", timeout=1)
+    client.t.join(5)
+    assert "Message ID mismatch" in str(died[0])
+
+
+def test_the_official_client_of_0_3_10(old, connect):
+    client = connect(old)
+    assert client.request("vget /unrealcv/version") == "0.3.10"
+    assert client.request(["vget /camera/0/lit png", "vget /objects"])[1].startswith("Ball ")
+    assert png(client.request("vget /camera/0/object_mask png")).shape == (20, 32, 4)
+
+
+def test_the_official_api_of_0_3_10_does_not_construct(old):
+    """It takes the ten words of the error for ten cameras, and then a word for a location."""
+    with pytest.raises(ValueError, match="could not convert string to float"):
+        official_api(old, SIZE)
+    assert old.statistics.counts["vget /camera/1/location"] == 1
+
+
+# The high-level API
+
+
+@pytest.fixture(scope="module")
+def server():
+    with mock_server.serve("four-wall", size=SIZE) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def api(server):
+    api = official_api(server, SIZE)
+    yield api
+    leave(api.client)
+
+
+def test_construction_asks_for_what_the_reference_says(server, api):
+    asked = list(server.statistics.counts)
+    assert asked[0] == "vget /unrealcv/commands"
+    assert server.statistics.counts["vget /unrealcv/commands"] == 2
+    assert asked[1:7] == [
+        "vget /unrealcv/version",
+        "vget /cameras",
+        "vget /camera/0/location",
+        "vget /camera/0/rotation",
+        "vget /camera/0/fov",
+        "vget /objects",
+    ]
+
+
+def test_cameras(api):
+    assert api.camera_info() == {
+        0: {"location": [0.0, 0.0, 150.0], "rotation": [0.0, 0.0, 0.0], "fov": "90.000000"}
+    }
+    assert api.get_camera_num() == 1
+
+
+def test_objects_and_their_colours(server, api):
+    scene = server.scene
+    assert api.get_objects() == list(scene.objects)
+    assert set(api.obj_dict) == set(scene.objects)
+    assert len({tuple(color) for color in api.obj_dict.values()}) == len(scene.objects)
+
+
+def test_bmp_is_shifted_by_one_pixel_as_from_a_real_server(api):
+    png, bmp = api.get_image(0, "lit", "png"), api.get_image(0, "lit", "bmp")
+    assert bmp.shape == png.shape
+    np.testing.assert_array_equal(bmp.reshape(-1, 3)[1:], png.reshape(-1, 3)[:-1])
+
+
+def test_images_of_several_cameras_and_modes_in_one_list(api):
+    api.client.request("vset /cameras/spawn")
+    images = api.get_image_multicam([0, 1], "lit", "png")
+    assert [image.shape for image in images] == [(SIZE[1], SIZE[0], 3)] * 2
+    both = api.get_image_multimodal(1, ["lit", "depth"], ["png", "npy"])
+    assert both.shape == (SIZE[1], SIZE[0], 4)
+
+
+def test_a_camera_is_posed(api):
+    api.client.request("vset /cameras/spawn")
+    api.init_map()  # the client looks for cameras only once
+    camera = api.get_camera_num() - 1
+    api.set_cam_pose(camera, [10.0, 20.0, 150.0, 5.0, 30.0, 0.0])
+    assert api.get_cam_location(camera) == pytest.approx([10, 20, 150])
+    assert api.get_cam_rotation(camera) == pytest.approx([5, 30, 0], abs=2e-3)  # printed to 1e-3
+    api.set_cam_fov(camera, 60.0)
+    assert float(api.get_cam_fov(camera)) == 60
+
+
+@pytest.fixture
+def official(start):
+    """Starts a server and connects the API to it: both."""
+    with contextlib.ExitStack() as opened:
+
+        def open_one(dialect, scene="workshop", size=(8, 8), **options):
+            server = start(scene, dialect=dialect, size=size, **options)
+            api = official_api(server, size)
+            opened.callback(leave, api.client)
+            return server, api
+
+        yield open_one
+
+
+@pytest.mark.parametrize("dialect", ["M", "N1", "N2"])
+def test_the_official_api(official, dialect):
+    server, api = official(dialect, "four-wall", SIZE)
+    assert api.get_objects() == list(server.scene.objects)
+    assert api.get_image(0, "lit", "png").shape == (36, 48, 3)
+    assert api.get_depth(0).shape == (36, 48, 1)
+    # DisableAllScreenMessages comes without vrun, an unknown command, and nobody reads the error.
+    api.config_ue(SIZE, low_quality=True)
+    assert api.get_image(0, "object_mask", "png").shape == (36, 48, 3)
+
+
+CALLS = [
+    (("set_pause",), "vset /action/game/pause", "ok", None),
+    (("get_is_paused",), "vget /action/game/is_paused", "true", True),
+    (("set_obj_location", "Crate", [10.0, -20.0, 30.5]),
+     "vset /object/Crate/location 10.0 -20.0 30.5", "ok", None),
+    (("get_obj_location", "Crate"), "vget /object/Crate/location", "10.000 -20.000 30.500", [10, -20, 30.5]),
+    # The client sets roll, yaw, pitch, and gets pitch, yaw, roll.
+    (("set_obj_rotation", "Crate", [0.0, 90.0, 0.0]), "vset /object/Crate/rotation 0.0 90.0 0.0", "ok", None),
+    (("get_obj_rotation", "Crate"), "vget /object/Crate/rotation", "0.000 90.000 0.000", [0, 90, 0]),
+    (("get_obj_bounds", "Crate"), "vget /object/Crate/bounds", "-15.00 -50.00 0.50 35.00 10.00 60.50",
+     [-15, -50, 0.5, 35, 10, 60.5]),
+    (("get_obj_scale", "Crate"), "vget /object/Crate/scale", "1.000 1.000 1.000", [1, 1, 1]),
+    (("set_obj_scale", "Crate", [1, 1, 2]), "vset /object/Crate/scale 1 1 2", "ok", None),
+    (("get_obj_scale", "Crate"), "vget /object/Crate/scale", "1.000 1.000 2.000", [1, 1, 2]),
+    (("get_obj_bounds", "Crate"), "vget /object/Crate/bounds", "-15.00 -50.00 -29.50 35.00 10.00 90.50",
+     [-15, -50, -29.5, 35, 10, 90.5]),
+    (("set_hide_obj", "Crate"), "vset /object/Crate/hide", "ok", None),
+    (("set_show_obj", "Crate"), "vset /object/Crate/show", "ok", None),
+    (("set_obj_color", "Crate", [1, 2, 3]), "vset /object/Crate/color 1 2 3", "ok", None),
+    (("get_obj_color", "Crate"), "vget /object/Crate/color", "(R=1,G=2,B=3,A=255)", [1, 2]),
+    (("destroy_obj", "Crate"), "vset /object/Crate/destroy", "ok", None),
+    (("set_resume",), "vset /action/game/resume", "ok", None),
+    (("get_is_paused",), "vget /action/game/is_paused", "false", False),
+    (("set_global_time_dilation", 0.5), "vrun slomo 0.5", "ok", None),
+]  # fmt: skip
+
+
+def sent(server, api, call):
+    """What a call returns, and the commands that it sends; some calls do not wait for their replies."""
+    before = Counter(server.statistics.counts)
+    returned = call()
+    api.client.request("vget /scene/name")
+    return returned, list(server.statistics.counts - before - Counter(["vget /scene/name"]))
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_calls_for_objects_and_pause(official, dialect):
+    server, api = official(dialect, frames_per_s=1e-3)
+    for (name, *arguments), command, _, expected in CALLS:
+        returned, commands = sent(server, api, lambda name=name, given=arguments: getattr(api, name)(*given))
+        assert (commands, returned) == ([command], expected)
+    assert "Crate" not in api.obj_dict
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_their_replies_byte_by_byte(start, open_raw, dialect):
+    raw = open_raw(start("workshop", dialect=dialect, size=(8, 8), frames_per_s=1e-3))
+    for _, command, reply, _ in CALLS:
+        assert raw.text(command) == reply
+
+
+@pytest.mark.parametrize("dialect", MODERN)
+def test_objects_are_spawned(official, dialect):
+    server, api = official(dialect, frames_per_s=1e-3)
+    returned, commands = sent(server, api, lambda: api.set_new_obj("CubeActor", "Box"))
+    red, green, blue = api.obj_dict["Box"]
+    color = f"vset /object/Box/color {red} {green} {blue}"
+    assert sorted(commands) == ["vget /cameras", color, "vset /objects/spawn CubeActor Box"]
+    assert returned == "Box"
+    assert "Box" in api.get_objects()
+    assert api.get_obj_size("Box") == [100, 100, 100]
+    with pytest.warns(UserWarning, match="Can not find a class with name 'Cow'"):
+        assert api.set_new_obj("Cow", "Daisy") is None
+    if dialect == "N3":
+        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) == "Far"
+        assert api.get_obj_location("Far") == [1, 2, 3]
+        return
+    with pytest.warns(UserWarning, match="for URI 'vset /objects/spawn CubeActor Far 1.0 2.0 3.0'"):
+        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) is None
+
+
+OFFICIAL = """
+import logging, mock_server, unrealcv
+from unrealcv.api import UnrealCv_API
+logging.disable()
+with mock_server.serve("four-wall", size=(40, 30)) as server:
+    api = UnrealCv_API(server.port, server.host, (40, 30))
+    assert api.get_image(0, "lit").shape == api.get_image(0, "object_mask", "png").shape == (30, 40, 3)
+    assert api.get_depth(0).shape == (30, 40, 1)
+    assert api.get_server_version() == "1.1.0" and not api.is_unrealcv_plus()
+    assert api.supports_command("vget /camera/0/cine/intrinsics") and not api.get_cine_camera_enabled(0)
+    api.set_cine_lens(0, 18.0, 2.8)
+    assert api.get_cine_camera_enabled(0) and api.get_cine_intrinsics(0)["width"] == 40
+    assert api.get_cine_camera(0)["lens"]["focal_length_mm"] == 18
+    client = unrealcv.Client((server.host, server.port))
+    api.client.disconnect()
+"""
+
+
+def test_the_official_client_and_its_api_do_not_warn():
+    """In a process of its own, because warnings are errors there from the first import."""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", OFFICIAL], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
