@@ -114,15 +114,15 @@ def fit(camera: Camera, model: str) -> Fit:
     if not isinstance(camera, Camera) or not camera.central:
         got = camera.name if isinstance(camera, Camera) else shown(camera)
         raise ArgumentError(f"camera: expected a central one, all of whose rays meet in a point, got {got}")
-    (axis,), (seen,) = camera.project([[0.0, 0.0, 1.0]])
-    if not seen:
+    (axis,), (is_seen,) = camera.project([[0.0, 0.0, 1.0]])
+    if not is_seen:
         raise ArgumentError(f"camera: expected one that sees along +z, as lenses do, got {shown(camera)}")
     focals = {getattr(camera, name, None) for name in ("fx", "fy")} - {None}
     if len(focals or {getattr(camera, "focal", None)} - {None}) == 1:
         one = (*_ONE_FOCAL, *(name for name in family.names if name not in (*_MATRIX, "focal")))
         family = replace(family, names=one)
     fitting = _Fitting(camera, model, family, axis)
-    return fitting.measured(fitting.solved())
+    return fitting.measure(fitting.solve())
 
 
 class _Fitting:
@@ -138,15 +138,15 @@ class _Fitting:
             wanted = f"at least {2 * len(family.names)} of {_GRID**2} rays that {model} can see"
             raise ArgumentError(f"camera: expected {wanted}, got {len(self._rays)}")
 
-    def solved(self) -> Floats:
+    def solve(self) -> Floats:
         """Return the numbers of least squares, from the best of the starts."""
         x = min(self._starts(), key=lambda x: float(np.square(self._residuals(x)).sum()))
         names = self._family.names
         shape = [i for i, name in enumerate(names) if name in (*_MATRIX, "focal", *self._family.starts)]
         # First without distortion: together the two lie in a long valley.
-        return self._refined(self._refined(x, shape) if x[len(shape) :].any() == 0 else x, range(len(names)))
+        return self._refine(self._refine(x, shape) if x[len(shape) :].any() == 0 else x, range(len(names)))
 
-    def _refined(self, x: Floats, free: Sequence[int]) -> Floats:
+    def _refine(self, x: Floats, free: Sequence[int]) -> Floats:
         """Return the numbers of least squares when only some, by index, may differ from ``x``."""
         from scipy.optimize import least_squares  # slow to load, and reading files does without
 
@@ -167,7 +167,7 @@ class _Fitting:
         )  # fmt: skip
         return with_free(solution.x)
 
-    def measured(self, x: Floats) -> Fit:
+    def measure(self, x: Floats) -> Fit:
         """Return the camera of fitted numbers, and its errors."""
         camera = self._camera
         step = max(1, int(np.ceil(np.sqrt(camera.width * camera.height / _MOST_RAYS))))
@@ -175,9 +175,9 @@ class _Fitting:
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
         total = int(np.count_nonzero(camera.valid(pixels)))
         pixels, rays = self._within_reach(pixels)
-        fitted = self._built(x, 1.0)
+        fitted = self._build(x, 1.0)
         both = fitted.valid(pixels)
-        off = np.linalg.norm(self._seen(x, rays[both]) / self._scale - pixels[both], axis=-1)
+        off = np.linalg.norm(self._project(x, rays[both]) / self._scale - pixels[both], axis=-1)
         off = off[np.isfinite(off)]
         if not len(off):
             raise ArgumentError(f"camera: expected one that {self._model} can fit, got {shown(camera)}")
@@ -195,7 +195,7 @@ class _Fitting:
         for values in product(*self._family.starts.values()):
             start = matrix | dict(zip(self._family.starts, values, strict=True))
             x = np.array([start.get(name, 0.0) for name in names])
-            offsets = self._seen(x, self._rays) - self._axis
+            offsets = self._project(x, self._rays) - self._axis
             targets = self._pixels * self._scale - self._axis
             both = np.isfinite(offsets).all(axis=-1)
             ratio = (offsets[both] * targets[both]).sum() / max(np.square(offsets[both]).sum(), 1e-12)
@@ -229,18 +229,18 @@ class _Fitting:
 
     def _residuals(self, x: Floats) -> Floats:
         """Return (2 N,) px; a ray that is not seen counts as one at the other end of the image."""
-        off = self._seen(x, self._rays) - self._pixels * self._scale
+        off = self._project(x, self._rays) - self._pixels * self._scale
         return np.asarray(np.where(np.isfinite(off), off, _SCALED_PX).ravel())
 
-    def _seen(self, x: Floats, rays: Floats) -> Floats:
+    def _project(self, x: Floats, rays: Floats) -> Floats:
         """Return (N, 2) px of rays in the scaled image and beyond its sides; NaN if not seen."""
         try:
-            camera = self._built(x, self._scale, margin=_SCALED_PX)
+            camera = self._build(x, self._scale, margin=_SCALED_PX)
         except ArgumentError:  # the model refuses the numbers
             return np.full((len(rays), 2), np.nan)
         return camera.project(rays)[0] - _SCALED_PX
 
-    def _built(self, x: Floats, scale: float, margin: int = 0) -> Camera:
+    def _build(self, x: Floats, scale: float, margin: int = 0) -> Camera:
         """Return the camera of fitted numbers with the original's image size times ``scale`` and a margin."""
         factor = scale / self._scale
         numbers = dict(zip(self._family.names, x.tolist(), strict=True))

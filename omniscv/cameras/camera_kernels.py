@@ -135,7 +135,8 @@ def _value_slope_bend(coefficients: Array, x: float) -> tuple[float, float, floa
 # -- distortion ---------------------------------------------------------------------------------
 
 Coefficients = tuple[float, ...]  # twelve, in OpenCV's order
-Moved = tuple[float, float, float, float, float, float]  # x'', y'', and their slopes by x and y, row by row
+Distorted = tuple[float, float, float, float, float, float]
+"""x'', y'', and their slopes by x and y, row by row."""
 
 Solver = tuple[Coefficients, float, float, float, float, Array]
 """Coefficients; the disc's radius; its distorted radius by the radial terms alone; the largest distorted
@@ -146,7 +147,7 @@ _RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moved(k: Coefficients, x: float, y: float) -> Moved:
+def _distort(k: Coefficients, x: float, y: float) -> Distorted:
     """Return the distorted (x, y), and the derivative there; see :class:`distortion.Distortion`."""
     r2 = x * x + y * y
     above, below = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])), 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
@@ -169,21 +170,21 @@ def _moved(k: Coefficients, x: float, y: float) -> Moved:
 
 
 @njit(cache=True, nogil=True)
-def distorted(plane: Array, k: Coefficients) -> Array:
+def distort_all(plane: Array, k: Coefficients) -> Array:
     """Return the distorted coordinates of (N, 2)."""
     out = np.empty_like(plane)
     for i in range(len(plane)):
-        moved = _moved(k, plane[i, 0], plane[i, 1])
-        out[i, 0], out[i, 1] = moved[0], moved[1]
+        result = _distort(k, plane[i, 0], plane[i, 1])
+        out[i, 0], out[i, 1] = result[0], result[1]
     return out
 
 
 @njit(cache=True, nogil=True)
-def _stretches(k: Coefficients, r: float, azimuths: int) -> bool:
+def _stretches_everywhere(k: Coefficients, r: float, azimuths: int) -> bool:
     """Return whether the derivative is positive definite on the circle of radius r."""
     for j in range(azimuths):
         a = 2 * math.pi * j / azimuths
-        _, _, xx, xy, yx, yy = _moved(k, r * math.cos(a), r * math.sin(a))
+        _, _, xx, xy, yx, yy = _distort(k, r * math.cos(a), r * math.sin(a))
         if not (xx > 0 and 4 * xx * yy > (xy + yx) ** 2):
             return False
     return True
@@ -194,11 +195,11 @@ def first_turn(k: Coefficients, end: float) -> float:
     """Return the radius, at most ``end``, up to which the derivative is positive definite."""
     for i in range(1, _RADII + 1):
         high = end * i / _RADII
-        if not _stretches(k, high, _AZIMUTHS):
+        if not _stretches_everywhere(k, high, _AZIMUTHS):
             low = end * (i - 1) / _RADII
             for _ in range(45):
                 middle = (low + high) / 2
-                if _stretches(k, middle, _FINE_AZIMUTHS):
+                if _stretches_everywhere(k, middle, _FINE_AZIMUTHS):
                     low = middle
                 else:
                     high = middle
@@ -212,7 +213,7 @@ def farthest_of_rim(k: Coefficients, end: float) -> float:
     most = 0.0
     for j in range(_FINE_AZIMUTHS):
         a = 2 * math.pi * j / _FINE_AZIMUTHS
-        x, y, _, _, _, _ = _moved(k, end * math.cos(a), end * math.sin(a))
+        x, y, _, _, _, _ = _distort(k, end * math.cos(a), end * math.sin(a))
         most = max(most, length(x, y))
     return 1.001 * most
 
@@ -232,17 +233,17 @@ def undistorted_within(
             count += 1
     guess_x, guess_y = np.empty(count), np.empty(count)
     for m in range(count):
-        guess_x[m], guess_y[m] = _start(target_x[m], target_y[m], last, table)
+        guess_x[m], guess_y[m] = _initial_guess(target_x[m], target_y[m], last, table)
     for _ in range(_STEPS):
         _newton_steps(k, target_x[:count], target_y[:count], guess_x, guess_y)
     n = 0
     for m in range(count):
         x, y = guess_x[m], guess_y[m]
-        to_x, to_y, _, _, _, _ = _moved(k, x, y)
+        to_x, to_y, _, _, _, _ = _distort(k, x, y)
         off, r = abs(to_x - target_x[m]) + abs(to_y - target_y[m]), length(x, y)
         good = off <= 1e-15 * length(target_x[m], target_y[m]) and r <= end
         if not good:
-            x, y, good = _undistorted(target_x[m], target_y[m], solver)
+            x, y, good = _undistort(target_x[m], target_y[m], solver)
             r = min(length(x, y), end)
         if good:
             n = store(polar, n, index[m], x, y, r)
@@ -250,7 +251,7 @@ def undistorted_within(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _start(target_x: float, target_y: float, last: float, table: Array) -> tuple[float, float]:
+def _initial_guess(target_x: float, target_y: float, last: float, table: Array) -> tuple[float, float]:
     """Return the coordinates that the radial terms alone distort to the target."""
     reached, cells = length(target_x, target_y), len(table) - 1
     at = min(reached / last, 1.0) * cells
@@ -263,23 +264,23 @@ def _start(target_x: float, target_y: float, last: float, table: Array) -> tuple
 def _newton_steps(k: Coefficients, target_x: Array, target_y: Array, x: Array, y: Array) -> None:
     """Make one of Newton's steps for all coordinates: without branches, so that it is vectorised."""
     for m in range(len(x)):
-        to_x, to_y, xx, xy, yx, yy = _moved(k, x[m], y[m])
+        to_x, to_y, xx, xy, yx, yy = _distort(k, x[m], y[m])
         off_x, off_y, scale = to_x - target_x[m], to_y - target_y[m], 1 / (xx * yy - xy * yx)
         x[m] -= (yy * off_x - xy * off_y) * scale
         y[m] -= (xx * off_y - yx * off_x) * scale
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _undistorted(target_x: float, target_y: float, solver: Solver) -> tuple[float, float, bool]:
+def _undistort(target_x: float, target_y: float, solver: Solver) -> tuple[float, float, bool]:
     """Return the undistorted coordinates of a target, and whether it has them: Newton's steps in the disc."""
     k, end, last, _, slack, table = solver
-    x, y = _start(target_x, target_y, last, table)
+    x, y = _initial_guess(target_x, target_y, last, table)
     # Next to a turn Newton's steps approach a root from the inside; from the outside they may diverge.
     inward = min(0.9 * end / max(length(x, y), 1e-300), 1.0)
     x, y = x * inward, y * inward
     at_the_rim = 0
     for _ in range(100):
-        to_x, to_y, xx, xy, yx, yy = _moved(k, x, y)
+        to_x, to_y, xx, xy, yx, yy = _distort(k, x, y)
         off_x, off_y, scale = to_x - target_x, to_y - target_y, 1 / (xx * yy - xy * yx)
         step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - yx * off_x) * scale
         step = length(step_x, step_y)
@@ -293,7 +294,7 @@ def _undistorted(target_x: float, target_y: float, solver: Solver) -> tuple[floa
             x, y = x * end / r, y * end / r
         if at_the_rim > 4 or length(x - before_x, y - before_y) <= 2e-16 * end:
             break
-    to_x, to_y, _, _, _, _ = _moved(k, x, y)
+    to_x, to_y, _, _, _, _ = _distort(k, x, y)
     near = slack + 4e-16 * length(target_x, target_y)
     return x, y, abs(to_x - target_x) + abs(to_y - target_y) <= near
 

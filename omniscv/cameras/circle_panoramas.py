@@ -49,7 +49,7 @@ class CirclePanorama(AngularGrid):
             sine = np.clip(self._tangential / from_axis, -1, 1)
             sine = np.where(np.abs(sine) < 1 - _TANGENT, sine, np.sign(sine))
             reach = from_axis * np.sqrt((1 - sine) * (1 + sine))
-            theta = _wrapped(theta - np.arcsin(sine))
+            theta = _wrap(theta - np.arcsin(sine))
         ahead = reach - self._radial
         # The first and last row look straight up and down, along the cylinder: tolerate rounding errors.
         seen = (ahead >= -_ROUNDING * self._radial) & (from_axis >= inner * (1 - _ROUNDING))
@@ -163,6 +163,6 @@ def _outward(theta: Array) -> Array:
     return outward
 
 
-def _wrapped(theta: Array) -> Array:
+def _wrap(theta: Array) -> Array:
     """Return the same azimuth from -pi to pi."""
     return theta - 2 * np.pi * np.round(theta / (2 * np.pi))

@@ -151,17 +151,17 @@ class Octahedral(CentralCamera):
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
         x, y = np.moveaxis(np.clip(2 * pixels / self._size - 1, -_SQUARE_EDGE, _SQUARE_EDGE), -1, 0)
         z = 1 - np.abs(x) - np.abs(y)
-        x, y = _folded(x, y, z)
+        x, y = _fold(x, y, z)
         scale = 1 / np.sqrt(x * x + y * y + z * z)
         return np.stack([x * scale, y * scale, z * scale], axis=-1), True
 
     def _project(self, points: Array) -> tuple[Array, bool]:
         n = points / np.abs(points).sum(axis=-1, keepdims=True)
-        ab = np.stack(_folded(n[..., 0], n[..., 1], n[..., 2]), axis=-1)
+        ab = np.stack(_fold(n[..., 0], n[..., 1], n[..., 2]), axis=-1)
         return (ab + 1) / 2 * self._size, True
 
 
-def _folded(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+def _fold(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     """Return x and y, mirrored at the edges of the inner diamond where z < 0."""
     back = z < 0
     folded = np.copysign(1 - np.abs(y), x), np.copysign(1 - np.abs(x), y)

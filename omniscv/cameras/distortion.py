@@ -34,9 +34,9 @@ class Distortion:
         from omniscv.cameras import camera_kernels  # slow to load
 
         flat = np.ascontiguousarray(plane.reshape(-1, 2))
-        return np.asarray(camera_kernels.distorted(flat, self.coefficients).reshape(plane.shape))
+        return np.asarray(camera_kernels.distort_all(flat, self.coefficients).reshape(plane.shape))
 
-    def ending(self, end: float, beyond: float, rounding: float) -> float:
+    def set_domain(self, end: float, beyond: float, rounding: float) -> float:
         """Return the radius of the disc in which the distortion can be inverted, and prepare the solver.
 
         Args:
@@ -49,7 +49,7 @@ class Distortion:
         turn = self._first_turn()
         if np.isnan(turn):
             return np.nan
-        end = self._reaching(min(end, turn), beyond)
+        end = self._radius_reaching(min(end, turn), beyond)
         if not self._radial_only:
             end = float(camera_kernels.first_turn(self.coefficients, end))
         radii = np.linspace(0.0, end, _TABLE + 1)
@@ -74,7 +74,7 @@ class Distortion:
         turn, pole = first_positive_root(slope), first_positive_root(D)
         return float(np.sqrt(np.minimum(turn, pole)))
 
-    def _reaching(self, end: float, beyond: float) -> float:
+    def _radius_reaching(self, end: float, beyond: float) -> float:
         """Return a radius up to ``end`` where r c is 0.9 to 1 times ``beyond``; ``end`` if r c is less."""
 
         def within(r: float) -> bool:  # negative beyond a pole

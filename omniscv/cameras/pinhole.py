@@ -58,7 +58,7 @@ class Pinhole(FocalLens):
         if self.distortion.any():
             self._distortion = Distortion(self.distortion)
         fx, fy, limit_deg = self._focal_lengths(focal, fov_deg, fx, fy)
-        self._see_through_focal(fx, fy, cx, cy, skew, limit_deg)
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, limit_deg)
         self.focal = self.fx if self.fx == self.fy else None
 
     def _focal_lengths(

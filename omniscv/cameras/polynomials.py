@@ -67,7 +67,7 @@ class Scaramuzza(AffineLens):
         turning = first_positive_root((np.arange(len(self.coefficients)) - 1) * self.coefficients)
         self._r_end = float(np.minimum(turning, 2 * corner))
         self._theta_end = float(self._theta(np.array(self._r_end)))
-        self._see_through(fov_deg)
+        self._set_domain(fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -155,7 +155,7 @@ class KannalaBrandt(AngleLens):
         super().__init__(width, height)
         self.k = numbers("k", k, (4,))
         self._end_where_it_turns(*self.k.tolist())
-        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -199,7 +199,7 @@ class Fisheye624(AngleLens):
             p0, p1 = self.p
             self._distortion = Distortion(np.array([0, 0, p1, p0, 0, 0, 0, 0, *self.s]))
         self._end_where_it_turns(*self.k.tolist())
-        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -258,7 +258,7 @@ class FTheta(AffineLens):
             self._r_end, self._theta_end = BEFORE_TURN * self._branch.end, min(self._branch.last, most)
             if self._branch.last > most:
                 self._r_end = float(self._branch.inverse(np.array(most)))
-        self._see_through(fov_deg)
+        self._set_domain(fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:

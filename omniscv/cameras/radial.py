@@ -36,8 +36,8 @@ def rays_about_axis(
 
     Args:
         pixels: (..., 2) px.
-        find: enters which of some pixels (N, 2) have a radius within the domain, with their radius and
-            azimuth, into arrays of N; returns how many. See ``camera_kernels.polar_within``.
+        find: writes indices, radii and azimuths of those pixels (N, 2) whose radius is in the domain into
+            arrays (N,), and returns their number. See ``camera_kernels.polar_within``.
         meridian: the rays of radii, in the half-plane of their azimuth.
     """
     from omniscv.cameras import camera_kernels  # slow to load
@@ -149,7 +149,7 @@ class Lens(CentralCamera):
     _r_end: float = np.inf
     _distortion: Distortion | None = None
 
-    def _see_through(self, fov_deg: float | None) -> None:
+    def _set_domain(self, fov_deg: float | None) -> None:
         """Set the end of the domain; the matrix and the model's parameters are already set."""
         self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
         least = np.linalg.svd(self._A, compute_uv=False)[-1] if np.isfinite(self._A).all() else np.float64(0)
@@ -162,7 +162,7 @@ class Lens(CentralCamera):
         if self._distortion is None:
             self._r_end = min(self._r_end, beyond)
         else:
-            self._r_end = self._distortion.ending(self._r_end, beyond, self._rounding)
+            self._r_end = self._distortion.set_domain(self._r_end, beyond, self._rounding)
             across, along, _ = self._meridian(np.array(self._r_end))
             self._theta_end = min(self._theta_end, float(np.arctan2(across, along)))
 
@@ -217,7 +217,7 @@ class Lens(CentralCamera):
 class FocalLens(Lens):
     """A calibrated lens with ``u = cx + fx (x + skew y)``, ``v = cy + fy y``, (x, y) in the plane."""
 
-    def _see_through_focal(
+    def _set_focal_and_domain(
         self, fx: float, fy: float, cx: float | None, cy: float | None, skew: float, fov_deg: float | None
     ) -> None:
         self.fx, self.fy = number("fx", fx, above=0), number("fy", fy, above=0)
@@ -226,7 +226,7 @@ class FocalLens(Lens):
         self.skew = number("skew", skew)
         self.center = np.array([self.cx, self.cy])
         self._A = np.array([[self.fx, self.fx * self.skew], [0.0, self.fy]])
-        self._see_through(fov_deg)
+        self._set_domain(fov_deg)
 
     def _plane(self) -> tuple[float, ...]:
         return (1.0, -self.fx * self.skew / self.fy, 0.0, 1.0, self.fx, self.fy)

@@ -31,7 +31,7 @@ class RollingShutter(Camera):
     """A central camera that moves while its lines are read, one after the other.
 
     The line at a fraction s of the image, 0 to 1 in the direction of ``scan``, is read at the time
-    ``t = s readout``; its rays are those of ``base``, turned by ``R = exp(t w)`` and starting at ``t v``.
+    ``t = s readout``; its rays are those of ``base``, rotated by ``R = exp(t w)`` and starting at ``t v``.
     Parameters: ``base``, the camera at rest, or its dict (without size and a centre in the middle);
     ``readout`` >= 0, seconds from the first edge to the last; ``velocity`` v, metres per second, and
     ``angular_velocity_deg`` w, axis times degrees per second, both in the frame of the camera at t = 0, whose
@@ -137,7 +137,7 @@ class RollingShutter(Camera):
 
     # -- rays -----------------------------------------------------------------------------------
 
-    def _part(self, pixels: Array) -> Array:
+    def _fraction(self, pixels: Array) -> Array:
         """Return the fraction of the read-out at which pixels (..., 2) are read."""
         part: Array = pixels[..., self._axis] / self._lines
         return 1 - part if self._backward else part
@@ -146,20 +146,20 @@ class RollingShutter(Camera):
         origins, directions, valid = self.base._unproject(pixels)
         if self._at_rest:
             return origins, directions, valid
-        part = self._part(pixels)
-        return part[..., None] * self._travel, self._turned(directions, part), valid
+        part = self._fraction(pixels)
+        return part[..., None] * self._travel, self._rotate(directions, part), valid
 
-    def _turned(self, vectors: Array, part: Array) -> Array:
+    def _rotate(self, vectors: Array, part: Array) -> Array:
         """Turn vectors (..., 3) of the moving camera into the first line's frame (Rodrigues' formula)."""
         if not self._turn:
             return vectors
         angle = (part * self._turn)[..., None]
         across = vectors @ self._cross.T
-        turned: Array = across @ self._cross.T
-        turned *= 2 * np.sin(angle / 2) ** 2
-        turned += vectors
-        turned += np.sin(angle) * across
-        return turned
+        rotated: Array = across @ self._cross.T
+        rotated *= 2 * np.sin(angle / 2) ** 2
+        rotated += vectors
+        rotated += np.sin(angle) * across
+        return rotated
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per line, or at most ``count`` for equal intervals of the read-out."""
@@ -175,7 +175,7 @@ class RollingShutter(Camera):
             pixels, valid = self.base._project(np.where(nonzero[..., None], points, 1.0))
             return pixels, np.asarray(valid & nonzero)
         flat = points.reshape(-1, 3)
-        part = self._part_seeing(flat)
+        part = self._first_fraction(flat)
         seen = ~np.isnan(part)
         pixels, _ = self._project_at(flat, np.where(seen, part, 0.0))
         return pixels.reshape(*points.shape[:-1], 2), seen.reshape(points.shape[:-1])
@@ -184,14 +184,14 @@ class RollingShutter(Camera):
         """Project points (N, 3) with the base at fractions (N,) of the read-out."""
         offset = points - part[:, None] * self._travel
         nonzero = np.asarray(offset.any(axis=1))
-        pixels, valid = self.base._project(self._turned(np.where(nonzero[:, None], offset, 1.0), -part))
+        pixels, valid = self.base._project(self._rotate(np.where(nonzero[:, None], offset, 1.0), -part))
         return pixels, np.asarray(valid & nonzero & self._within_image(pixels)[1])
 
     def _late(self, points: Array, part: Array) -> Array:
         """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen."""
-        return self._part(self._project_at(points, part)[0]) - part
+        return self._fraction(self._project_at(points, part)[0]) - part
 
-    def _part_seeing(self, points: Array) -> Array:
+    def _first_fraction(self, points: Array) -> Array:
         """Return the first fraction of the read-out whose line sees points (N, 3); NaN if there is none."""
         part, near = self._search(points, _INTERVALS)
         # A line that reaches a point and turns back sees it twice, perhaps within one interval.
@@ -221,7 +221,7 @@ class RollingShutter(Camera):
             if len(rows):
                 root = self._root(points[rows], (low, high), (before[rows], after[rows]))
                 pixels, valid = self._project_at(points[rows], root)
-                seen = valid & (np.abs(self._part(pixels) - root) <= _MEETS)
+                seen = valid & (np.abs(self._fraction(pixels) - root) <= _MEETS)
                 first[rows] = np.where(seen, root, np.nan)
             before = after
         return first, near
@@ -276,7 +276,7 @@ class ReadOutLines(RollingShutter):
         return {"first": self._first, "last": self._last, **self._shutter}
 
     def _is_read(self, pixels: Array) -> Mask:
-        part = self._part(pixels)
+        part = self._fraction(pixels)
         return np.asarray((part >= self._first) & (part < self._last))
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:

@@ -49,7 +49,7 @@ class DoubleSphere(FocalLens):
         self._r_end = self._fold or np.inf
         if self.xi == 1 and self.alpha > 0:  # seen from its surface the first sphere fills a half space
             self._r_end = float(np.nextafter(1 / self.alpha, 0))
-        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -102,7 +102,7 @@ class ExtendedUnified(FocalLens):
         self._w, s, self._fold = _second_limit(self.alpha)
         self._theta_end = float(np.arctan2(np.sqrt(s), -self._w * self._stretch))
         self._r_end = self._fold / self._stretch if self._fold else np.inf
-        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -159,7 +159,7 @@ class Unified(FocalLens):
         self._r_end = self._fold or np.inf
         if self.distortion.any():
             self._distortion = Distortion(np.append(self.distortion, np.zeros(8)))
-        self._see_through_focal(fx, fy, cx, cy, skew, fov_deg)
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -212,7 +212,7 @@ class Division(FocalLens):
             self._theta_end = float(np.arctan2(1.0, 2 * np.sqrt(self.k)))
         if self.k > 0:
             self._r_end = BEFORE_TURN * float(1 / np.sqrt(self.k))
-        self._see_through_focal(self.focal, self.focal, cx, cy, 0.0, fov_deg)
+        self._set_focal_and_domain(self.focal, self.focal, cx, cy, 0.0, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:

@@ -1,4 +1,4 @@
-"""Where images fail: causes at growing strength, the error against exact truth, and what the software said.
+"""Where images fail: causes at growing strength, the error against exact truth, and the software's answer.
 
 Captures come from the mock server with a fault; the doctor examines the same server.
 """
@@ -42,7 +42,7 @@ SAID = {
     "marked": "#56b4e9",
     "silent": "#d55e00",
 }
-"""What the software says, with colours. ``holds``: the image is as true as without the fault."""
+"""The software's answers, with colours. ``holds``: the image is as true as without the fault."""
 
 COLUMNS = ("panorama", "strips", "8 viewpoints", "adaptive")
 _RING: dict[str, dict[str, Any]] = {
@@ -169,7 +169,7 @@ class Row:
 
 
 class _Truth:
-    """What the rays of a camera meet, and which colours are seen within each pixel.
+    """The hits of a camera's rays, and the range of colours within each pixel.
 
     ``special`` is an object that the fault ``gloss`` or ``glass`` mixes with other light.
     """
@@ -233,31 +233,31 @@ def measure(
         progress: called with (strengths done, in total).
         causes: names; all if not given.
     """
-    chosen = [cause for cause in CAUSES if not causes or cause.name in causes]
-    steps = [(cause, strength) for cause in chosen for strength in cause.strengths]
+    selected = [cause for cause in CAUSES if not causes or cause.name in causes]
+    steps = [(cause, strength) for cause in selected for strength in cause.strengths]
     rows: list[Row] = []
-    sound: dict[str, _Measured] = {}
+    sound: dict[str, _Outcome] = {}
     with TemporaryDirectory() as folder:
         for done, (cause, strength) in enumerate(steps, start=1):
             scene, pose = _scene(cause, strength, Path(folder)), cause.pose(strength)
             base = scene if cause.query else "four-wall"
             if base not in sound:
-                sound[base] = _measured(base, cause.sound, width, _POSE)
+                sound[base] = _examine(base, cause.sound, width, _POSE)
             query = cause.query.format(strength)
-            rows += _rows(cause, strength, _measured(scene, query, width, pose), sound[base])
+            rows += _rows(cause, strength, _examine(scene, query, width, pose), sound[base])
             if progress:
                 progress(done, len(steps))
     return rows
 
 
-class _Measured(NamedTuple):
-    """What a server's images have wrong, by column, and what the doctor finds."""
+class _Outcome(NamedTuple):
+    """The errors of a server's images, by column, and the names of the doctor's findings."""
 
     images: dict[str, tuple[float, float] | str]
     findings: frozenset[str]
 
 
-def _measured(scene: str, query: str, width: int, pose: Pose) -> _Measured:
+def _examine(scene: str, query: str, width: int, pose: Pose) -> _Outcome:
     size = {"width": width, "height": width // 2}
     ring = create("noncentral-panorama", **size, radius=_RADIUS_M)
     fault, _, name = query.removeprefix("fault=").partition("=")
@@ -279,12 +279,12 @@ def _measured(scene: str, query: str, width: int, pose: Pose) -> _Measured:
         else:
             images[column] = truth[camera.central].judge(image)
     if address.endswith("&") and pose is not _POSE:
-        return _Measured(images, frozenset())  # a sound server
+        return _Outcome(images, frozenset())  # a sound server
     try:
-        found = examine_address(address, pose.position, **_DEADLINES)
+        findings = examine_address(address, pose.position, **_DEADLINES)
     except OmniscvError as refusal:
-        return _Measured(images, frozenset({f"{type(refusal).__name__}"}))
-    return _Measured(images, frozenset(each.name for each in found if each.verdict != "ok"))
+        return _Outcome(images, frozenset({f"{type(refusal).__name__}"}))
+    return _Outcome(images, frozenset(finding.name for finding in findings if finding.verdict != "ok"))
 
 
 def _scene(cause: Cause, strength: float | str, folder: Path) -> str:
@@ -294,14 +294,14 @@ def _scene(cause: Cause, strength: float | str, folder: Path) -> str:
     angles = np.arange(0, 2 * np.pi, np.pi / 8)
     at = [f"[{2 * np.cos(angle):.4f}, {2 * np.sin(angle):.4f}, 1.5]" for angle in angles]
     path.write_text(
-        _RODS.format(", ".join(f"{{cylinder: [{float(strength) / 2000}, 3], at: {each}}}" for each in at))
+        _RODS.format(", ".join(f"{{cylinder: [{float(strength) / 2000}, 3], at: {point}}}" for point in at))
     )
     return quote(str(path))
 
 
-def _rows(cause: Cause, strength: float | str, found: _Measured, sound: _Measured) -> Iterator[Row]:
-    findings = tuple(sorted(found.findings - sound.findings))
-    for column, result in found.images.items():
+def _rows(cause: Cause, strength: float | str, outcome: _Outcome, sound: _Outcome) -> Iterator[Row]:
+    findings = tuple(sorted(outcome.findings - sound.findings))
+    for column, result in outcome.images.items():
         base = sound.images[column]
         assert not isinstance(base, str), base
         where = cause.name, cause.unit, strength, column
@@ -359,7 +359,7 @@ def finding(rows: Sequence[Row]) -> str:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return a Markdown table: by cause and strategy, at which strength it breaks, and what is said there."""
+    """Return a Markdown table of the strengths at which each strategy breaks, and of the answers there."""
     lines = [
         "| cause | strengths | " + " | ".join(COLUMNS) + " | the doctor |",
         "|---" * (len(COLUMNS) + 3) + "|",
@@ -372,14 +372,14 @@ def table(rows: Sequence[Row]) -> str:
             broken = [row for row in mine if row.column == column and row.said != "holds"]
             first = "; ".join(f"{row.strength}: {row.said}" for row in _changes(broken))
             cells.append(first or "holds")
-        found = next((row.findings for row in mine if row.findings), ())
+        findings = next((row.findings for row in mine if row.findings), ())
         lines.append(
             f"| {cause} | {strengths} {mine[0].unit}".rstrip()
-            + f" | {' | '.join(cells)} | {'; '.join(found[:3])} |"
+            + f" | {' | '.join(cells)} | {'; '.join(findings[:3])} |"
         )
     return "\n".join(lines) + "\n"
 
 
 def _changes(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows that say something else than the one before."""
+    """Return the rows whose answer differs from the one before."""
     return [row for i, row in enumerate(rows) if i == 0 or rows[i - 1].said != row.said]

@@ -37,8 +37,8 @@ def test_what_is_strong_is_found(rows):
 def test_what_is_weak_holds():
     """Without a doctor's finding, what is as true as without the fault."""
     images = dict.fromkeys(failures.COLUMNS, (0.01, 0.0))
-    sound = failures._Measured(images, frozenset())
-    weak = failures._Measured(images | {"strips": (0.02, 0.0005), "adaptive": (0.02, 0.02)}, frozenset())
+    sound = failures._Outcome(images, frozenset())
+    weak = failures._Outcome(images | {"strips": (0.02, 0.0005), "adaptive": (0.02, 0.02)}, frozenset())
     rows = failures._rows(failures.CAUSES[0], 0.001, weak, sound)
     assert [row.said for row in rows] == ["holds", "marked", "holds", "silent"]
 
