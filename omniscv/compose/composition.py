@@ -18,6 +18,7 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
+from omniscv.planning.rounds import pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
 from omniscv.sources import codecs
@@ -70,7 +71,7 @@ class Composition:
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept = Kept(doubt=lambda: self._composed().doubt)
         requests = round_.requests(self._modes)
-        self._pixels += sum(request.view.width * request.view.height for request in requests)
+        self._pixels += pixels_of(request.view for request in requests)
         self._progress += Progress(of_captures=len(requests))
         for viewpoint, captures in captured(round_, self._source, self._modes):
             if len(viewpoint.pixels):
@@ -161,7 +162,7 @@ class Composition:
 
         ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
         """
-        faces, precision = [each.pixels for each in captures], codecs.precision(captures[0].encoding)
+        faces, precision = [capture.pixels for capture in captures], codecs.precision(captures[0].encoding)
         seen = None
         if viewpoint.check is None or offsets_w is None:
             depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)

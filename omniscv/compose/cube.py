@@ -58,7 +58,7 @@ class Cube:
         Masks, (h, w) ids or (h, w, 3) colours, may have other sizes than colours; they show the same views.
         """
         alike = {(view.width, view.height, round(view.fov_deg, 3), view.lens) for view in views}
-        if len(views) != 6 or len(alike) > 1 or any(each.dtype != np.uint8 for each in pixels):
+        if len(views) != 6 or len(alike) > 1 or any(picture.dtype != np.uint8 for picture in pixels):
             return None
         border = round(views[0].width / 2 - views[0].focal_px)
         size = views[0].width - 2 * border
@@ -71,7 +71,7 @@ class Cube:
             rows = (np.arange(border, border + size) + 0.5) * len(mask) // views[0].width
             colors = np.atleast_3d(mask)[np.ix_(rows.astype(int), rows.astype(int))].astype(np.int64)
             of_face[:] = colors @ (1 << 16 * np.arange(colors.shape[-1]))
-        cube = cls(faces, np.stack([each[inner, inner] for each in pixels]), border, labels)
+        cube = cls(faces, np.stack([picture[inner, inner] for picture in pixels]), border, labels)
         return cube if len(cube.edges) == 12 else None
 
     @classmethod
@@ -82,7 +82,7 @@ class Cube:
             faces = list(source.capture(Request(view, "lit", state) for view in views.faces(center_w, six)))
         except MissingCaptureError:  # recorded in other modes only
             return None
-        return cls.of([each.view for each in faces], [each.pixels for each in faces])
+        return cls.of([capture.view for capture in faces], [capture.pixels for capture in faces])
 
     def recolored(self, pixels: NDArray[np.uint8]) -> Cube:
         """Return the cube with other colours (6, h, h, 3), of its border, too."""

@@ -32,7 +32,7 @@ def sample_bilinear(picture: Pixels, x: Floats, y: Floats, row: int = 0) -> Pixe
         row = min(_ROW, max(1, count))
     rows = -(-count // row)
     if rows * row != count:
-        x, y = (np.pad(each, (0, rows * row - count)) for each in (x, y))
+        x, y = (np.pad(points, (0, rows * row - count)) for points in (x, y))
     out = cv2.remap(
         picture, x.reshape(rows, row), y.reshape(rows, row), cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT, borderValue=0,

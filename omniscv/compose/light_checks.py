@@ -170,8 +170,8 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
     report = {"objects": found.objects, "untested": found.untested}
     effort = replace(
         image.effort,
-        captures=sum(each.captures for each in efforts),
-        megapixels=sum(each.megapixels for each in efforts),
+        captures=sum(effort.captures for effort in efforts),
+        megapixels=sum(effort.megapixels for effort in efforts),
     )
     provenance = {**image.provenance, "light": report}
     return replace(image, layers=layers, provenance=provenance, effort=effort)
@@ -319,11 +319,11 @@ def _mark_translucent(examined: Examined, source: Source, render: Render, found:
         except (ArgumentError, MissingCaptureError) as cause:
             found.untested["translucent"] = f"{name}: {cause}"
             continue
-        lit, behind = (np.asarray(each, np.float64) for each in (image["lit"], behind))
+        lit, behind = (np.asarray(colors, np.float64) for colors in (image["lit"], behind))
         changed = image.valid & (np.abs(lit - behind).max(axis=-1) > _CHANGED)
         if changed.sum() >= _LEAST_PX:
             inner = changed[:, 1:] & changed[:, :-1]  # outlines of what is behind show through, or do not
-            x, y = (np.diff(each, axis=1)[inner] for each in (behind, lit))
+            x, y = (np.diff(colors, axis=1)[inner] for colors in (behind, lit))
             through = (x * y).sum() > _TRANSMITS * (x * x).sum() > 0
             found.mark("translucent" if through else "mismatch", changed, name, "only colours show it")
 

@@ -195,8 +195,8 @@ class CpuSampler:
             if block.rays.kept:
                 return list(values)
             whole = whole or [
-                None if each is None else np.empty((self._coverage.rays, *each.shape[1:]), each.dtype)
-                for each in values
+                None if array is None else np.empty((self._coverage.rays, *array.shape[1:]), array.dtype)
+                for array in values
             ]
             for out, each in zip(whole, values, strict=True):
                 if out is not None:
@@ -212,10 +212,10 @@ class CpuSampler:
     def _new_atlas(self, filter: str) -> Atlas:
         if filter == "area":
             sampled = [block.area for block in self._blocks()]
-            levels = [each.levels for each in sampled if each.levels]
-            first = min((each.start for each in levels), default=0)
-            last = max((each.stop for each in levels), default=1)
-            return Atlas(self._views, range(first, last), max(each.support for each in sampled))
+            levels = [area.levels for area in sampled if area.levels]
+            first = min((mips.start for mips in levels), default=0)
+            last = max((mips.stop for mips in levels), default=1)
+            return Atlas(self._views, range(first, last), max(area.support for area in sampled))
         guttered = self._coverage.margin < FILTER_SUPPORT_PX
         return Atlas(self._views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
 
@@ -273,7 +273,7 @@ class _Block:
         """Bytes held in memory."""
         held: list[Any] = [self.__dict__[name] for name in ("lookup", "area") if name in self.__dict__]
         held += [array for both in list(self._coordinates.values()) for array in both]
-        return sum(each.nbytes for each in held)
+        return sum(value.nbytes for value in held)
 
 
 def _spanned_px(block: _Block, view: View, stride: int) -> Floats:

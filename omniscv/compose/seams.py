@@ -122,7 +122,7 @@ def _fit(index: NDArray[Any], y: Array, squared_radii: Array) -> Gains:
             off = y + J @ x
             weighted = J * (1 / (1 + (off / scale) ** 2) ** 2)[:, None]
             x -= np.linalg.solve(weighted.T @ J + prior, weighted.T @ off + prior @ x)
-    before, left = (np.minimum((each / _RESIDUAL) ** 2, 1).sum() for each in (y, y + J @ x))
+    before, left = (np.minimum((off / _RESIDUAL) ** 2, 1).sum() for off in (y, y + J @ x))
     explained = float(1 - left / before) if before > 0 else 0.0
     gains = Gains(np.exp(x[:6] - x[:6].mean()), explained, False, (float(x[6]), float(x[7])))
     changes = max(np.abs(gains.gains - 1).max(), abs(gains.lost)) > _GAIN
@@ -166,7 +166,7 @@ class Mended:
     @property
     def nbytes(self) -> int:
         """Bytes in memory."""
-        return sum(each.nbytes for each in (*self.pixels, *self.relit))
+        return sum(picture.nbytes for picture in (*self.pixels, *self.relit))
 
 
 def mend(
@@ -226,7 +226,7 @@ def mend(
 
 
 def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | None = None) -> Mended:
-    relit = tuple(np.zeros(each.shape[:2], np.bool_) for each in pixels)
+    relit = tuple(np.zeros(picture.shape[:2], np.bool_) for picture in pixels)
     return Mended(tuple(pixels), relit, {**(report or {}), "refused": why})
 
 

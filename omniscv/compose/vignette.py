@@ -57,7 +57,7 @@ def _creases(cube: Cube, transfer: str) -> list[Array]:
     radii = np.stack(np.broadcast_arrays(beside[:, None] ** 2 + y**2, on_edge**2 + y**2), axis=-1)
     edges = []
     for edge in cube.edges:
-        both = [*cube.lines(edge, deep), *(each[None] for each in cube.at_edge(edge))]
+        both = [*cube.lines(edge, deep), *(line[None] for line in cube.at_edge(edge))]
         usable = np.all([((c > _CODES[0]) & (c < _CODES[1])).all(axis=(0, 2)) for c in both], axis=0)
         usable &= cube.continuous(edge)
         light = [np.log(light_of_codes(np.clip(c, 1, 255), transfer)).mean(axis=2) for c in both]

@@ -24,7 +24,16 @@ from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Patch, Precision, held, patches
 from omniscv.planning.ray_marching import KnownDepth
 from omniscv.planning.reproject import INITIAL_VIEWPOINTS
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, drive
+from omniscv.planning.rounds import (
+    Kept,
+    Round,
+    Rounds,
+    Viewpoint,
+    change_viewpoints,
+    drive,
+    pixels_of,
+    planned_requests,
+)
 from omniscv.planning.strategy import Task
 from omniscv.render_options import FINEST_TRUTH, LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import Request, View
@@ -81,10 +90,8 @@ def rounds(task: Task) -> Rounds:
 def expected(task: Task) -> tuple[int, int]:
     """Return how many requests and pixels a task's accuracy is expected to take in a furnished room."""
     planner = _Planner(task)
-    planned: list[Round] = []
-    drive(planner.rounds(), planned.append)
-    requests = [each for round_ in planned for each in round_.requests(task.modes)]
-    pixels = sum(each.view.width * each.view.height for each in requests)
+    requests = planned_requests(planner.rounds(), task.modes)
+    pixels = pixels_of(request.view for request in requests)
     local = planner.expected_ms / (planner.price.of(1, _PATCH_PX) or 1)
     return len(requests) + round(local), pixels + round(local * _PATCH_PX)
 
@@ -152,9 +159,8 @@ class _Planner:
                 if requests and requests == self._around[0]:
                     kept = self._around[1]
                     continue
-                for request in requests:
-                    self._requests += 1
-                    self._pixels += request.view.width * request.view.height
+                self._requests += len(requests)
+                self._pixels += pixels_of(request.view for request in requests)
                 kept = yield planned
                 if kept and len(kept) == 1:
                     self._around = requests, kept
@@ -224,7 +230,7 @@ class _Planner:
             share: of the pixels that the smallest faces leave in doubt.
             base: the views of colours.
         """
-        count, area = len(base.views), sum(view.width * view.height for view in base.views)
+        count, area = len(base.views), pixels_of(base.views)
         modes = len(self._truth)
 
         def pixels(edge: int) -> float:
@@ -295,13 +301,14 @@ class _Planner:
 
     def _can_capture(self, centers: int | None, scale: int) -> bool:
         """Return whether budgets allow centres, and a recording, if it is one, holds their depth."""
-        task, planned = self._task, list[Round]()
-        drive(self._shared(centers, scale), planned.append)
+        task = self._task
         if task.recorded is not None:
+            planned: list[Round] = []
+            drive(self._shared(centers, scale), planned.append)
             kept = [viewpoint for round_ in planned for viewpoint in round_.viewpoints if viewpoint.keep]
-            return task.recorded.hold(view for each in kept for view in each.views_of("depth"))
-        requests = [each for round_ in planned for each in round_.requests(task.modes)]
-        return not self._full(sum(each.view.width * each.view.height for each in requests), len(requests))
+            return task.recorded.hold(view for viewpoint in kept for view in viewpoint.views_of("depth"))
+        requests = planned_requests(self._shared(centers, scale), task.modes)
+        return not self._full(pixels_of(request.view for request in requests), len(requests))
 
     @property
     def _usual_scale(self) -> int:
@@ -316,7 +323,7 @@ class _Planner:
         Depth is known when a round serves pixels: what it leaves in doubt foretells the doubt of the image.
         """
         now = self._centers, self._scale
-        serving = [each for each in planned.viewpoints if each.known_depth is not None]
+        serving = [viewpoint for viewpoint in planned.viewpoints if viewpoint.known_depth is not None]
         if serving:
             self._choose(serving)
             self._probing = False
@@ -334,7 +341,8 @@ class _Planner:
 
     def _choose(self, serving: Sequence[Viewpoint]) -> None:
         """Choose how many centres, and how fine, by the depth that viewpoints know."""
-        doubtful = sum(_depth_doubt(each.known_depth) for each in serving if each.known_depth is not None)
+        known = [viewpoint.known_depth for viewpoint in serving if viewpoint.known_depth is not None]
+        doubtful = sum(map(_depth_doubt, known))
         left, scale, most = doubtful / self._aim, self._scale, self._finest
         finer = math.ceil(scale * max(1.0, _MOST_DOUBT * left / _SAFE) ** _SHRINKS)
         if not self._probing:
@@ -342,10 +350,10 @@ class _Planner:
                 self._scale = min(most, finer)
             return
         usual = min(self._usual_scale, finer)
-        views = [view for each in serving for view in each.views]
-        area, many = sum(view.width * view.height for view in views), INITIAL_VIEWPOINTS / len(serving)
+        views = [view for viewpoint in serving for view in viewpoint.views]
+        area, many = pixels_of(views), INITIAL_VIEWPOINTS / len(serving)
         few_ms, many_ms = (self.price.of(len(views), area * size**2) for size in (finer, usual))
-        if finer > most or few_ms > many * many_ms or not any(len(each.pixels) for each in serving):
+        if finer > most or few_ms > many * many_ms or not any(len(viewpoint.pixels) for viewpoint in serving):
             self._centers, self._scale = None, usual
         else:
             self._scale = finer
@@ -373,7 +381,7 @@ class _Planner:
                 yield Round((), choice)
                 return
             viewpoints = []
-            for patch in sorted(choice.patches, key=lambda each: (each.view.width, each.view.height)):
+            for patch in sorted(choice.patches, key=lambda patch: (patch.view.width, patch.view.height)):
                 pixels, view = doubt[patch.rows], patch.view
                 self._focal_px[pixels] = choice.focal_px
                 self._tries[pixels] += 1
@@ -401,7 +409,7 @@ class _Planner:
         if best is None:
             return _SPENT if self._limited else "no finer view fits"
         if task.recorded is not None:
-            held_ones = [each for each in best.patches if task.recorded.hold([each.view])]
+            held_ones = [patch for patch in best.patches if task.recorded.hold([patch.view])]
             return replace(best, patches=held_ones) if held_ones else "the recording holds no finer views"
         return best
 
@@ -420,7 +428,7 @@ class _Planner:
                 break
         if left > target and chosen:  # bands are then thinner, views longer
             more = left / target
-            thin = sum(each.view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for each in chosen)
+            thin = sum(patch.view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for patch in chosen)
             ms += (1 - target / left) * modes * self.price.of(len(chosen), thin)
         return _Choice(chosen, focal_px, ms)
 
@@ -444,7 +452,8 @@ class _Planner:
             rows = np.flatnonzero(_view_of(directions_w, views, 0) == number)
             price = len(self._truth) * self.price.of(1, view.width * view.height)
             found.append(Patch(view, rows, float(worth[rows].sum()), price))
-        return sorted((each for each in found if each.worth > 0), key=lambda each: -each.worth / each.price)
+        worthy = (patch for patch in found if patch.worth > 0)
+        return sorted(worthy, key=lambda patch: -patch.worth / patch.price)
 
     def _full(self, pixels: float, requests: int) -> bool:
         """Return whether more captures exceed a budget."""

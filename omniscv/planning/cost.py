@@ -50,9 +50,9 @@ class Cost:
     def __add__(self, other: Cost) -> Cost:
         """Return the cost of two sets of images that share no captures."""
         sums = {
-            each.name: getattr(self, each.name) + getattr(other, each.name)
-            for each in fields(self)
-            if each.name not in ("strategy", "displacement_m", "marked")
+            field.name: getattr(self, field.name) + getattr(other, field.name)
+            for field in fields(self)
+            if field.name not in ("strategy", "displacement_m", "marked")
         }
         displacement_m = max(self.displacement_m, other.displacement_m)
         marked = max(self.marked, other.marked)
@@ -123,7 +123,7 @@ def _shared(plan: Plan) -> tuple[float, float]:
     if task.rays.origins is None:
         return 0.0, _MARKED
     farthest_m, marked = 0.0, _MARKED * task.rays.valid_count
-    for viewpoint in (each for round_ in plan.planned or () for each in round_.viewpoints):
+    for viewpoint in (viewpoint for round_ in plan.planned or () for viewpoint in round_.viewpoints):
         if viewpoint.toward_w is not None or not len(viewpoint.pixels):
             continue
         own_w = task.origins_w(viewpoint.pixels) - viewpoint.center_w

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 
 from omniscv import modalities
 from omniscv.errors import BadReplyError
@@ -178,8 +178,20 @@ def captured(
         yield viewpoint, by_mode
 
 
+def pixels_of(views: Iterable[View]) -> int:
+    """Return how many pixels views have."""
+    return sum(view.width * view.height for view in views)
+
+
+def planned_requests(rounds: Rounds, modes: Sequence[str]) -> list[Request]:
+    """Return the captures of a plan in some modes, without making any."""
+    planned: list[Round] = []
+    drive(rounds, planned.append)
+    return [request for round_ in planned for request in round_.requests(modes)]
+
+
 def captured_progress(captures: Mapping[str, Sequence[Capture]]) -> Progress:
     """Return the progress that the captures of a viewpoint, by mode, are."""
-    flat = [capture for captures_of_mode in captures.values() for capture in captures_of_mode]
-    sizes = (len(each.payload) if each.payload is not None else each.pixels.nbytes for each in flat)
+    flat = list(chain.from_iterable(captures.values()))
+    sizes = (c.pixels.nbytes if c.payload is None else len(c.payload) for c in flat)
     return Progress(captures=len(flat), nbytes=sum(sizes))

@@ -13,7 +13,7 @@ import numpy as np
 
 from omniscv.geometry import Pose
 from omniscv.planning.accuracy import rounds
-from omniscv.planning.rounds import Round, Rounds, drive
+from omniscv.planning.rounds import Round, Rounds, drive, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.planning.strategy import Task
 from omniscv.planning.strips import PIXELS_PER_REQUEST
@@ -44,9 +44,9 @@ class Plan:
 
     def rounds(self) -> Rounds:
         """Yield the rounds: as planned, or anew by the strategy if they depend on captures."""
-        planned = self.planned
-        aims = self.task.options.accuracy is not None
-        if planned is None or aims or any(each.keep for round_ in planned for each in round_.viewpoints):
+        planned = self.planned or ()
+        adapts = any(viewpoint.keep for round_ in planned for viewpoint in round_.viewpoints)
+        if self.planned is None or adapts or self.task.options.accuracy is not None:
             yield from rounds(self.task)
         else:
             for round_ in planned:  # noqa: UP028 - a tuple takes nothing that is sent
@@ -139,4 +139,4 @@ def _with_faces(task: Task, edge: int) -> Task:
 def _work(plans: Sequence[Plan]) -> float:
     """Return what the distinct requests of plans cost a source, in requests."""
     views = [request.view for request in {request: None for plan in plans for request in plan.requests}]
-    return len(views) + sum(view.width * view.height for view in views) / PIXELS_PER_REQUEST
+    return len(views) + pixels_of(views) / PIXELS_PER_REQUEST

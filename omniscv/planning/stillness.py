@@ -105,8 +105,8 @@ class StillSet(SourceWrapper):
         if self._visits < 2:
             return
         first = next(iter(self._first))
-        shown = self._again(each for each in self._shown if _center(each.view) == first)
-        for capture in self._source.capture(replace(each, again=True) for each in shown):
+        shown = self._again(request for request in self._shown if _center(request.view) == first)
+        for capture in self._source.capture(replace(request, again=True) for request in shown):
             self._compare(capture)
 
     def close(self) -> None:
@@ -125,14 +125,14 @@ class StillSet(SourceWrapper):
                 extra: list[Request] = []
                 if self._is_witness(request.view):
                     extra = [replace(request, mode=mode) for mode in self._lacking]
-                    extra = [each for each in extra if each not in witnesses]
+                    extra = [witness for witness in extra if witness not in witnesses]
                     proof = [request] if request.mode in self._proofs else []
                     witnesses.update(dict.fromkeys([*extra, *proof]))
                 requested.extend([False] * len(extra) + [True])
                 yield from extra
                 yield request
             requested.extend([False] * len(witnesses))
-            yield from (replace(each, again=True) for each in self._again(witnesses))
+            yield from (replace(request, again=True) for request in self._again(witnesses))
 
     def _again(self, witnesses: Iterable[Request]) -> list[Request]:
         """Return requests in the order of their repetition: forwards in one mode, backwards in the other.

@@ -166,7 +166,7 @@ def rounds(task: Task) -> Rounds:
     """
     options, strategy = task.options, get(task.options.strategy)
     if options.max_error_px is not None and not strategy.approximate:
-        approximate = " or ".join(name for name, each in _strategies.items() if each.approximate)
+        approximate = " or ".join(name for name in _strategies if _strategies[name].approximate)
         raise ArgumentError(f"max_error_px: expected strategy {approximate}, got {strategy.name!r}")
     if options.truth_scale > 1 and not task.capabilities.can_set_size:
         wanted = "expected 1 of a source that cannot set the size"

@@ -81,9 +81,6 @@ CASES = [
     ("rolling-shutter", "fence", WAYS[0]),
     ("push-broom", "four-wall", WAYS[2]),
 ]
-ALL = [
-    (name, room, way) for name in names() for room in ROOMS for way in (WAYS if name in SMALL else WAYS[:1])
-]
 
 
 def ids(value):
@@ -93,14 +90,6 @@ def ids(value):
 @pytest.mark.parametrize(("name", "room", "way"), CASES, ids=ids)
 def test_what_is_wrong_is_marked(name, room, way, rooms):
     hold(name, room, way, rooms, 0)
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize(("name", "room", "way"), ALL, ids=ids)
-def test_what_is_wrong_is_marked_everywhere(name, room, way, rooms):
-    for seed in range(1, 4):
-        hold(name, room, way, rooms, seed)
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "noncentral-spherical-mirror"])

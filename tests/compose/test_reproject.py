@@ -58,16 +58,6 @@ def test_few_centres_serve_as_well(name, room):
     assert flat.sum() > 0.99 * valid.sum()
 
 
-def test_hardly_behind_capturing_every_centre():
-    camera = create("noncentral-panorama", width=64, height=32, radius=1.0)
-    truth = traced(ROOM.scene, camera, POSE)
-    few, all_centers = (
-        right(omniscv.render(camera, POSE, ROOM, MODES[1:3], strategy=strategy, face_size=168), truth).mean()
-        for strategy in ("adaptive", "strips")
-    )
-    assert few >= all_centers - 0.01
-
-
 @pytest.mark.parametrize("name", CAMERAS)
 def test_what_is_seen_by_no_centre_is_unsure(name):
     """With two centres much is hidden: what comes out wrong must be marked."""
@@ -131,17 +121,6 @@ RED = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
     [
         # thinner than a pixel of the faces, 2 m / 168 px = 1.2 cm: it may be passed without notice
         ("a pole of 5 mm", [{"cylinder": [0.0025, 3], "at": [2, 0, 1.5]}], 0.99),
-        pytest.param("a pole of 6 cm", [{"cylinder": [0.03, 3], "at": [2, 0, 1.5]}], 0.985, marks=SOAK),
-        pytest.param(
-            "a door frame",
-            [
-                {"box": [0.2, 0.1, 2], "at": [1.8, -0.5, 1]},
-                {"box": [0.2, 0.1, 2], "at": [1.8, 0.5, 1]},
-                {"box": [0.2, 1.1, 0.1], "at": [1.8, 0, 2.05]},
-            ],
-            0.985,
-            marks=SOAK,
-        ),
         # seen along its face from every centre on one side of it
         ("a grazing wall", [{"box": [2, 0.04, 2.5], "at": [2, 1.02, 1.25]}], 0.98),
     ],
