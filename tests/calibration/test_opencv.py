@@ -117,19 +117,6 @@ def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
         calibration.from_opencv(K, np.zeros(4), 8, 6)
 
 
-@pytest.mark.parametrize("suffix", ["yml", "json"])
-def test_a_file_of_opencvs_is_read(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"camera.{suffix}"
-    K, D = calibration.to_opencv_fisheye(LENS)
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for key, value in (("image_width", 64), ("image_height", 48), ("fisheye_model", 1)):
-        storage.write(key, value)
-    storage.write("camera_matrix", K)
-    storage.write("distortion_coefficients", D)
-    storage.release()
-    assert_same_rays(calibration.load(path)["cam0"], LENS)
-
-
 def test_the_plain_model_is_told_from_the_fisheye(tmp_path: Path) -> None:
     """Four coefficients are k1, k2, p1, p2 in the one file and k1 to k4 in the other, under the same keys."""
     text = calibration.write_opencv_fisheye({"cam0": LENS})

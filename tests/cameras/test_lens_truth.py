@@ -46,10 +46,10 @@ def true_direction(camera, pixel, phi_of):
 
 @lenses
 @cases(15)
-@given(st.floats(1, 360), azimuths, part)
-def test_rays(name, fov_deg, azimuth, at):
-    """``unproject``: as exact as the pixel's radius is known, over the whole image circle."""
-    phi_of, _, last_deg = LENSES[name]
+@given(st.floats(1, 360), azimuths, part, st.floats(-9, 9))
+def test_rays_and_pixels(name, fov_deg, azimuth, at, exponent):
+    """``unproject`` is as exact as the pixel's radius; ``project`` returns the radius of a point's angle."""
+    phi_of, radius_of, last_deg = LENSES[name]
     camera = cameras.create(name, width=SIZE, height=SIZE, fov_deg=min(fov_deg, 2 * last_deg))
     pixel = camera.center + at * SIZE / 2 * np.array([np.cos(azimuth), np.sin(azimuth)]) * (1 - 1e-15)
     rays = camera.unproject(pixel)
@@ -58,15 +58,6 @@ def test_rays(name, fov_deg, azimuth, at):
     with mp.workdps(DIGITS):
         off = mp.norm([a - b for a, b in zip(exact(rays.directions), truth, strict=True)])
     assert off <= 4 * turn + 4 * EPS
-
-
-@lenses
-@cases(15)
-@given(st.floats(1, 360), azimuths, part, st.floats(-9, 9))
-def test_pixels(name, fov_deg, azimuth, at, exponent):
-    """``project``: the radius of a point's true angle."""
-    _, radius_of, last_deg = LENSES[name]
-    camera = cameras.create(name, width=SIZE, height=SIZE, fov_deg=min(fov_deg, 2 * last_deg))
     phi = at * np.radians(min(fov_deg / 2, last_deg)) * (1 - 1e-12)
     away = 10**exponent
     point = away * np.array([np.sin(phi) * np.cos(azimuth), np.sin(phi) * np.sin(azimuth), np.cos(phi)])

@@ -115,15 +115,13 @@ def test_a_point_is_unseen_only_where_no_ray_comes_near(name, parameters):
     assert least[~valid].min() > 1e-4  # none of these points lies on the border of the field of view
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters"),
-    [
-        ("noncentral-conical-mirror", {"half_angle_deg": 60, "distance": 0.3}),
-        ("noncentral-spherical-mirror", {"mirror_radius": 0.5, "distance": 0.3}),
-    ],
-)
-def test_a_point_within_the_mirror_is_not_seen(name, parameters):
-    """Between the axis and the mirror's surface the ray is a drawn line, not light."""
+CONE = ("noncentral-conical-mirror", {"half_angle_deg": 60, "distance": 0.3})
+BALL = ("noncentral-spherical-mirror", {"mirror_radius": 0.5, "distance": 0.3})
+
+
+@pytest.mark.parametrize(("name", "parameters"), [CONE, BALL])
+def test_points_within_the_mirror_are_not_seen(name, parameters):
+    """Between the axis and the mirror's surface a ray is geometry, not light."""
     camera = create(name, **parameters)
     rays = camera.unproject()
     x, y, z = np.moveaxis(rays.origins[rays.valid] + 0.03 * rays.directions[rays.valid], -1, 0)
@@ -172,14 +170,7 @@ def test_first_and_last_row_of_a_panorama_are_kept():
         np.testing.assert_allclose(np.minimum(around, SIZE - around), 0, atol=1e-12 * SIZE)
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters"),
-    [
-        ("noncentral-panorama", {"radius": 0.5}),
-        ("noncentral-conical-mirror", {"half_angle_deg": 60, "distance": 0.3}),
-        ("noncentral-spherical-mirror", {"mirror_radius": 0.5, "distance": 0.3}),
-    ],
-)
+@pytest.mark.parametrize(("name", "parameters"), [("noncentral-panorama", {"radius": 0.5}), CONE, BALL])
 def test_points_on_the_axis(name, parameters):
     """On its axis a mirror ball sees only what is before it, in the middle; the others see nothing."""
     z = np.array([-1e9, -1, 0, 0.1, 0.29, 0.3, 0.31, 0.8, 1.3, 1.31, 1e9])
