@@ -10,14 +10,12 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from threading import Lock
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from omniscv.arguments import within
-from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.writer import Writer
 from omniscv.errors import ArgumentError, OmniscvError
-from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -34,14 +32,8 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-class Composed(NamedTuple):
-    """A frame's image, and the world that it shows: shapes, and the poses of objects that move."""
-
-    frame: Frame
-    image: OmniImage
-    instant: Instant
-    geometry: SceneGeometry
-    object_poses: Mapping[str, Pose]
+Composed = tuple[Observation, Instant]
+"""A frame's image with the world that it shows, before it has the dataset's ids, and its instant."""
 
 
 class FrameMaker:
@@ -108,9 +100,11 @@ class FrameMaker:
         with self._capture_lock, self._leaving_out([moment.frames[i].key for i in only]):
             report = meter.part()
             images = images_of(self._renderer, moment, self._job, only=only, progress=report, look=look)
+            composed = zip((moment.frames[i] for i in only), images, strict=True)
             return [
-                Composed(moment.frames[i], image, moment.instant, *world[0])
-                for i, image in zip(only, images, strict=True)
+                (Observation(frame, image, geometry, object_poses=poses), moment.instant)
+                for frame, image in composed
+                for geometry, poses in world
             ]
         return []
 
@@ -127,15 +121,15 @@ class FrameMaker:
 
     def _save(self, composed: Composed) -> None:
         """Derive the truths of a frame, and write it."""
-        with self._leaving_out([composed.frame.key]):
-            frame, image = self._writer.with_ids(composed.frame, composed.image)
+        observation, instant = composed
+        with self._leaving_out([observation.frame.key]):
+            frame, image = self._writer.with_ids(observation.frame, observation.image)
             for line in warnings_of(frame.key, image):
                 self._warn(line)
-            geometry, poses = composed.geometry, composed.object_poses
-            observation = Observation(frame, image, image.labels, geometry, object_poses=poses)
+            observation = replace(observation, frame=frame, image=image)
             records: dict[str, Record] = {}
             if self._capturing:
-                with self._capture_lock, renderer_at(self._renderer, composed.instant) as renderer:
+                with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
                     records = self._records(replace(observation, renderer=renderer), self._capturing)
             records |= self._records(observation, self._contents.truth.keys() - self._capturing)
             self._writer.write(frame, image, file_contents(records))

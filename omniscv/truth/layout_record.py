@@ -67,8 +67,8 @@ def project_layout(
     """
     known = RoomLayout(room) if isinstance(room, Room) else room
     view = _View(known.room, camera, pose, depth, tolerance or Tolerance())
-    ends, kinds, planes = _edges(known.room)
-    corners_c = pose.to_camera(_corners(known.room))
+    ends, kinds, planes = edges_of(known.room)
+    corners_c = pose.to_camera(corners_of(known.room))
     curves = sample_edges(camera, corners_c[ends[:, 0]], corners_c[ends[:, 1]])
     pieces = _pieces(curves, *view.flags(curves.points_c, curves.pixels, curves.origins_c))
     return {
@@ -134,7 +134,7 @@ class _View:
 
 
 def _corner_records(view: _View) -> list[dict[str, Any]]:
-    corners_w = _corners(view.room)
+    corners_w = corners_of(view.room)
     corners_c = view.pose.to_camera(corners_w)
     pixels, origins_c, seen = resolved(view.camera, corners_c, view.camera.project(corners_c)[0])
     in_room, in_full = view.flags(corners_c[seen], pixels[seen], origins_c[seen])
@@ -157,14 +157,14 @@ def _corner_records(view: _View) -> list[dict[str, Any]]:
     return records
 
 
-def _corners(room: Room) -> Array:
-    """(2N, 3) metres, world frame, the corners of the floor before those of the ceiling."""
+def corners_of(room: Room) -> Array:
+    """Return (2N, 3) metres, world frame, the corners of the floor before those of the ceiling."""
     heights = np.repeat([room.floor_z, room.ceiling_z], len(room.corners_w))
     return np.column_stack([np.tile(room.corners_w, (2, 1)), heights])
 
 
-def _edges(room: Room) -> tuple[NDArray[np.intp], list[str], list[list[str]]]:
-    """(3N, 2) corners at the ends of edges, the edges' kinds, and the names of the planes that meet there."""
+def edges_of(room: Room) -> tuple[NDArray[np.intp], list[str], list[list[str]]]:
+    """Return (3N, 2) corners at the ends of edges, their kinds, and the names of the planes that meet."""
     count = len(room.corners_w)
     corner = np.arange(count)
     ring = np.column_stack([corner, np.roll(corner, -1)])

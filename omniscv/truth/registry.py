@@ -32,8 +32,7 @@ class Observation:
 
     Attributes:
         frame: without files; with the instances and classes of the dataset.
-        image: with the camera, the pose and the layers.
-        labels: (H, W) uint16 instance ids of the dataset; None without object masks.
+        image: with the camera, the pose and the layers; ``labels`` are instance ids of the dataset.
         geometry: the shapes that the source knows.
         renderer: of the source, to capture more; None offline.
         object_poses: by name, of the objects whose poses are known.
@@ -41,7 +40,6 @@ class Observation:
 
     frame: Frame
     image: OmniImage
-    labels: NDArray[np.uint16] | None
     geometry: SceneGeometry
     renderer: Renderer | None = None
     object_poses: Mapping[str, Pose] = field(default_factory=dict)
@@ -55,6 +53,11 @@ class Observation:
     def classes(self) -> ClassTable | None:
         """The classes of the dataset; None without."""
         return self.frame.classes
+
+    @property
+    def labels(self) -> NDArray[np.uint16] | None:
+        """(H, W) instance ids of the dataset; None without object masks."""
+        return self.image.labels
 
     def require_labels(self) -> NDArray[np.uint16]:
         """Return the labels; ArgumentError where there are none."""

@@ -17,14 +17,14 @@ def observed(source, camera, pose, modes=MODES, classes=None, renderer=None, **o
     instances = {name: 100 + image.objects.label(name) for name in image.objects.names()}
     labels = image.labels + (image.labels > 0) * image.labels.dtype.type(100)
     frame = Frame("frame", "camera", camera, pose, instances=instances, classes=classes)
-    return Observation(frame, image, labels, source.geometry(), renderer)
+    image = replace(image, layers={**image.layers, "labels": labels})
+    return Observation(frame, image, source.geometry(), renderer)
 
 
 def framed(observation, folder, wanted=(), key="frame", split="", **options):
     """A frame on disk with its colours, labels and some truths, each with its options."""
     image = observation.image
-    layers = {**image.layers, "labels": observation.labels}
-    written = replace(image, layers=layers, objects=None).save(folder, key)
+    written = replace(image, objects=None).save(folder, key)
     records = {name: truths.get(name).apply(observation, options.get(name, {})) for name in wanted}
     (folder / f"{key}.truth.json").write_text(json.dumps(records, allow_nan=False))
     files = {path.name.split(".")[1]: path for path in written} | {"truth": folder / f"{key}.truth.json"}

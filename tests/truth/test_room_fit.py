@@ -137,7 +137,7 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     )
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
     planned = Frame("a", "pano", image.camera, image.pose, instances=instances)
-    observed = Observation(planned, image, image.labels, SceneGeometry())
+    observed = Observation(planned, image, SceneGeometry())
     truth = truths.get("layout")
     record = truth.apply(observed, {})
     assert record["source"] == "fitted"
@@ -146,7 +146,7 @@ def test_a_source_without_a_room_is_fitted_to_what_it_shows():
     known = SceneGeometry(room=room_of_scene("four-wall"))
     assert not truth.may_capture(known, {})
     assert truth.may_capture(known, {"source": "fitted"})
-    observed = Observation(planned, image, image.labels, known)
+    observed = Observation(planned, image, known)
     assert (
         truth.apply(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]
         == "scene"
@@ -187,7 +187,7 @@ def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
     image = renderer.render(lens, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals"))
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
     planned = Frame("a", "lens", image.camera, image.pose, instances=instances)
-    known = (planned, image, image.labels, SceneGeometry())
+    known = (planned, image, SceneGeometry())
     with pytest.raises(ArgumentError, match="walls that do not close"):
         truths.get("layout").apply(Observation(*known), {})
     record = truths.get("layout").apply(Observation(*known, renderer), {})

@@ -34,7 +34,7 @@ from omniscv.geometry.scene_geometry import Room
 from omniscv.records import NoOptions
 from omniscv.storage.local import write_text
 from omniscv.truth import layout_labels
-from omniscv.truth.layout_record import room_of
+from omniscv.truth.layout_record import corners_of, edges_of, room_of
 
 _SAME_HEADING = 1e-6  # rad
 _SAME_M = 1e-3  # between the corners of one room, fitted twice
@@ -116,11 +116,9 @@ def _block_diagonal(blocks: Sequence[NDArray[np.int_]]) -> NDArray[np.int_]:
 def _elements(room: Room, R_s_w: Array) -> dict[str, Any]:
     """Junctions, lines and planes (floor, ceiling, then walls) of a room, and which of them meet."""
     count = len(room.corners_w)
-    heights = np.repeat([room.floor_z, room.ceiling_z], count)
-    junctions = _MM * np.column_stack([np.tile(room.corners_w, (2, 1)), heights]) @ R_s_w.T
-    corner, following = np.arange(count), np.roll(np.arange(count), -1)
-    ring, wall = np.c_[corner, following], corner + 2
-    ends = np.concatenate([ring, ring + count, np.c_[corner, corner + count]])
+    junctions = _MM * corners_of(room) @ R_s_w.T
+    corner, (ends, _, _) = np.arange(count), edges_of(room)
+    wall = corner + 2
     planes = np.concatenate(
         [np.c_[np.full(count, 0), wall], np.c_[np.full(count, 1), wall], np.c_[np.roll(wall, 1), wall]]
     )
