@@ -72,19 +72,28 @@ def _check_pixels(layout: Mapping[str, Any], camera: Camera) -> None:
         raise ArgumentError(f"layout: expected pixels in the image, got {got}")
 
 
-def _form(required: Mapping[str, Reader], **others: Reader) -> Reader:
-    """Return a reader of mappings with keys that must be there, and others; more keys may have any value."""
+def _form(keys: Mapping[str, Reader]) -> Reader:
+    """Return a reader of mappings by the readers of their keys.
+
+    A key with a question mark may be missing. Further keys may have any value.
+    """
 
     def read(name: str, value: object) -> dict[str, Any]:
         record = mapping(name, value)
-        for key, reader in {**required, **others}.items():
+        for marked, reader in keys.items():
+            key = marked.removesuffix("?")
             if key in record:
                 reader(f"{name}.{key}", record[key])
-            elif key in required:
+            elif key == marked:
                 raise ArgumentError(f"{name}: missing key {key!r}")
         return record
 
     return read
+
+
+def _objects(keys: Mapping[str, Reader]) -> Reader:
+    """Return a reader of lists of records of objects."""
+    return listed(_form({"instance_id": whole_number, "name": text, **keys}))
 
 
 def _list(name: str, value: object) -> object:
@@ -94,77 +103,61 @@ def _list(name: str, value: object) -> object:
 
 _BOX = partial(numbers, shape=(4,))
 _COUNT, _SHARE = partial(whole_number, least=0), partial(number, least=0, most=1)
-_OBJECT: dict[str, Reader] = {"instance_id": whole_number, "name": text}
 _ANGLES = ("lon", "lat", "fov_h", "fov_v", "rot")
-_SPHERICAL_KINDS = ("perspective", "lonlat")
 
 
 def _spherical_box(name: str, value: object) -> dict[str, Any]:
     record = mapping(name, value, (*_ANGLES, "kind"))
-    form = dict.fromkeys(_ANGLES, partial(number, least=-360, most=360))
-    return dict(_form(form | {"kind": partial(one_of, words=_SPHERICAL_KINDS)})(name, record))
+    angles = dict.fromkeys(_ANGLES, partial(number, least=-360, most=360))
+    return dict(_form({**angles, "kind": partial(one_of, words=("perspective", "lonlat"))})(name, record))
 
 
 _OF_OBJECTS = {"boxes", "bfov", "boxes3d", "amodal"}
 _TRUTHS: dict[str, Reader] = {
     "poses": named(nested(Pose)),
-    "boxes": listed(
-        _form(
-            {**_OBJECT, "bbox": _BOX},
-            **{"class": optional(text)},
-            area=_COUNT,
-            bbox_wrap=_BOX,
-            crosses_seam=flag,
-            distance=optional(number),
-            truncated=_SHARE,
-        )
+    "boxes": _objects(
+        {
+            "bbox": _BOX,
+            "class?": optional(text),
+            "area?": _COUNT,
+            "bbox_wrap?": _BOX,
+            "crosses_seam?": flag,
+            "distance?": optional(number),
+            "truncated?": _SHARE,
+        }
     ),
-    "bfov": listed(_form({**_OBJECT, "bfov": _spherical_box, "rbfov": _spherical_box})),
-    "boxes3d": listed(
-        _form(
-            {
-                **_OBJECT,
-                **{"center_camera": position_reader, "size": position_reader, "truncated": _SHARE},
-                **{"R_camera_box": rotation_reader, "source": partial(one_of, words=get_args(BoxSource))},
-            },
-            **{"class": optional(text)},
-            partial=flag,
-        )
+    "bfov": _objects({"bfov": _spherical_box, "rbfov": _spherical_box}),
+    "boxes3d": _objects(
+        {
+            "center_camera": position_reader,
+            "size": position_reader,
+            "truncated": _SHARE,
+            "R_camera_box": rotation_reader,
+            "source": partial(one_of, words=get_args(BoxSource)),
+            "class?": optional(text),
+            "partial?": flag,
+        }
     ),
-    "amodal": listed(
-        _form(
-            {**_OBJECT, "px_all": _COUNT, "visib_fract": _SHARE, "bbox": _BOX},
-            segmentation=_form({"size": _list, "counts": text}),
-        )
+    "amodal": _objects(
+        {
+            "px_all": _COUNT,
+            "visib_fract": _SHARE,
+            "bbox": _BOX,
+            "segmentation?": _form({"size": _list, "counts": text}),
+        }
     ),
 }
-_LAYOUT = _form(
-    {
-        "version": whole_number,
-        "corners": listed(
-            _form(
-                {
-                    "kind": partial(one_of, words=("floor", "ceiling")),
-                    **{
-                        "world": position_reader,
-                        "in_image": flag,
-                        "visible_room": flag,
-                        "visible": optional(flag),
-                    },
-                    "pixel": optional(partial(numbers, shape=(2,))),
-                }
-            )
-        ),
-        "edges": listed(
-            _form(
-                {
-                    "kind": partial(one_of, words=("floor", "ceiling", "vertical")),
-                    "planes": listed(text),
-                    "pieces": listed(
-                        _form({"pixels": _list, "visible_room": flag, "visible": optional(flag)})
-                    ),
-                }
-            )
-        ),
-    }
-)
+_CORNER = {
+    "kind": partial(one_of, words=("floor", "ceiling")),
+    "world": position_reader,
+    "in_image": flag,
+    "visible_room": flag,
+    "visible": optional(flag),
+    "pixel?": optional(partial(numbers, shape=(2,))),
+}
+_EDGE = {
+    "kind": partial(one_of, words=("floor", "ceiling", "vertical")),
+    "planes": listed(text),
+    "pieces": listed(_form({"pixels": _list, "visible_room": flag, "visible": optional(flag)})),
+}
+_LAYOUT = _form({"version": whole_number, "corners": listed(_form(_CORNER)), "edges": listed(_form(_EDGE))})
