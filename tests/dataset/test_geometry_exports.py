@@ -3,9 +3,7 @@
 import json
 
 import numpy as np
-import pycolmap
 import pytest
-from evo.tools import file_interface
 from plyfile import PlyData
 from support.datasets import made
 
@@ -30,22 +28,6 @@ def exports(tmp_path_factory):
 
 def test_made_again_they_are_the_same_bytes(exports):
     assert dataset.check(exports.parent, deep=True) == []
-
-
-def test_times_and_poses_of_the_job_arrive(exports):
-    for name in ("pano", "lens"):
-        read = file_interface.read_tum_trajectory_file(exports / f"poses/{name}.tum")
-        assert read.timestamps.tolist() == [0, 0.5, 1]
-        np.testing.assert_allclose(
-            read.positions_xyz, [[0, 0, 1.5], [0.5, 0.2, 1.5], [-1.2, 0.5, 1.2]], atol=1e-12
-        )
-
-
-def test_cameras_of_a_job_are_a_rig(exports):
-    read = pycolmap.Reconstruction(exports / "colmap/sparse/0")
-    assert (len(read.rigs), len(read.frames), len(read.images), len(read.cameras)) == (1, 3, 6, 2)
-    assert {camera.model.name for camera in read.cameras.values()} == {"EQUIRECTANGULAR", "OPENCV_FISHEYE"}
-    assert len(read.points3D) > 100
 
 
 def test_the_cloud_has_classes_and_their_names(exports):
