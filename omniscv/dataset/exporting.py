@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import plugins, storage
-from omniscv.arguments import one_of, text, within
+from omniscv.arguments import one_of, optional_number, text, within
 from omniscv.cameras import Camera
 from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame, FrameFiles
-from omniscv.records import NoOptions, read
+from omniscv.records import NoOptions, checked, read, record
 from omniscv.storage import Folder
 from omniscv.storage.local import folder_beside, replace_folder
 
@@ -25,8 +25,17 @@ EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
 _NAMED_BY = "--camera, or 'cameras' in a job"
 
-RELATIVE_ERROR_HELP = "part of the depth; leave out pixels whose depth_error is larger; null: none"
-"""Of the option of formats of points."""
+
+@record
+class PointOptions:
+    """Options of formats that hold points or depth."""
+
+    max_relative_error: float | None = checked(
+        optional_number,
+        above=0,
+        default=0.01,
+        help="part of the depth; leave out pixels whose depth_error is larger; null: none",
+    )
 
 
 class Format(ABC):
@@ -158,9 +167,13 @@ def get(name: str) -> Format:
 
 @dataclass(frozen=True)
 class Export:
-    """A format, its options, the folder below ``exports/`` that it is written into, and of which cameras.
+    """What is exported, and where.
 
-    ``cameras`` names those whose frames are exported; all if empty.
+    Attributes:
+        format: its name.
+        options: of the format.
+        folder: below ``exports/``.
+        cameras: whose frames are exported; all if empty.
 
     Raises:
         ArgumentError: no such format, or a folder that is no name.

@@ -154,7 +154,7 @@ class Manifest:
             settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
             versions = {"omniscv": data["omniscv"], **data["versions"]}
             manifest = cls(cameras, names, rules, settings, versions)
-            vars(manifest)["classes"] = table  # as it is written: patterns of others may take for ever
+            vars(manifest)["classes"] = table  # not matched again: foreign patterns may take for ever
             return manifest
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected cameras, names, classes, splits, exports, options"

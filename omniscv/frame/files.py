@@ -133,8 +133,9 @@ def _checksum(file: BufferedReader) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles(Mapping[str, Path]):
-    """The files of an image by kind. Access checks a file, counting and naming them does not: that it is a
-    regular file and, of a layer, a picture of the camera's size.
+    """The files of an image by kind; one is checked when its path is accessed.
+
+    It must be a regular file. A layer must be a picture of the camera's size.
 
     Attributes:
         entries: paths by kind.

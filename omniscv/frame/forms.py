@@ -147,7 +147,7 @@ _TRUTHS: dict[str, Reader] = {
         }
     ),
 }
-_CORNER = {
+_CORNER: dict[str, Reader] = {
     "kind": partial(one_of, words=("floor", "ceiling")),
     "world": position_reader,
     "in_image": flag,
@@ -155,7 +155,7 @@ _CORNER = {
     "visible": optional(flag),
     "pixel?": optional(partial(numbers, shape=(2,))),
 }
-_EDGE = {
+_EDGE: dict[str, Reader] = {
     "kind": partial(one_of, words=("floor", "ceiling", "vertical")),
     "planes": listed(text),
     "pieces": listed(_form({"pixels": _list, "visible_room": flag, "visible": optional(flag)})),

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, optional_number
+from omniscv.arguments import number
 from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
+from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
 from omniscv.dataset.sequences import RigFrames, rigs
 from omniscv.errors import ArgumentError
@@ -33,7 +33,7 @@ _FORWARD = 0.01
 
 
 @record
-class ColmapOptions:
+class ColmapOptions(PointOptions):
     """Options of the format."""
 
     points: float | None = checked(
@@ -41,9 +41,6 @@ class ColmapOptions:
         above=0,
         default=None,
         help="metres: write points from depth, in each cube of that edge the nearest; default: no points",
-    )
-    max_relative_error: float | None = checked(
-        optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
     )
 
 

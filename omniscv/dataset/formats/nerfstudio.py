@@ -20,18 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import optional_number
 from omniscv.calibration.intrinsics import format_models, write_numbers
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json
 from omniscv.dataset.depth_codes import PRESETS, encode
-from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
+from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask, write_pixels
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.records import checked, record
 from omniscv.truth.point_cloud import inexact
 
 _MODELS = format_models("""
@@ -44,21 +42,12 @@ _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 _SPLITS = ("train", "val", "test")
 
 
-@record
-class NerfstudioOptions:
-    """Options of the format."""
-
-    max_relative_error: float | None = checked(
-        optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
-    )
-
-
 class Nerfstudio(Format):
     """See the module."""
 
     name = "nerfstudio"
     needs = ("lit",)
-    options = NerfstudioOptions
+    options = PointOptions
 
     def refuses(self, camera: Camera) -> str | None:
         try:
@@ -67,7 +56,7 @@ class Nerfstudio(Format):
             return str(cause)
         return None
 
-    def write(self, frames: Sequence[Frame], out: Path, options: NerfstudioOptions) -> list[Path]:
+    def write(self, frames: Sequence[Frame], out: Path, options: PointOptions) -> list[Path]:
         cameras = by_camera(frames)
         written = []
         for camera_name, mine in cameras.items():

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import flag, number, optional_number
+from omniscv.arguments import flag, number
 from omniscv.cameras import Camera, Rays
-from omniscv.dataset.exporting import RELATIVE_ERROR_HELP, Format, register
+from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.errors import printable
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
@@ -33,7 +33,7 @@ _COLUMNS = {
 
 
 @record
-class PlyOptions:
+class PlyOptions(PointOptions):
     """Options of the format."""
 
     voxel: float = checked(
@@ -41,9 +41,6 @@ class PlyOptions:
         above=0,
         default=0.02,
         help="edge in metres of the cubes of which cloud.ply has one point, the nearest",
-    )
-    max_relative_error: float | None = checked(
-        optional_number, above=0, default=0.01, help=RELATIVE_ERROR_HELP
     )
     frames: bool = checked(flag, default=True, help="write a file for each frame")
     cloud: bool = checked(flag, default=True, help="write cloud.ply")
