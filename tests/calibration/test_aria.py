@@ -56,7 +56,7 @@ def document(name: str, params: list[float], **changes: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", GIVEN)
-def test_a_camera_is_arias_with_half_a_pixel_more(name: str) -> None:
+def test_pixels_are_arias_plus_half_a_pixel(name: str) -> None:
     params, pixels = GIVEN[name]
     camera = calibration.read_aria(json.dumps(document(name, params)))["camera-slam-left"]
     assert (camera.width, camera.height) == (640, 480)
@@ -89,7 +89,7 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
         np.testing.assert_allclose(again.cameras[label].pose.rotation, mounted.pose.rotation, atol=1e-12)
 
 
-def test_what_aria_has_not_is_refused() -> None:
+def test_models_and_sizes_that_aria_lacks_are_refused() -> None:
     lens = cameras.create("kannala-brandt", width=640, height=480, fx=240.0, fy=240.0)
     with pytest.raises(ArgumentError, match="camera-rgb: size: expected 2880x2880 px"):
         calibration.write_aria({"camera-rgb": lens})

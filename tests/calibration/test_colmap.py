@@ -57,7 +57,7 @@ PARAMS = {
 
 
 @pytest.mark.parametrize("model", PARAMS)
-def test_every_model_is_colmaps(model: str) -> None:
+def test_projections_are_those_of_pycolmap(model: str) -> None:
     """Up to 80 degrees off the axis: COLMAP refuses what lies beyond 90."""
     camera = calibration.read_colmap(f"1 {model} {IMAGE} {PARAMS[model]}")["1"]
     params = list(map(float, PARAMS[model].split()))
@@ -70,11 +70,11 @@ def test_every_model_is_colmaps(model: str) -> None:
     assert_same_rays(camera, calibration.read_colmap(again)["1"])
 
 
-def test_a_table_row_is_tested_for_every_model() -> None:
+def test_every_model_of_the_table_is_tested() -> None:
     assert set(PARAMS) == set(colmap.MODELS)
 
 
-def test_a_lens_that_sees_more_than_colmap_is_written_with_a_word() -> None:
+def test_lenses_wider_than_colmap_reads_get_a_comment() -> None:
     wide = cameras.create("extended-unified", width=64, height=64, fx=15.0, fy=15.0, alpha=0.6, beta=1.1)
     text = calibration.write_colmap({"3": wide})
     assert "# 3: COLMAP uses only the rays less than 90 degrees off the axis." in text.splitlines()

@@ -34,7 +34,7 @@ def test_formats_are_recognised_by_content(format: str, newline: str, mark: str,
 
 
 @pytest.mark.parametrize("text", ["", "hello", "{}", "camera_model: x\n#polynomial coefficients"])
-def test_what_looks_like_no_format_is_refused(text: str, tmp_path: Path) -> None:
+def test_unrecognised_text_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ArgumentError, match="give format") as error:
@@ -136,7 +136,7 @@ def test_every_model_is_carried_exactly_or_refused(model: str, format: str, tmp_
         assert not path.exists()
 
 
-def test_an_undistorted_sphere_model_goes_as_the_extended_one() -> None:
+def test_undistorted_unified_is_written_as_extended_unified() -> None:
     plain = cameras.create("unified", **SIZE, fx=30.0, fy=31.0, cx=19.0, cy=15.5, xi=1.2)
     read = calibration.read_colmap(calibration.write_colmap({"1": plain}))["1"]
     assert read.name == "extended-unified"
@@ -175,7 +175,7 @@ def test_formats_of_one_camera_refuse_two(format: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["model", "camera_model", "distortion_model"])
-def test_a_word_for_the_lens_in_a_file_of_opencv(key, tmp_path):
+def test_opencv_files_with_other_formats_keys_are_recognised(key, tmp_path):
     """Other formats have these keys, too, but not the first line and the tags that OpenCV writes."""
     text = TEXTS["opencv-fisheye"].replace("fisheye_model: 1", f"{key}: fisheye")
     assert key in text

@@ -87,7 +87,7 @@ def test_no_other_camera_of_the_model_is_nearer() -> None:
             assert rms({name: own[name] + sign * step}) > rms({})
 
 
-def test_what_cannot_be_fitted_is_refused() -> None:
+def test_cameras_that_cannot_be_fitted_are_refused() -> None:
     with pytest.raises(ArgumentError, match="camera: expected a central one"):
         calibration.fit(cameras.model("noncentral-panorama").example(64), "pinhole")
     with pytest.raises(ArgumentError, match=r"camera: expected one that sees along \+z"):

@@ -113,7 +113,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_a_lens_is_kalibrs_with_half_a_pixel_more(name: str) -> None:
+def test_pixels_are_kalibrs_plus_half_a_pixel(name: str) -> None:
     """By the definitions of the models' papers."""
     (formula, own), (model, distortion) = LENSES[name], name.split("-")
     focals = {"fx": 20.0, "fy": 21.0, "cx": 29.5, "cy": 23.25}

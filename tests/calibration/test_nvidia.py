@@ -102,7 +102,7 @@ def test_ncores_parameters_are_read_without_their_wrapping() -> None:
     assert_same_rays(calibration.read_ncore(json.dumps(parameters))["cam0"], THETA)
 
 
-def test_what_isaac_has_not_is_refused() -> None:
+def test_models_and_names_that_isaac_lacks_are_refused() -> None:
     forth = cameras.model("ftheta").example(64)
     with pytest.raises(ArgumentError, match="cam0: Isaac: expected a polynomial from pixel to angle"):
         calibration.write_isaac({"cam0": forth})

@@ -117,7 +117,7 @@ def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
         calibration.from_opencv(K, np.zeros(4), 8, 6)
 
 
-def test_the_plain_model_is_told_from_the_fisheye(tmp_path: Path) -> None:
+def test_the_plain_model_is_distinguished_from_the_fisheye(tmp_path: Path) -> None:
     """Four coefficients are k1, k2, p1, p2 in the one file and k1 to k4 in the other, under the same keys."""
     text = calibration.write_opencv_fisheye({"cam0": LENS})
     with pytest.raises(ArgumentError, match="fisheye_model: expected 1"):
@@ -141,6 +141,6 @@ def test_the_plain_model_is_told_from_the_fisheye(tmp_path: Path) -> None:
         (np.eye(3), "abcd"),
     ],
 )
-def test_arrays_that_are_no_fisheye_are_refused(K: object, D: object) -> None:
+def test_wrong_arrays_are_refused(K: object, D: object) -> None:
     with pytest.raises(ArgumentError, match=r"^(K|D|fy): expected"):
         calibration.from_opencv_fisheye(K, D, 64, 48)  # type: ignore[arg-type]

@@ -221,7 +221,7 @@ def test_a_threefold_root_is_a_turn():
 
 
 @pytest.mark.parametrize("k", [(0.2, 0.05, 0, 0, 0.01, -0.3, 0, 0), (0.2, 0.1, 0, 0, 0.02, 0.1, 0, 0)])
-def test_terms_that_never_turn_end_nothing(k):
+def test_terms_without_a_turn_do_not_limit_the_image(k):
     """The first has a pole: the image reaches to infinity."""
     assert rational(k).camera.valid(np.array([[0.5, 0.5], [9999.5, 639.5]])).all()
 
@@ -229,7 +229,7 @@ def test_terms_that_never_turn_end_nothing(k):
 @pytest.mark.parametrize(
     "distortion", [(-0.3, 0, 3e-3, -2e-3), (-0.3, 0.01, 0, 0, 0, 0, 0, 0, 2e-3, 0, -3e-3, 0)]
 )
-def test_tangential_terms_and_prisms_end_where_a_direction_first_stops_to_grow(distortion):
+def test_domains_of_tangential_terms_and_prisms(distortion):
     """On the disc's rim, and nowhere within, the distortion stretches some direction by nothing."""
     k = np.append(distortion, np.zeros(12 - len(distortion)))
     camera = cameras.create("pinhole", width=10_000, height=640, fx=F, fy=F, distortion=distortion)

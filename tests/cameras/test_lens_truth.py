@@ -171,7 +171,7 @@ def test_rays_keep_their_digits_across_the_axis(exponent, part, azimuth):
 
 
 @pytest.mark.parametrize("left_deg", [1.0, 1e-6, 1e-12])
-def test_straight_back_is_nowhere(left_deg):
+def test_points_straight_back_are_not_seen(left_deg):
     """Points within what is left are out of sight, at any distance; just beside they are seen."""
     camera = stereographic(left_deg)
     left = np.radians(360 - (360 - left_deg)) / 2

@@ -42,7 +42,7 @@ def test_an_eye_of_a_head_that_turns(eye, side):
         np.testing.assert_allclose(rays.directions[:, column], turn.apply(ahead.directions), atol=1e-15)
 
 
-def test_what_two_eyes_see_gives_the_distance():
+def test_disparity_gives_the_distance():
     """Of a point rho from the axis the azimuths differ by 2 asin(b / (2 rho)): nearer, more."""
     eyes = [create("ods", 720, 360, interpupillary=0.064, eye=eye) for eye in ("left", "right")]
     rng = np.random.default_rng(1)
@@ -54,7 +54,7 @@ def test_what_two_eyes_see_gives_the_distance():
     np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-9)
 
 
-def test_eyes_in_one_place_are_the_panorama():
+def test_eyes_without_distance_are_panoramas():
     expected = create("equirectangular", 32, 16).unproject().directions
     rays = create("ods", 32, 16, interpupillary=0, eye="right").unproject()
     np.testing.assert_array_equal(rays.directions, expected)
@@ -155,7 +155,7 @@ def test_no_readout_or_no_motion_is_the_base(still):
         ),
     ],
 )
-def test_what_no_rolling_shutter_is(wrong, says):
+def test_wrong_parameters_of_rolling_shutters_are_refused(wrong, says):
     with pytest.raises(ArgumentError, match=says):
         create("rolling-shutter", 48, 36, **{"base": {"model": "pinhole"}, "readout": 0.1, **wrong})
 

@@ -157,7 +157,7 @@ def test_panorama_rays_never_enter_the_cylinder_of_their_circle():
     np.testing.assert_array_equal(pixels[[0, 1, 3]], [[50, 0], [50, 100], [50, 50]])
 
 
-def test_first_and_last_row_of_a_panorama_are_kept():
+def test_first_and_last_row_of_a_panorama_come_back():
     """Corner to corner of the image: straight up and straight down, over a circle of any size."""
     u = np.linspace(0, SIZE, 401)
     for radius, v in itertools.product((1e-3, 1.0, 1e3, 1e9), (0.0, SIZE)):

@@ -57,7 +57,7 @@ def test_mirrors_by_default_a_ring_of_one_pixel(name):
 
 
 @pytest.mark.parametrize("name", MIRRORS)
-def test_a_ring_costs_half_of_what_z_r_changes_within_a_pixel(name):
+def test_a_ring_moves_centres_by_half_of_its_span_of_z_r(name):
     """256 px, 30 cm from the mirror: a third of a millimetre in the middle of the image.
 
     Not at the edge of the ball, where Z_r falls to 0 as the root of what is left: its last ring of one

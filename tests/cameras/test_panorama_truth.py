@@ -46,7 +46,7 @@ def true_direction(view, pixel):
 @every_view
 @cases(15)
 @given(place)
-def test_there_and_back(view, pixel):
+def test_rays_and_pixels(view, pixel):
     name, parameters = VIEWS[view]
     camera = cameras.create(name, width=WIDTH, height=HEIGHT, **parameters)
     rays = camera.unproject(np.array(pixel))

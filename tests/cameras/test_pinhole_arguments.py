@@ -9,7 +9,7 @@ from omniscv.errors import ArgumentError
 SIZE = {"width": 64, "height": 48}
 
 
-def test_a_camera_given_by_one_focal_length_is_described_as_ever():
+def test_one_focal_length_is_described_by_focal_and_center():
     described = {"model": "pinhole", **SIZE, "focal": 30.0, "center": [10.0, 40.0]}
     camera = cameras.from_dict(described)
     assert camera.to_dict() == described

@@ -30,7 +30,7 @@ def run(*arguments, code=0):
     return done.stdout
 
 
-def test_an_outsiders_model_is_found_and_holds():
+def test_models_of_other_packages_keep_the_contract():
     """By the contract suite's examples and the stability chart; its pickles name its class.
 
     Importing the models loads no slow library.
@@ -56,7 +56,7 @@ def test_an_outsiders_model_is_found_and_holds():
     run("-c", script)
 
 
-def test_what_the_recipe_names_is_there():
+def test_the_recipe_names_files_and_methods_that_exist():
     for path in re.findall(r"``([\w/-]+/[\w.-]+)``", RECIPE):
         assert (ROOT / path).is_file(), path
     for method in cameras.CentralCamera.__abstractmethods__ | cameras.Camera.__abstractmethods__:
@@ -64,7 +64,7 @@ def test_what_the_recipe_names_is_there():
     assert "``example``" in RECIPE
 
 
-def test_classes_that_are_no_models_are_refused():
+def test_other_classes_are_refused():
     class Nameless(cameras.Pinhole):
         name = ""
 

@@ -107,7 +107,7 @@ def test_the_seam(name, parameters, exponent, side, elevation):
 
 
 @every_panorama
-def test_signs_of_zero_behind(name, parameters):
+def test_signed_zeros_behind_the_camera_are_one_direction(name, parameters):
     """x = 0.0 and x = -0.0 are one direction: either border, and both see it."""
     camera = cameras.create(name, width=64, height=32, **parameters)
     pixels, seen = camera.project(np.array([[0.0, 0, -1], [-0.0, 0, -1]]))

@@ -45,13 +45,13 @@ def test_finer_faces_leave_less_doubt(rows):
     assert all(row.wrong <= row.doubtful for row in rows)
 
 
-def test_what_is_asked_for_is_reached(rows):
+def test_aims_are_reached(rows):
     asked = [row for row in rows if row.aim is not None]
     assert [row.camera for row in asked] == list(CAMERAS)
     assert all(row.doubtful <= row.aim == 0.1 for row in asked)
 
 
-def test_the_title_counts_what_is_no_more_doubtful(rows):
+def test_the_title_compares_equally_doubtful_images(rows):
     """Half of the paper's time with less doubt counts; a tenth with more doubt does not."""
     paper = next(row for row in rows if row.series == accuracy.PAPER and row.camera == "mirror ball")
     half = replace(paper, series="strips", seconds=paper.seconds / 2, doubtful=0.9 * paper.doubtful)

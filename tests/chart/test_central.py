@@ -38,7 +38,7 @@ def row(name, face_size, ms, rms, **more):
     return central.Row(name, 64, face_size, ms=ms, rms=rms, **values)
 
 
-def test_the_title_says_sizes_the_front_and_only_what_all_points_show():
+def test_the_title_names_sizes_speed_truth_and_front():
     ours = [row("nearest", 16, 1, 5), row("bilinear", 16, 2, 3), row("area", 16, 4, 3.5)]
     slower, limit = row("ffmpeg v360", 16, 8, 3.01), row("cv2.remap, map ready", 16, 0.5, np.nan)
     start = "6 x 16\u00b2 to 64 x 32 px, bilinear: 2.0 ms, 4.0 times as fast as ffmpeg v360"

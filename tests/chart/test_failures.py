@@ -28,13 +28,13 @@ def rows():
         return failures.measure(width=32)
 
 
-def test_what_is_strong_is_found(rows):
+def test_strong_faults_are_found(rows):
     assert {row.column for row in rows} == set(COLUMNS)
     assert {row.said for row in rows} == {"doctor"}
     assert all(row.wrong > 0.5 and "depth, turned" in row.findings for row in rows)
 
 
-def test_what_is_weak_holds():
+def test_weak_faults_hold():
     """Without a doctor's finding, what is as true as without the fault."""
     images = dict.fromkeys(failures.COLUMNS, (0.01, 0.0))
     sound = failures._Outcome(images, frozenset())

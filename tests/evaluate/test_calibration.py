@@ -43,7 +43,7 @@ def test_noisy_points_give_r_vl(name):
     assert np.mean(estimates) == pytest.approx(value, rel=5e-3)
 
 
-def test_curves_that_are_no_lines_do_not_count():
+def test_curves_other_than_lines_are_ignored():
     lines = points_of("equi-angular", 0.8, 3)
     turn = np.linspace(0, 5, 60)
     circles = [
@@ -53,7 +53,7 @@ def test_curves_that_are_no_lines_do_not_count():
     assert estimate([*lines, *circles], "equi-angular") == pytest.approx(0.8, rel=1e-3)
 
 
-def test_radial_lines_alone_say_nothing():
+def test_radial_lines_alone_give_nan():
     radial = [np.outer(np.linspace(50, 400, 40), (np.cos(a), np.sin(a))) for a in (0.3, 1.1, 2.0)]
     assert np.isnan(estimate(radial, "stereographic"))
     assert np.isnan(estimate([], "stereographic"))
@@ -149,7 +149,7 @@ def test_a_figure_is_the_largest_error_of_a_mean():
     assert means == pytest.approx(np.array([(1.0, 1.01, 0.11)]))
 
 
-def test_an_image_that_gives_nothing_is_not_passed_over(tmp_path):
+def test_failed_images_count_in_the_figure(tmp_path):
     rows = rows_of({0.5: [0.5, float("nan")], 1.0: [1.0, 1.0]})
     assert np.isnan(calibration.figures(rows)[0].value)
     calibration.draw(rows, tmp_path / "chart.png")

@@ -105,7 +105,7 @@ def test_rolling_the_panorama_lowers_the_score_step_by_step():
         assert (np.diff(values[1:]) < 0).all()
 
 
-def test_measures_that_a_form_does_not_have_are_left_out():
+def test_maps_alone_have_no_scores_of_corners():
     shot = shot_of(PLAIN)
     measured = scores(Prediction(maps=tuple(each / 255 for each in draw_maps(shot.corners, 512))), shot)
     rows = [{"group": "4-wall", "method": "predictions", **measured}]
@@ -117,7 +117,7 @@ def test_measures_that_a_form_does_not_have_are_left_out():
     assert found["edges F1"].paper == PAPER["edges", "4-wall"][-1] == 0.642
 
 
-def test_a_recording_is_looked_at_from_its_places_and_its_room_is_fitted():
+def test_panoramas_of_a_recording_are_at_its_viewpoints_in_a_fitted_room():
     """The file knows no room: it is fitted to panoramas of the two places."""
     found = list(panoramas.render(Settings(Path(), quick=True, source=str(RECORDING))))
     assert [shot.name for shot in found] == ["room-0-0", "room-0-1", "room-1-0", "room-1-1"]
@@ -150,7 +150,7 @@ def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, mon
     assert cv2.imread(str(out / "layout.png")) is not None
 
 
-def test_a_source_without_a_room_and_a_folder_that_is_none_are_refused(tmp_path):
+def test_sources_without_a_room_and_missing_folders_are_refused(tmp_path):
     with pytest.raises(
         ArgumentError, match="scene://direction: expected a recording, or a scene with a known room"
     ):

@@ -120,7 +120,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_files_that_are_no_predictions_are_refused(tmp_path, kind):
+def test_malformed_predictions_are_refused(tmp_path, kind):
     files, message = HOSTILE[kind]
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
@@ -131,7 +131,7 @@ def test_files_that_are_no_predictions_are_refused(tmp_path, kind):
     assert len(str(raised.value)) <= 1000
 
 
-def test_what_is_missing_for_one_of_several_is_named(tmp_path):
+def test_missing_predictions_are_named(tmp_path):
     as_json(CORNERS["one"], tmp_path / "one")
     with pytest.raises(
         ArgumentError, match=r"expected two.json or two.txt, missing for 1 of the 2 panoramas"

@@ -145,7 +145,7 @@ def test_distances_in_pixels_are_those_from_the_projected_line():
     assert observed.rms_px(line) == pytest.approx(0.5, rel=0.1)
 
 
-def test_upright_and_level_lines_are_told_apart_by_their_image():
+def test_upright_and_level_lines_are_distinguished():
     up = -GRAVITY
     foot = np.array([1.5, 1.0, 2.6])
     upright = noisy(foot, foot + 1.8 * up, 1, px=0.2)

@@ -101,7 +101,7 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
             assert picture.size == size
 
 
-def test_without_pycolmap(monkeypatch, tmp_path):
+def test_a_missing_pycolmap_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(OmniscvError, match=r"expected pycolmap; install omniscv\[evaluate\]"):
         registry.run("odometry", Settings(tmp_path))
@@ -120,7 +120,7 @@ def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
     assert (done.returncode, done.stderr) == (7, "")
 
 
-def test_a_trajectory_that_is_none(tmp_path):
+def test_a_missing_trajectory_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match=r"nothing\.tum"):
         registry.run("odometry", Settings(tmp_path, options={"trajectory": tmp_path / "nothing.tum"}))
 

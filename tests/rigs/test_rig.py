@@ -22,9 +22,7 @@ poses = st.builds(Pose.from_angles, places, angles, st.floats(-89, 89), angles)
 
 @cases(15)
 @given(poses, poses, places)
-def test_a_point_seen_by_a_camera_is_where_the_rig_and_the_mount_put_it(
-    T_w_rig: Pose, T_rig_cam: Pose, p_cam: list[float]
-) -> None:
+def test_camera_poses_are_rig_pose_times_mount(T_w_rig: Pose, T_rig_cam: Pose, p_cam: list[float]) -> None:
     found = Rig({"a": RigCamera(LENS, T_rig_cam)}).poses(T_w_rig)["a"]
     np.testing.assert_allclose(found.to_world(p_cam), T_w_rig.to_world(T_rig_cam.to_world(p_cam)), atol=1e-12)
 
@@ -46,7 +44,7 @@ def test_angles_turn_a_camera_from_where_the_rig_looks() -> None:
 
 @cases(15)
 @given(st.floats(-0.3, 0.3), st.floats(0, 2))
-def test_a_late_camera_is_farther_along_the_way(offset: float, time: float) -> None:
+def test_time_offsets_move_cameras_along_the_trajectory(offset: float, time: float) -> None:
     turned = [Pose.from_angles((0, 0, 1.5)), Pose.from_angles((2, 0, 1.5), yaw_deg=90, pitch_deg=30)]
     turned.append(Pose.from_angles((2, 1, 1.5), yaw_deg=60))
     trajectory = Trajectory(tuple(turned), (0.0, 1.0, 2.0))
@@ -60,7 +58,7 @@ def test_a_late_camera_is_farther_along_the_way(offset: float, time: float) -> N
             np.testing.assert_allclose(found[name].R_w_c, slerp(at).as_matrix(), atol=1e-12)
 
 
-def test_a_little_beyond_the_ends_a_camera_moves_on_and_far_beyond_it_is_refused() -> None:
+def test_times_are_extrapolated_by_one_step_at_most() -> None:
     way = Trajectory((Pose.from_angles((0, 0, 1)), Pose.from_angles((1, 0, 1))), (0.0, 1.0))
     late = Rig({"late": RigCamera(LENS, time_offset=0.25)})
     np.testing.assert_allclose(late.poses(way, 1.0)["late"].t_w_c, [1.25, 0, 1])
@@ -74,7 +72,7 @@ def test_a_little_beyond_the_ends_a_camera_moves_on_and_far_beyond_it_is_refused
 
 @cases(15)
 @given(poses, poses, st.floats(-1, 1))
-def test_a_rig_is_what_its_json_says(one: Pose, other: Pose, offset: float) -> None:
+def test_rigs_come_back_from_json(one: Pose, other: Pose, offset: float) -> None:
     rig = Rig({"one": RigCamera(LENS, one), "other": RigCamera(LENS, other, offset)})
     again = Rig.from_dict(json.loads(json.dumps(rig.to_dict())))
     assert again.to_dict() == rig.to_dict()

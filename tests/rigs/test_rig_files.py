@@ -109,7 +109,7 @@ def test_a_wrong_rigs_txt_is_refused(rigs: str, says: str) -> None:
         calibration.rig_from_colmap(ONE, rigs)
 
 
-def test_what_a_format_has_no_place_for_is_refused() -> None:
+def test_poses_and_times_that_a_format_lacks_are_refused() -> None:
     elsewhere = Rig({"cam0": RigCamera.turned(LENS, yaw_deg=10)})
     with pytest.raises(ArgumentError, match=r"save rig.seen_from\('cam0'\)"):
         calibration.rig_to_kalibr(elsewhere)

@@ -64,7 +64,7 @@ def test_the_finest_camera_decides_on_the_faces_that_all_share(source: CountingS
     assert {request.view.width for request in source.requests} == sizes["fine"] != sizes["coarse"]
 
 
-def test_narrow_cameras_keep_views_of_their_own(source: CountingSource) -> None:
+def test_narrow_cameras_are_captured_alone(source: CountingSource) -> None:
     """Two of a wide rig look through long lenses: one cube map as fine as these would be hundreds of times
     larger than a view of each."""
     omniscv.render_rig(RIGS["both"], Pose.from_angles((0, 0, 1.5)), source)
@@ -88,7 +88,7 @@ def test_noncentral_cameras_at_one_place_share_what_they_both_need(source: Count
     np.testing.assert_array_equal(images["one"].lit, images["other"].lit)
 
 
-def test_what_is_no_rig_is_refused(source: CountingSource) -> None:
+def test_other_values_than_rigs_are_refused(source: CountingSource) -> None:
     with pytest.raises(ArgumentError, match="rig: expected a Rig, got"):
         omniscv.render_rig({"a": SPHERE}, Pose.from_angles((0, 0, 1.5)), source)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="options: expected some of"):

@@ -37,7 +37,7 @@ def measured(sensor, levels, folder, spatial=16):
     return Results1288(Data1288(loaded.data).data)
 
 
-def test_the_standards_software_measures_what_was_set(tmp_path, monkeypatch):
+def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
     # The software calls what NumPy 2 has no more.
     monkeypatch.setattr(np, "asfarray", lambda values: np.asarray(values, float), raising=False)
     sensor = Sensor(

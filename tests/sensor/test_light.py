@@ -70,7 +70,7 @@ def test_steps_of_exposure_bound_the_error(stops, error):
     assert np.abs(light.merge(pictures, stops, "srgb") / scene - 1).max() < error
 
 
-def test_what_no_exposure_shows_is_its_limit():
+def test_clipped_light_merges_to_the_limit():
     black_and_white = np.array([[[0] * 3, [255] * 3]], np.uint8)
     merged = light.merge([black_and_white, black_and_white], (0, -2), "srgb")
     np.testing.assert_allclose(merged, [[[0] * 3, [4] * 3]])

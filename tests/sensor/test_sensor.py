@@ -43,7 +43,7 @@ def bytes_of(folder, *kinds):
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_gives_what_is_not_given(name):
+def test_presets_are_defaults(name):
     sensor = Sensor(preset=name, seed=4, read_noise=0)
     assert (sensor.seed, sensor.read_noise, sensor.bits) == (4, 0, PRESETS[name]["bits"])
     assert sensor == Sensor(**sensor.to_dict())
@@ -65,7 +65,7 @@ def test_a_wrong_key_is_refused(keys, message):
         Sensor(**keys)
 
 
-def test_without_noise_a_sensor_shows_what_it_sees():
+def test_without_noise_codes_come_back():
     codes = np.random.default_rng(1).integers(0, 256, (32, 32, 3), np.uint8)
     sensor = Sensor(electrons=1e12, full_well=1e12, bits=16)
     shown = sensor.develop(sensor.expose(light.decode(codes, "srgb")))
@@ -78,7 +78,7 @@ def test_white_balance_makes_grey_grey():
     assert np.abs(shown.astype(int) - 137).max() <= 1
 
 
-def test_what_fills_the_well_is_white():
+def test_full_wells_are_white():
     sensor = Sensor(electrons=(5000, 9000, 4000), full_well=10_000).exposed(2)
     assert (sensor.develop(sensor.expose(np.full((8, 8, 3), 0.9, np.float32))) >= 254).all()
 
@@ -93,7 +93,7 @@ def test_demosaicing_returns_flats_and_ramps(mosaic):
     assert np.abs(full[4:-4, 4:-4] / 65535 - ramp[4:-4, 4:-4]).max() <= 1.01 / 65535
 
 
-def test_a_job_without_a_sensor_writes_the_bytes_of_before(recorded, tmp_path):
+def test_a_sensor_changes_no_other_layer(recorded, tmp_path):
     run(job(recorded, tmp_path / "plain"))
     run(job(recorded, tmp_path / "sensed", sensor=NOISY))
     kinds = "lit", "object_mask", "labels", "depth", "depth_error", "label_edge"

@@ -91,7 +91,7 @@ def test_a_recording_of_two_transfers_has_none(tmp_path):
         assert source.capabilities.transfer == "unknown"
 
 
-def test_the_transfer_can_be_said():
+def test_the_transfer_is_an_option_of_sources():
     with omniscv.open_source("scene://four-wall") as source:
         assert source.capabilities.transfer == "linear"
     with omniscv.open_source("scene://four-wall", transfer="film") as source:
@@ -137,7 +137,7 @@ def test_motion_blur_is_the_mean_of_light(tmp_path):
     assert np.abs(shown - 255 * light.light_to_srgb(total)).max() <= 0.5 + 1e-3
 
 
-def test_files_say_what_colours_are(tmp_path):
+def test_files_hold_the_transfer(tmp_path):
     camera, room = create("equirectangular", width=8, height=4), load_scene("four-wall")
     for transfer in TRANSFERS:
         with with_transfer(room, transfer) as source:
@@ -155,7 +155,7 @@ def test_files_say_what_colours_are(tmp_path):
         )
 
 
-def test_what_is_not_known_is_said_once(tmp_path):
+def test_an_unknown_transfer_is_warned_of_once(tmp_path):
     keys = {
         "source": "mock://four-wall",
         "cameras": {"eye": {"model": "equirectangular", "width": 16, "height": 8}},
