@@ -82,7 +82,7 @@ def from_faces(
     """
     number("fov_deg", fov_deg, least=90, below=180)
     center_w = numbers("position", position, (3,))
-    turn_w = Pose.from_angles(center_w, yaw_deg=yaw_deg).R_w_c @ Pose.from_angles(center_w).R_w_c.T
+    turn_w = turn_about_z(yaw_deg)
     captures = []
     for mode, named in {"lit": faces, **modes}.items():
         row = modalities.get(mode)
@@ -99,6 +99,11 @@ def from_faces(
             view = View(Pose(center_w, turn_w @ R_w_c), fov_deg, edge, edge)
             captures.append(Capture(Request(view, row.name), view, arrays[name]))
     return PictureSource(captures, objects, transfer)
+
+
+def turn_about_z(yaw_deg: float) -> Array:
+    """Return the rotation (3, 3) to the left in the world frame."""
+    return Pose.from_angles((0, 0, 0), yaw_deg=yaw_deg).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
 
 
 def read_picture(file: Path) -> Pixels:
@@ -124,8 +129,11 @@ def read_picture(file: Path) -> Pixels:
         return pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
 
 
-def to_faces(picture: Pixels, mode: str, of_openexr: int = 0) -> list[tuple[Pixels, Array, float, bytes]]:
-    """Return six faces of a panorama (H, W, 3), twice as fine as its equator: as importing.Faces has them.
+def to_faces(picture: Pixels, mode: str, of_openexr: int = 0) -> list[tuple[Pixels, Array, float]]:
+    """Return six faces of a panorama (H, W, 3), twice as fine as its equator.
+
+    Returns:
+        Pixels, rotation (3, 3) and field of view in degrees, of each face.
 
     Colours are bilinear; depth along the ray is the nearest pixel's, and becomes planar (h, w).
     """
@@ -150,5 +158,5 @@ def to_faces(picture: Pixels, mode: str, of_openexr: int = 0) -> list[tuple[Pixe
         if mode == "depth":
             lengths = View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
             face = np.asarray(face[..., 0] / lengths, np.float32)
-        faces.append((face, R_w_c, 90.0, b""))
+        faces.append((face, R_w_c, 90.0))
     return faces

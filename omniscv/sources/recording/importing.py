@@ -17,9 +17,9 @@ from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Request, View
-from omniscv.sources.pictures import Pixels, read_picture, to_faces
+from omniscv.sources.pictures import Pixels, read_picture, to_faces, turn_about_z
 from omniscv.sources.recording.folders import add_captures
-from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, Seams, choose, cut, named
+from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named
 from omniscv.sources.recording.sequences import SEQUENCES, find_sequence
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
@@ -39,8 +39,10 @@ _MODE_WORDS = {
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
-Faces = dict[str, list[tuple[Pixels, Array, float, bytes]]]
-"""By mode, of each view: pixels, rotation (3, 3), field of view in degrees, and bytes of its file, if any."""
+FaceView = tuple[Pixels, Array, float, bytes]
+"""Pixels, rotation (3, 3), field of view in degrees, and the bytes of its file, empty if it has none."""
+Faces = dict[str, list[FaceView]]
+"""By mode."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def import_pictures(
     """
     one_of("layout", layout, ("auto", *layouts()))
     one_of("depth", depth, DEPTHS)
-    center_w, turn_w = numbers("position", position, (3,)), _turn(number("yaw_deg", yaw_deg))
+    center_w, turn_w = numbers("position", position, (3,)), turn_about_z(number("yaw_deg", yaw_deg))
     pictures = Path(pictures)
     with within(pictures):
         if sequence := find_sequence(pictures, layout):
@@ -102,7 +104,7 @@ def import_pictures(
 
 
 def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
-    """The faces in the files of a folder, and what was decided."""
+    """Return the faces in the files of a folder, and what was decided."""
     files: dict[str, list[Path]] = defaultdict(list)
     for file in sorted(folder.rglob("*")):
         if file.suffix.lower() in _SUFFIXES:
@@ -110,78 +112,70 @@ def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
     if not files or "normals" in files:
         got = "normals, whose frame is not known" if files else "none"
         raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
-    faces, lines, chosen = Faces(), list[str](), None
+    faces, lines, choice = Faces(), list[str](), None
     for mode in sorted(files, key=lambda mode: mode != "lit"):  # colours show best which faces fit
         stems = [file.stem for file in files[mode]]
-        fits = named(stems, _tried(name) if chosen is None else [chosen.layout])
-        if len(stems) != 6 or not fits:
+        orders = named(stems, _tried(name) if choice is None else [choice.layout])
+        if len(stems) != 6 or not orders:
             got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
-            raise ArgumentError(
-                f"expected six pictures of one place, named as in {_names(name, cells=False)}; got {got}"
-            )
+            expected = f"six pictures of one place, named as in {_names(name, cells=False)}"
+            raise ArgumentError(f"expected {expected}; got {got}")
         pixels = [read_picture(file) for file in files[mode]]
-        edges = {each.shape[:2] for each in pixels}
+        edges = {picture.shape[:2] for picture in pixels}
         if len(edges) > 1 or len(set(*edges)) > 1:
             raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
-        if chosen is None:
-            ordered = [(layout, [pixels[i] for i in order]) for layout, order in fits]
-            chosen = _choose(ordered, name)
-            order = next(order for layout, order in fits if layout is chosen.layout)
-            lines = chosen.lines([stems[i] for i in order])
-        order = next(order for layout, order in fits if layout is chosen.layout)
-        views = _views(chosen, [pixels[i] for i in order])
-        faces[mode] = [(*view[:3], files[mode][i].read_bytes()) for view, i in zip(views, order, strict=True)]
+        if choice is None:
+            choice = choose(
+                [(layout, [pixels[i] for i in order]) for layout, order in orders], name != "auto"
+            )
+            lines = choice.lines([stems[i] for i in _order(choice, orders)])
+        order = _order(choice, orders)
+        faces[mode] = _views(choice, [pixels[i] for i in order], [files[mode][i].read_bytes() for i in order])
     return faces, lines
 
 
+def _order(choice: Choice, orders: Sequence[tuple[Layout, list[int]]]) -> list[int]:
+    return next(order for layout, order in orders if layout is choice.layout)
+
+
 def _faces_of_file(file: Path, name: str) -> tuple[Faces, list[str]]:
-    """The faces in one picture of colours, and what was decided."""
+    """Return the faces in one picture of colours, and what was decided."""
     picture = read_picture(file)
     if name == "auto":
         name = _ENVIRONMENTS.get(_attribute(file, "textureformat"), name)
     if name == "auto" and picture.shape[1] == 2 * picture.shape[0]:
         name = "latlong"
     if name in PANORAMAS:
-        return {"lit": to_faces(picture, "lit", PANORAMAS[name])}, [f"layout {name}: resampled to six faces"]
-    cuts = [(layout, faces) for layout in _tried(name) if layout.cells and (faces := cut(picture, layout))]
-    if not cuts:
+        faces = [(*face, b"") for face in to_faces(picture, "lit", PANORAMAS[name])]
+        return {"lit": faces}, [f"layout {name}: resampled to six faces"]
+    readings = [
+        (layout, faces) for layout in _tried(name) if layout.cells and (faces := cut(picture, layout))
+    ]
+    if not readings:
         got = f"{picture.shape[1]} x {picture.shape[0]} px"
         raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {got}")
-    chosen = _choose(cuts, name)
-    faces = next(faces for layout, faces in cuts if layout is chosen.layout)
-    return {"lit": _views(chosen, faces)}, chosen.lines([f"face {i}" for i in range(1, 7)])
+    choice = choose(readings, is_given=name != "auto")
+    lines = choice.lines([f"face {i}" for i in range(1, 7)])
+    return {"lit": _views(choice, choice.pictures, [b""] * 6)}, lines
 
 
 def _tried(name: str) -> list[Layout]:
-    return [
-        layout for layout in LAYOUTS.values() if layout.name == name or (name == "auto" and layout.guessed)
-    ]
+    if name == "auto":
+        return [layout for layout in LAYOUTS.values() if layout.guessed]
+    return [LAYOUTS[name]] if name in LAYOUTS else []
 
 
 def _names(name: str, cells: bool) -> str:
     return ", ".join(layout.name for layout in _tried(name) if bool(layout.cells) == cells) or name
 
 
-def _choose(candidates: Sequence[tuple[Layout, Sequence[Pixels]]], name: str) -> Choice:
-    """The reading whose seams fit; of a named layout, its own, with what the seams say of it."""
-    of_faces: dict[tuple[int, ...], Seams] = {}
-    pairs = []
-    for layout, faces in candidates:
-        order = tuple(map(id, faces))
-        of_faces[order] = of_faces.get(order) or Seams([_grey_levels(face) for face in faces])
-        pairs.append((layout, of_faces[order]))
-    if name == "auto":
-        return choose(pairs)
-    layout, seams = pairs[0]
-    step, (_, least, _) = seams.step(layout.arrangement), seams.best()
-    return Choice(layout, layout.arrangement, step, f"the best arrangement: {least:.2f}")
-
-
-def _views(chosen: Choice, faces: Sequence[Pixels]) -> list[tuple[Pixels, Array, float, bytes]]:
+def _views(choice: Choice, faces: Sequence[Pixels], payloads: Sequence[bytes]) -> list[FaceView]:
     edge = faces[0].shape[0]
-    centered = chosen.layout.centered or chosen.step < _SEAMLESS
-    fov_deg = pinhole.fov_deg(edge, (edge - 1) / 2) if centered else 90.0
-    return [(face, shows.R_w_c, fov_deg, b"") for face, shows in zip(faces, chosen.arrangement, strict=True)]
+    is_centered = choice.layout.centered or choice.step < _SEAMLESS
+    fov_deg = pinhole.fov_deg(edge, (edge - 1) / 2) if is_centered else 90.0
+    rotations = [face.R_w_c for face in choice.arrangement]
+    views = zip(faces, rotations, payloads, strict=True)
+    return [(pixels, R_w_c, fov_deg, payload) for pixels, R_w_c, payload in views]
 
 
 def _capture(mode: str, pixels: Pixels, view: View, depth: str, origin: str, payload: bytes) -> Capture:
@@ -223,18 +217,7 @@ def _attribute(file: Path, name: str) -> str:
     return str(source.spec().get_string_attribute(name)) if source else ""
 
 
-def _grey_levels(picture: Pixels) -> Array:
-    """(H, W, 3) 0 to 255, of colours of any type."""
-    scale = {"f": 255.0, "u": 255.0 / np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else 1.0}
-    colors = np.asarray(picture, np.float64).reshape(*picture.shape[:2], -1)[..., :3]
-    return np.clip(colors * scale[picture.dtype.kind], 0, 255)
-
-
 def _mode(file: Path) -> str:
     """The mode that the words in a path say; colours if none does."""
     words = set(re.split(r"[^a-z]+", str(file.with_suffix("")).lower()))
     return next((mode for mode, known in _MODE_WORDS.items() if words & known), "lit")
-
-
-def _turn(yaw_deg: float) -> Array:
-    return Pose.from_angles((0, 0, 0), yaw_deg=yaw_deg).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T

@@ -9,7 +9,7 @@ Names leave much open, so the seams decide: pictures continue each other across 
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import permutations, product
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, cube_rotations
+from omniscv.sources.pictures import Pixels
 
 LETTERS = "FRBLUD"
 _SAMPLES = 128  # of an edge
@@ -115,7 +116,7 @@ def named(stems: Sequence[str], layouts: Sequence[Layout]) -> list[tuple[Layout,
     return fits
 
 
-def cut(picture: NDArray[np.generic], layout: Layout) -> list[NDArray[np.generic]] | None:
+def cut(picture: Pixels, layout: Layout) -> list[Pixels] | None:
     """Return the six faces of one picture (H, W, ...), in the layout's order; None for another shape."""
     rows = layout.cells.split("/")
     edge = picture.shape[0] // len(rows)
@@ -129,11 +130,11 @@ class Seams:
     """The seams of six pictures in any arrangement.
 
     Args:
-        pictures: (s, s, 3) each, grey levels 0 to 255.
+        pictures: (s, s, 3) colours of any type.
     """
 
-    def __init__(self, pictures: Sequence[NDArray[np.generic]]) -> None:
-        sides = np.stack([_sides(np.asarray(picture, np.float64)) for picture in pictures])
+    def __init__(self, pictures: Sequence[Pixels]) -> None:
+        sides = np.stack([_sides(_grey_levels(picture)) for picture in pictures])
         # The face with the most texture stays in front: a plain one would fit in every turn.
         self._order = np.argsort(-sides.std(axis=2).sum(axis=(1, 2)), kind="stable")
         lines = sides.reshape(-1, _SAMPLES, 3)
@@ -176,70 +177,74 @@ class Choice:
 
     Attributes:
         layout: by names or shape.
-        arrangement: of the pictures in the layout's order; another one than the layout's where seams say so.
+        pictures: in the layout's order.
+        arrangement: of the pictures; it differs from the layout's where the seams say so.
         step: mean step across the edges, grey levels.
-        other: in words, the best other reading.
+        alternative: the next best reading, in words.
     """
 
     layout: Layout
+    pictures: Sequence[Pixels]
     arrangement: Arrangement
     step: float
-    other: str
+    alternative: str
 
     def lines(self, names: Sequence[str]) -> list[str]:
         """Return what was chosen, in lines for people; ``names`` of the pictures, in the layout's order."""
-        found = [f"layout {self.layout.name}: step across edges {self.step:.2f} levels; {self.other}"]
+        first = f"layout {self.layout.name}: step across edges {self.step:.2f} levels; {self.alternative}"
         pairs = zip(names, self.layout.arrangement, self.arrangement, strict=True)
-        return found + [
-            f"{name} shows {face}, not {due}: put right" for name, due, face in pairs if due != face
+        return [first] + [
+            f"{name} shows {face}, not {expected}: put right"
+            for name, expected, face in pairs
+            if face != expected
         ]
 
 
-def choose(candidates: Sequence[tuple[Layout, Seams]]) -> Choice:
+def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) -> Choice:
     """Return the reading of six pictures whose seams fit.
 
     Args:
-        candidates: layouts that names or shape allow, each with the seams of the pictures in its order.
+        readings: layouts that names or shape allow, each with the pictures in its order.
+        is_given: whether the first one was named by the user; seams are then reported, and not followed.
 
     Raises:
         ArgumentError: none fits, or several do, and the seams cannot tell them apart.
     """
-    named_steps = sorted(
-        ((seams.step(layout.arrangement), order) for order, (layout, seams) in enumerate(candidates))
-    )
-    step, order = named_steps[0]
-    layout, seams = candidates[order]
+    seams_of: dict[tuple[int, ...], Seams] = {}
+    candidates: list[tuple[float, int, Layout, Sequence[Pixels], Seams]] = []
+    for layout, pictures in readings:
+        order = tuple(map(id, pictures))
+        seams = seams_of[order] = seams_of.get(order) or Seams(pictures)
+        candidates.append((seams.step(layout.arrangement), len(candidates), layout, pictures, seams))
+    step, _, layout, pictures, seams = candidates[0] if is_given else min(candidates)
+    choice = Choice(layout, pictures, layout.arrangement, step, "")
     alike, least, second = seams.best()
-    others = [
-        (other_step, candidates[k][0].name)
-        for other_step, k in named_steps[1:]
-        if not _rotated(candidates[k], candidates[order])
-    ]
+    if is_given:
+        return replace(choice, alternative=f"the best arrangement: {least:.2f}")
+    turned = _rotations(layout.arrangement)
+    others = sorted(
+        (other_step, other.name)
+        for other_step, _, other, _, other_seams in candidates
+        if other is not layout and not (other_seams is seams and other.arrangement in turned)
+    )
     if step <= least + _SAME:
-        tied = [name for other_step, name in others if other_step <= step + _SAME]
-        if tied:
-            names = " and ".join([layout.name, *tied])
-            wanted = " or ".join(f"--layout {name}" for name in (layout.name, *tied))
-            raise ArgumentError(
-                f"layout: seams cannot tell {names} apart ({step:.2f} levels): expected {wanted}"
-            )
-        other = f"{others[0][1]}, {others[0][0]:.2f}" if others else f"other faces, {second:.2f}"
-        return Choice(layout, layout.arrangement, step, f"next best: {other}")
+        tied = [layout.name, *(name for other_step, name in others if other_step <= step + _SAME)]
+        if len(tied) > 1:
+            advice = " or ".join(f"--layout {name}" for name in tied)
+            got = f"seams cannot tell {' and '.join(tied)} apart ({step:.2f} levels)"
+            raise ArgumentError(f"layout: {got}: expected {advice}")
+        alternative = "{1}, {0:.2f}".format(*others[0]) if others else f"other faces, {second:.2f}"
+        return replace(choice, alternative=f"next best: {alternative}")
     if second < _CLEAR * least + _SAME:
         got = f"{layout.name} has steps of {step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"
         raise ArgumentError(f"layout: expected six faces that fit together, got none that do clearly: {got}")
-    readings = [turned for each in alike for turned in _rotations(each)]
-    arrangement = max(readings, key=lambda each: sum(map(_agree, each, layout.arrangement)))
-    return Choice(layout, arrangement, least, f"as the layout says: {step:.2f}")
 
+    def agreement(arrangement: Arrangement) -> int:
+        pairs = zip(arrangement, layout.arrangement, strict=True)
+        return sum((face == expected) + (face.row == expected.row) for face, expected in pairs)
 
-def _agree(face: Face, due: Face) -> int:
-    return (face == due) + (face.row == due.row)
-
-
-def _rotated(one: tuple[Layout, Seams], other: tuple[Layout, Seams]) -> bool:
-    """Whether two readings of the same pictures, in one order, differ by a rotation of the cube only."""
-    return one[1] is other[1] and other[0].arrangement in _rotations(one[0].arrangement)
+    arrangement = max((turned for one in alike for turned in _rotations(one)), key=agreement)
+    return replace(choice, arrangement=arrangement, step=least, alternative=f"as the layout says: {step:.2f}")
 
 
 def _rotations(arrangement: Arrangement) -> list[Arrangement]:
@@ -254,6 +259,13 @@ def _rotations(arrangement: Arrangement) -> list[Arrangement]:
         R = Face(row, quarters).R_w_c @ Face(0).R_w_c.T
         turned.append(tuple(known[np.round(R @ R_w_c).astype(int).tobytes()] for R_w_c in rows))
     return turned
+
+
+def _grey_levels(picture: Pixels) -> Array:
+    """(H, W, 3) 0 to 255, of colours of any type."""
+    white = 1.0 if picture.dtype.kind == "f" else np.iinfo(picture.dtype).max
+    colors = np.asarray(picture, np.float64).reshape(*picture.shape[:2], -1)[..., :3]
+    return np.clip(colors * (255.0 / white), 0, 255)
 
 
 def _sides(picture: Array) -> Array:

@@ -67,8 +67,8 @@ class Sequence:
                     yield _as_received(file, mode, Pose(t_w_c, R_w_c), fov_deg, encoding, provenance)
                     continue
                 picture = read_picture(file)
-                one = [(picture, _FRONT, fov_deg, b"")]
-                for pixels, R, face_deg, _ in to_faces(picture, mode) if self.panoramas else one:
+                one = [(picture, _FRONT, fov_deg)]
+                for pixels, R, face_deg in to_faces(picture, mode) if self.panoramas else one:
                     pose = Pose(t_w_c, R_w_c @ _FRONT.T @ R)
                     view = View(pose, face_deg, pixels.shape[1], pixels.shape[0])
                     yield Capture(Request(view, mode), view, pixels, provenance, *codecs.encode(pixels))
