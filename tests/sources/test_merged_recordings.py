@@ -16,12 +16,7 @@ from support.recorder import requests as requests_in
 from support.recordings import contents, provenances
 
 import omniscv
-from omniscv.errors import (
-    ArgumentError,
-    OmniscvError,
-    RecordingError,
-    RecordingNotWritableError,
-)
+from omniscv.errors import ArgumentError, OmniscvError, RecordingError, RecordingNotWritableError
 from omniscv.geometry import R_LEVEL
 from omniscv.sources.recording import merge, part_file, split
 from omniscv.sources.recording.inspection import info, verify
@@ -108,58 +103,59 @@ def test_states_merge(tmp_path):
     assert known(out) == known(whole)
 
 
-def _other_scene(path):
-    record(path, REQUESTS[:2], "scene://six-wall")
+def _other_scene(store):
+    with omniscv.open_source("scene://six-wall") as scene:
+        store.set_scene(scene.scene_identity)
     return "expected captures of the scene 'four-wall'.*, got 'six-wall'"
 
 
-def _other_dialect(path):
-    with omniscv.open_source("scene://four-wall") as scene, closing(Store(path, write=True)) as store:
-        capture = next(scene.capture(REQUESTS[:1]))
-        store.add(replace(capture, provenance={**capture.provenance, "dialect": "0.3.10"}))
+def _other_dialect(store):
+    capture = captured(REQUESTS[0])
+    store.add(replace(capture, provenance={**capture.provenance, "dialect": "0.3.10"}))
     return "expected captures of dialect 'scene', as in those before, got '0.3.10'"
 
 
-def _other_bytes(path):
-    with closing(Store(path, write=True)) as store:
-        with omniscv.open_source("scene://four-wall") as scene:
-            capture = next(scene.capture(REQUESTS[-2:-1]))
-        capture.pixels.flags.writeable = True
-        store.add(omniscv.sources.Capture(capture.request, capture.view, np.full_like(capture.pixels, 7)))
+def _other_bytes(store):
+    capture = captured(REQUESTS[-2])
+    store.add(replace(capture, pixels=np.full_like(capture.pixels, 7), payload=None))
     return "expected the bytes that were recorded before of .* at .*; got others"
 
 
-def _other_objects(path):
-    with omniscv.open_source("scene://four-wall") as scene, closing(Store(path, write=True)) as store:
+def _other_objects(store):
+    with omniscv.open_source("scene://four-wall") as scene:
         table = scene.objects()
-        first, second, *_ = table.names()
-        colors = {**table.colors, first: table.colors[second], second: table.colors[first]}
-        store.set_objects(type(table)(colors, table.tolerance))
-        capture = next(scene.capture([each for each in REQUESTS if each.mode == "object_mask"][:1]))
-        store.add(capture)
+    first, second, *_ = table.names()
+    store.set_objects(replace(table, colors={**table.colors, first: table.colors[second], second: (1, 2, 3)}))
+    store.add(captured(next(request for request in REQUESTS if request.mode == "object_mask")))
     return "expected the mask colours of its object masks, but "
 
 
-def _damaged(path):
-    with closing(Store(path, write=True)) as store, omniscv.open_source("scene://four-wall") as scene:
-        store.add(next(scene.capture(REQUESTS[:1])))
-        row = next(iter(store.rows()))
-    data = path.read_bytes()
+def _damaged(store):
+    store.add(captured(REQUESTS[0]))
+    row = next(iter(store.rows()))
+    data = store.path.read_bytes()
     place = data.index(row.payload[:40]) + 30
-    path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+    store.path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
     return "expected checksum "
 
 
-def _nothing(path):
-    path.write_bytes(b"no recording at all, but a text" * 100)
+def _nothing(store):
+    store.path.write_bytes(b"no recording at all, but a text" * 100)
     return "expected a recording, got "
+
+
+def captured(request):
+    with omniscv.open_source("scene://four-wall") as scene:
+        return next(scene.capture([request]))
 
 
 @pytest.mark.parametrize(
     "make", [_other_scene, _other_dialect, _other_bytes, _other_objects, _damaged, _nothing]
 )
 def test_what_does_not_belong_is_refused_and_changes_nothing(make, whole, tmp_path):
-    says = make(strange := tmp_path / "strange.sqlite")
+    strange = tmp_path / "strange.sqlite"
+    with closing(Store(strange, write=True)) as store:
+        says = make(store)
     new, there = tmp_path / "new.sqlite", tmp_path / "there.sqlite"
     shutil.copyfile(whole, there)
     for out in (new, there):

@@ -175,14 +175,11 @@ def test_a_server_for_any_client(suite):
     )
 
 
-def test_nothing_recorded_says_how_to_record(suite, record):
+def test_once_records_and_then_replays(suite, record):
+    once = "--record-mode=once"
     result = suite(CAPTURES.format(modes=["lit"]), errors=1)
     result.stdout.fnmatch_lines(["*room.sqlite: expected a recording; make it with --record-mode=once*"])
     assert not record.exists()
-
-
-def test_once_records_and_then_replays(suite, record):
-    once = "--record-mode=once"
     suite(CAPTURES.format(modes=["lit"]), once, passed=1)
     before = record.read_bytes()
     suite(CAPTURES.format(modes=["lit"]), passed=1)
@@ -193,20 +190,16 @@ def test_once_records_and_then_replays(suite, record):
     assert [file.name for file in record.parent.iterdir()] == [record.name]
 
 
-def test_new_episodes_adds(suite, record):
+def test_new_episodes_adds_and_all_records_again(suite, record):
     suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
-    before = times(record)
+    first = times(record)
     suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=new_episodes", passed=1)
-    assert times(record)["lit"] == before["lit"]
-    assert len(times(record)["depth"]) == 6
-
-
-def test_all_records_again_and_keeps_the_rest(suite, record):
-    suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=once", passed=1)
-    before = times(record)
+    second = times(record)
+    assert second["lit"] == first["lit"]
+    assert len(second["depth"]) == 6
     suite(CAPTURES.format(modes=["lit"]), "--record-mode=all", passed=1)
-    assert times(record)["depth"] == before["depth"]
-    assert min(times(record)["lit"]) > max(before["lit"])
+    assert times(record)["depth"] == second["depth"]
+    assert min(times(record)["lit"]) > max(second["lit"])
 
 
 FAILS = CAPTURES.format(modes=["lit", "depth"]) + "    assert False\n"

@@ -17,7 +17,7 @@ import pytest
 from support.stores import BUCKET, FailingStore, failing_store
 
 from omniscv import storage
-from omniscv.errors import ArgumentError, MissingFileError, StorageError
+from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError, StorageError
 from omniscv.storage import Folder
 from omniscv.storage.local import folder_beside, replace_folder
 
@@ -176,8 +176,9 @@ def test_what_changed_in_the_store_is_another_copy(place: Folder) -> None:
 def test_other_bytes_than_the_checksum_are_refused() -> None:
     place = storage.folder("memory://sums")
     place.put("a", b"other")
-    with pytest.raises(StorageError, match="memory://sums/a: expected the bytes of its checksum 0000"):
+    with pytest.raises(DamagedFileError, match="memory://sums/a: expected the bytes of its checksum 0000"):
         place.fetch("a", "0" * 64)
+    assert issubclass(DamagedFileError, DatasetError)
 
 
 def test_a_full_store_holds_no_half_file(tmp_path: Path) -> None:

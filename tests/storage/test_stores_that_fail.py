@@ -8,7 +8,7 @@ import pytest
 from support.stores import BUCKET, Failing, s3_application
 
 from omniscv import cli, storage
-from omniscv.errors import DamagedFileError, DatasetError, StorageError
+from omniscv.errors import DamagedFileError, StorageError
 from omniscv.storage import Folder, remote
 
 CONTENT = bytes(range(256)) * 20
@@ -106,10 +106,6 @@ def test_expired_credentials_are_said(server: Failing, place: Folder) -> None:
     for operation in (lambda: place.exists("room.bin"), lambda: place.read("room.bin"), place.names):
         with pytest.raises(StorageError, match=r"check the store's credentials: .* have expired"):
             operation()
-
-
-def test_damage_in_a_store_is_a_fault_of_the_dataset() -> None:
-    assert issubclass(DamagedFileError, DatasetError)
 
 
 @pytest.mark.parametrize("command", ["dataset info room", "look room", "dataset export room --to coco"])

@@ -148,9 +148,8 @@ def _faces_of_file(file: Path, name: str) -> tuple[Faces, list[str]]:
     if name in PANORAMAS:
         faces = [(*face, b"") for face in to_faces(picture, "lit", PANORAMAS[name])]
         return {"lit": faces}, [f"layout {name}: resampled to six faces"]
-    readings = [
-        (layout, faces) for layout in _tried(name) if layout.cells and (faces := cut(picture, layout))
-    ]
+    cuts = ((layout, cut(picture, layout)) for layout in _tried(name) if layout.cells)
+    readings = [(layout, pictures) for layout, pictures in cuts if pictures]
     if not readings:
         got = f"{picture.shape[1]} x {picture.shape[0]} px"
         raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {got}")
