@@ -168,7 +168,7 @@ def texts(name: str, value: object) -> tuple[str, ...]:
     """Return a list of at least one text as a tuple, or raise ArgumentError."""
     if not isinstance(value, list | tuple) or not value:
         raise ArgumentError(f"{name}: expected a list of texts, got {shown(value)}")
-    return tuple(text(f"{name}[{i}]", each) for i, each in enumerate(value))
+    return tuple(text(f"{name}[{i}]", item) for i, item in enumerate(value))
 
 
 def _as_float(value: Any) -> float:

@@ -71,18 +71,18 @@ def _record(cls: type[T], eq: bool) -> type[T]:
     after = cls.__dict__.get("__post_init__")
 
     def check(self: Any) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if _READER in each.metadata and value is not each.default:
-                object.__setattr__(self, each.name, each.metadata[_READER](key_of(each), value))
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if _READER in option.metadata and value is not option.default:
+                object.__setattr__(self, option.name, option.metadata[_READER](key_of(option), value))
         if after is not None:
             after(self)
 
     cls.__post_init__ = check  # type: ignore[attr-defined]
-    made = dataclass(frozen=True, eq=eq)(cls)
-    if lines := [f"    {key_of(field)}: {help_of(field)}" for field in fields(made) if help_of(field)]:  # type: ignore[arg-type]
-        made.__doc__ = "\n".join([(made.__doc__ or "").rstrip(), "", "Options:", *lines])
-    return made
+    result = dataclass(frozen=True, eq=eq)(cls)
+    if lines := [f"    {key_of(field)}: {help_of(field)}" for field in fields(result) if help_of(field)]:  # type: ignore[arg-type]
+        result.__doc__ = "\n".join([(result.__doc__ or "").rstrip(), "", "Options:", *lines])
+    return result
 
 
 @record
@@ -102,13 +102,13 @@ def read(cls: type[T], value: object, where: str = "") -> T:
         ArgumentError: no mapping, an unknown or missing key, or as a reader raises.
     """
     start = f"{where}: " if where else ""
-    by_key = {key_of(each): each for each in fields(cls)}  # type: ignore[arg-type]
+    by_key = {key_of(option): option for option in fields(cls)}  # type: ignore[arg-type]
     given = mapping(where, value, by_key)
-    for key, each in by_key.items():
-        if key not in given and each.default is MISSING and each.default_factory is MISSING:
+    for key, option in by_key.items():
+        if key not in given and option.default is MISSING and option.default_factory is MISSING:
             raise ArgumentError(f"{start}missing key {key!r}; known keys: {', '.join(by_key)}")
     try:
-        return cls(**{by_key[key].name: each for key, each in given.items()})
+        return cls(**{by_key[key].name: entry for key, entry in given.items()})
     except ArgumentError as cause:
         raise ArgumentError(f"{where}.{cause.args[0]}" if where else cause.args[0]) from cause
 
@@ -137,7 +137,7 @@ def listed(reader: Reader) -> Reader:
     def items(name: str, value: object) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple):
             raise ArgumentError(f"{name}: expected a list, got {shown(value)}")
-        return tuple(reader(f"{name}[{i}]", each) for i, each in enumerate(value))
+        return tuple(reader(f"{name}[{i}]", item) for i, item in enumerate(value))
 
     return items
 

@@ -155,8 +155,8 @@ def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
     while True:
         folder = parent / f"{prefix}{secrets.token_hex(_TOKEN_BYTES)}"
         folder.mkdir(parents=True)
-        with _try_lock(folder) as held:
-            if not held and fcntl is not None:  # remove_scratch was faster than the lock
+        with _try_lock(folder) as is_locked:
+            if not is_locked and fcntl is not None:  # remove_scratch was faster than the lock
                 continue
             try:
                 yield folder
@@ -168,8 +168,8 @@ def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
 def remove_scratch(parent: Path, prefix: str) -> None:
     """Remove the scratch folders of a prefix that killed processes left in ``parent``."""
     for folder in parent.glob(f"{escape(prefix)}{_TOKEN_PATTERN}"):
-        with _try_lock(folder) as held:
-            if held:
+        with _try_lock(folder) as is_locked:
+            if is_locked:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -223,11 +223,11 @@ def _try_lock(folder: Path) -> Iterator[bool]:
         return
     try:
         fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        held = folder.exists()
+        is_locked = folder.exists()
     except OSError:
-        held = False
+        is_locked = False
     try:
-        yield held
+        yield is_locked
     finally:
         os.close(opened)
 

@@ -1,7 +1,7 @@
 """What a recording holds, and whether it is undamaged."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
-from omniscv.sources.base import Capture, View
+from omniscv.sources.base import View
 from omniscv.sources.recording.rows import (
     Row,
     WorldState,
@@ -31,10 +31,10 @@ from omniscv.sources.recording.views import in_words
 
 _MODES = ("depth", "object_mask")
 _PX, _LEAST_EDGES = 64, 30
-"""Pixels of a side that are compared, about; pixels at edges of a mask, below which nothing is said."""
+"""About how many pixels of a side are compared; the fewest pixels at edges of a mask for a verdict."""
 _BEND = 0.01  # relative second difference of inverse depth: half floats stay below 0.002
 _FITS, _CONTRADICTS = 0.9, 0.75
-"""Shares of the edges of a mask that depth has too: in one view 0.84 to 1, in two mostly less than 0.6."""
+"""Shares of a mask's edges that depth has too: 0.84 to 1 in one view, mostly less than 0.6 in two views."""
 
 
 @dataclass(frozen=True)
@@ -209,13 +209,8 @@ def _center(views: tuple[View, ...], rows: tuple[Row, ...]) -> Center:
 
 def _period(provenances: list[dict[str, Any]]) -> tuple[str, str]:
     """Return the first and the last time of captures, ISO 8601, UTC; empty where it is not recorded."""
-    times = [time for provenance in provenances if (time := _time(provenance)) is not None]
+    times = [time for provenance in provenances if isinstance(time := provenance.get("time"), int | float)]
     return _iso(min(times, default=None)), _iso(max(times, default=None))
-
-
-def _time(provenance: Mapping[str, Any]) -> float | None:
-    time = provenance.get("time")
-    return time if isinstance(time, int | float) else None
 
 
 def _iso(seconds: float | None) -> str:
@@ -226,7 +221,10 @@ def _iso(seconds: float | None) -> str:
 
 
 def stale_captures(store: Store) -> Iterator[str]:
-    """Yield a line for each capture of depth or masks that shows another view.
+    """Yield a line for each capture of depth or masks that shows an earlier view, which a server sent again.
+
+    Two views that look alike may share a picture byte for byte. If it belongs to one of them only, it
+    contradicts the other mode of the wrong view: depth is smooth at the edges of its mask.
 
     Args:
         store: with undamaged captures.
@@ -238,45 +236,35 @@ def stale_captures(store: Store) -> Iterator[str]:
             views[row.asked, row.state][row.mode] = row
             equal[row.mode, row.payload_checksum].append(row)
     for (mode, _), rows in equal.items():
-        whole = [views[row.asked, row.state] for row in rows if len(views[row.asked, row.state]) == 2]
-        if len({of_view[mode].captured for of_view in whole}) < 2 or not _has_edges(_capture(store, rows[0])):
+        pairs = [views[row.asked, row.state] for row in rows if len(views[row.asked, row.state]) == 2]
+        if len({pair[mode].captured for pair in pairs}) < 2:
             continue
-        shares = [_common_edges(*(_capture(store, of_view[each]) for each in _MODES)) for of_view in whole]
+        shares = [_common_edges(store, pair) for pair in pairs]
         best = int(np.nan_to_num(shares).argmax())
-        for of_view, share in zip(whole, shares, strict=True):
+        for pair, share in zip(pairs, shares, strict=True):
             if share < _CONTRADICTS and shares[best] >= _FITS:
-                own, other = (
-                    in_words(view_from_json(each[mode].captured)) for each in (of_view, whole[best])
-                )
-                yield f"{mode} of {own}: expected its own picture, got that of {other}"
+                view, other = (in_words(view_from_json(row[mode].captured)) for row in (pair, pairs[best]))
+                yield f"{mode} of {view}: expected its own picture, got that of {other}"
 
 
-def _capture(store: Store, row: Row) -> Capture:
-    return next(store.rows([row.number])).capture()
-
-
-def _has_edges(capture: Capture) -> bool:
-    edges = _bends if capture.mode == "depth" else _borders
-    return bool(edges(capture.pixels).any())
-
-
-def _common_edges(depth: Capture, mask: Capture) -> float:
+def _common_edges(store: Store, pair: dict[str, Row]) -> float:
     """Return the share of a mask's edges at which depth bends or jumps; NaN where there are few."""
-    if depth.pixels.shape[:2] != mask.pixels.shape[:2]:
+    depth, mask = (next(store.rows([pair[mode].number])).capture().pixels for mode in _MODES)
+    if depth.shape[:2] != mask.shape[:2]:
         return float("nan")
-    borders = _borders(mask.pixels)
-    near = cv2.dilate(_bends(depth.pixels).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    borders = _borders(mask)
+    near = cv2.dilate(_bends(depth).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     return float(near[borders].mean()) if borders.sum() >= _LEAST_EDGES else float("nan")
 
 
-def _few(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
+def _sampled(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
     step = max(1, max(pixels.shape[:2]) // _PX)
     return pixels[step // 2 :: step, step // 2 :: step]
 
 
 def _bends(depth: NDArray[np.generic]) -> NDArray[np.bool_]:
     """Return (h, w) where inverse depth, which is linear on planes, is not."""
-    inverse = 1 / np.maximum(_few(depth).astype(np.float64), 1e-3)
+    inverse = 1 / np.maximum(_sampled(depth).astype(np.float64), 1e-3)
     bends = np.zeros(inverse.shape, np.bool_)
     for values, out in ((inverse, bends), (inverse.T, bends.T)):
         before, here, after = values[:-2], values[1:-1], values[2:]
@@ -286,8 +274,8 @@ def _bends(depth: NDArray[np.generic]) -> NDArray[np.bool_]:
 
 def _borders(mask: NDArray[np.generic]) -> NDArray[np.bool_]:
     """Return (h, w) where the next pixel to the right or below has another colour or id."""
-    few = _few(mask)
-    codes = few.reshape(*few.shape[:2], -1)
+    sampled = _sampled(mask)
+    codes = sampled.reshape(*sampled.shape[:2], -1)
     borders = np.zeros(codes.shape[:2], np.bool_)
     borders[:, :-1] |= (codes[:, 1:] != codes[:, :-1]).any(axis=2)
     borders[:-1] |= (codes[1:] != codes[:-1]).any(axis=2)

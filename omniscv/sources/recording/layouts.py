@@ -110,7 +110,7 @@ def named(stems: Sequence[str], layouts: Sequence[Layout]) -> list[tuple[Layout,
     fits = []
     for layout in layouts:
         for words in layout.words:
-            holders = [[i for i, each in enumerate(tokens) if word in each] for word in words.split()]
+            holders = [[i for i, known in enumerate(tokens) if word in known] for word in words.split()]
             if all(len(indices) == 1 for indices in holders) and len({i for (i,) in holders}) == len(holders):
                 fits.append((layout, [i for (i,) in holders]))
     return fits
@@ -294,5 +294,5 @@ def _edges() -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:
 def _all() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(120, 6) the picture of each face, the first one in front, and (1024, 6) their quarter turns."""
     pictures = [(0, *order) for order in permutations(range(1, 6))]
-    turns = [(0, *each) for each in product(range(4), repeat=5)]
+    turns = [(0, *others) for others in product(range(4), repeat=5)]
     return np.array(pictures), np.array(turns)

@@ -195,11 +195,11 @@ def _add_new(target: Store, row: Row) -> bool:
     """Add a capture; return False if it is there already; RecordingError if its request has other bytes."""
     row.check_payload()
     request, view, _ = row.description()
-    held = target.get_row(request)
-    if held is None:
+    existing = target.get_row(request)
+    if existing is None:
         target.add_row(row)
         return True
-    if (held.payload, held.encoding, held.captured) != (row.payload, row.encoding, row.captured):
+    if (existing.payload, existing.encoding, existing.captured) != (row.payload, row.encoding, row.captured):
         state = f" in state {shown(request.state)}" if request.state else ""
         expected = f"expected the bytes that were recorded before of {request.mode}, {in_words(view)}{state}"
         raise RecordingError(f"{expected}; got others")

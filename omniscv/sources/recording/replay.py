@@ -61,9 +61,10 @@ class RecordedSource(Source):
         exposures = [row for row in rows if row.stops is not None]
         self.stops = tuple(sorted({row.stops for row in exposures if row.stops is not None}))
         self._first_exposure = exposures[0].provenance if exposures else "{}"
-        modes = frozenset[str]().union(*(held.modes for held in self._views.values()))
-        found = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit" and row.stops is None}
-        transfers = {match[1] if match else "unknown" for match in found}
+        modes = frozenset[str]().union(*(views.modes for views in self._views.values()))
+        colors = [row for row in rows if row.mode == "lit" and row.stops is None]
+        matches = {_TRANSFER.search(row.provenance) for row in colors}
+        transfers = {match[1] if match else "unknown" for match in matches}
         transfer: Any = transfers.pop() if len(transfers) == 1 else "unknown"
         self._capabilities = Capabilities(
             modes=modes,
@@ -168,7 +169,7 @@ class RecordedSource(Source):
 
     def _replay(self, request: Request) -> Capture:
         if self.stops and (exposures := exposed(request, self.stops)) != [request]:
-            return merged(request, [self._replay(each) for each in exposures])
+            return merged(request, [self._replay(exposure) for exposure in exposures])
         if capture := self._store.get(request):
             return capture
         advice = (
@@ -180,14 +181,14 @@ class RecordedSource(Source):
         """Return what is missing, and what is there."""
         at = "" if request.stops is None else f" at {request.stops:+g} stops"
         expected = f"expected a {request.mode} capture{at} of {in_words(request.view)}"
-        held = self._views.get(request.state)
-        if held is None:
+        views = self._views.get(request.state)
+        if views is None:
             state = f" in state {shown(request.state)}" if request.state else ""
             return f"{expected}{state}; the recording holds {states_in_words(self._views)}"
-        nearest = held.nearest(request)
+        nearest = views.nearest(request)
         if nearest is None:
             known = modalities.names()
-            modes = (mode if mode in known else shown(mode) for mode in sorted(held.modes)[:20])
+            modes = (mode if mode in known else shown(mode) for mode in sorted(views.modes)[:20])
             return f"{expected}; the recording holds no {request.mode}, only {', '.join(modes)}"
         return f"{expected}; the nearest recorded view differs in {differences(nearest, request.view)}"
 

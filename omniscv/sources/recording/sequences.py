@@ -41,7 +41,7 @@ class Sequence:
             degrees, and encoding; without one the pixels are read, and encoded anew.
         objects: of masks.
         panoramas: whether pictures show all directions, and are resampled to six faces.
-        layout: what was found.
+        layout: its name.
     """
 
     pictures: list[tuple[Path, str, Array, Array, float, str]]
@@ -95,8 +95,8 @@ def find_sequence(folder: Path, layout: str = "auto") -> Sequence | None:
     Raises:
         ArgumentError: files of a layout without poses, or poses that contradict each other.
     """
-    found = (name for name, (mark, _) in SEQUENCES.items() if any(folder.glob(mark)))
-    name = next(found, None) if layout == "auto" else layout
+    matches = (name for name, (pattern, _) in SEQUENCES.items() if any(folder.glob(pattern)))
+    name = next(matches, None) if layout == "auto" else layout
     if name not in SEQUENCES:
         return None
     try:
@@ -144,12 +144,12 @@ def _ned_poses(file: Path) -> tuple[Array, Array]:
         return _M @ turns @ _N, rows[:, :3] @ _M
 
 
-def _check_turned(file: Path, due: Array, name: str) -> None:
+def _check_turned(file: Path, expected: Array, name: str) -> None:
     R_w_c, _ = _ned_poses(file)
-    off = np.abs(R_w_c - due[: len(R_w_c)]).max(axis=(1, 2)) if len(R_w_c) == len(due) else np.ones(1)
-    if off.max() > _SAME:
-        line = int(off.argmax())
-        angle = np.degrees(Rotation.from_matrix(R_w_c[line].T @ due[line]).magnitude())
+    errors = np.abs(R_w_c - expected).max(axis=(1, 2)) if len(R_w_c) == len(expected) else np.ones(1)
+    if errors.max() > _SAME:
+        line = int(errors.argmax())
+        angle = np.degrees(Rotation.from_matrix(R_w_c[line].T @ expected[line]).magnitude())
         raise ArgumentError(
             f"{file.name} line {line + 1}: expected the front's turned {name}, off by {angle:.3g} degrees"
         )
